@@ -1,0 +1,109 @@
+"""Triangle meshes, plain or textured, and the one PLY reader and writer (BOP's layout)."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole
+from zeroshop_steps.images import read_image
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh, textured when `uv` and `texture` are there.
+
+    Attributes:
+        vertices: (V, 3) float64 positions; the unit is the file's (mm for models and products).
+        faces: (F, 3) int64 vertex indices, counter-clockwise seen from outside.
+        normals: (V, 3) unit vertex normals, or None.
+        uv: (V, 2) texture coordinates, origin at the image's lower left, or None.
+        texture: (height, width, 3) uint8 RGB, or None.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray | None = None
+    uv: np.ndarray | None = None
+    texture: np.ndarray | None = None
+
+    def with_normals(self) -> "Mesh":
+        """The same mesh with area-weighted vertex normals computed from its faces; vertices split by a texture seam share theirs."""
+        corners = self.vertices[self.faces]
+        face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        _, position = np.unique(self.vertices, axis=0, return_inverse=True)
+        position = position.reshape(-1)
+        sums = np.zeros((position.max() + 1, 3))
+        for corner in range(3):
+            np.add.at(sums, position[self.faces[:, corner]], face_normals)
+        normals = sums[position]
+        return replace(self, normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
+
+    def as_trimesh(self) -> trimesh.Trimesh:
+        """Geometry only, vertices kept as they are."""
+        return trimesh.Trimesh(self.vertices, self.faces, process=False)
+
+
+def read_ply(path: Path) -> Mesh:
+    """Read a PLY mesh; the texture that its `TextureFile` comment names is read from beside it.
+
+    Raises StepError for a missing, damaged or empty mesh, faces out of range, and a named texture that is absent.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise StepError(f"mesh {path} does not exist")
+    try:
+        loaded = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True)
+        vertices, faces = np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64)
+        data = loaded.metadata["_ply_raw"]["vertex"]["data"]
+    except Exception as error:
+        raise StepError(f"mesh {path} cannot be read as PLY ({type(error).__name__}: {error}); export it again") from None
+    if len(vertices) == 0 or len(faces) == 0:
+        raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed")
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise StepError(f"mesh {path} is damaged: vertices that are not finite or faces that name missing vertices; export it again")
+    names = data.dtype.names if isinstance(data, np.ndarray) else tuple(data)
+
+    def columns(*keys: str) -> np.ndarray | None:
+        return np.stack([np.asarray(data[key], float).reshape(-1) for key in keys], 1) if set(keys) <= set(names) else None
+
+    uv = columns("texture_u", "texture_v")
+    texture_name = _texture_file(path)
+    texture = read_image(path.parent / texture_name) if texture_name and uv is not None else None
+    return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture)
+
+
+def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
+    """Write a binary PLY: positions, normals, `texture_u`/`texture_v`, and a `TextureFile` comment naming `texture_name`.
+
+    The texture image itself is written by the caller: several PLYs may share one.
+    """
+    columns = {"x": mesh.vertices[:, 0], "y": mesh.vertices[:, 1], "z": mesh.vertices[:, 2]}
+    if mesh.normals is not None:
+        columns |= {"nx": mesh.normals[:, 0], "ny": mesh.normals[:, 1], "nz": mesh.normals[:, 2]}
+    if mesh.uv is not None:
+        columns |= {"texture_u": mesh.uv[:, 0], "texture_v": mesh.uv[:, 1]}
+    vertex = np.empty(len(mesh.vertices), dtype=[(name, "<f4") for name in columns])
+    for name, values in columns.items():
+        vertex[name] = values
+    face = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    face["count"], face["index"] = 3, mesh.faces
+    header = ["ply", "format binary_little_endian 1.0"]
+    header += [f"comment TextureFile {texture_name}"] if texture_name else []
+    header += [f"element vertex {len(vertex)}"] + [f"property float {name}" for name in columns]
+    header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
+    with written_whole(path) as temporary:
+        temporary.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
+
+
+def _texture_file(path: Path) -> str | None:
+    with open(path, "rb") as file:
+        for raw in file:
+            line = raw.decode("ascii", "replace").strip()
+            if line.startswith("comment TextureFile "):
+                return line.removeprefix("comment TextureFile ").strip()
+            if line == "end_header":
+                return None
+    return None

@@ -1,0 +1,20 @@
+"""Import Open3D on machines that lack the system's libusb.
+
+Open3D links libusb for its depth-camera drivers, so `import open3d` fails where the library is absent, as it is on
+a bare Debian or Ubuntu. The wheel `libusb-package` carries the same library; loading it first satisfies the linker.
+Everything here imports Open3D as `from zeroshop_steps.o3d import o3d`.
+"""
+
+import ctypes
+import ctypes.util
+
+if ctypes.util.find_library("usb-1.0") is None:
+    import libusb_package
+
+    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+
+import open3d as o3d  # noqa: E402
+
+o3d.utility.set_verbosity_level(o3d.utility.VerbosityLevel.Error)
+
+__all__ = ["o3d"]
