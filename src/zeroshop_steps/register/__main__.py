@@ -1,0 +1,10 @@
+"""Command line of the registration stage."""
+
+import sys
+
+from zeroshop_steps.cli import stage_main
+
+METHODS = ("colmap", "truth", "camera_error")
+
+if __name__ == "__main__":
+    sys.exit(stage_main("zeroshop_steps.register", METHODS))

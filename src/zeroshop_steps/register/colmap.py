@@ -1,0 +1,123 @@
+"""Classical structure from motion with COLMAP: SIFT, exhaustive matching, one shared camera, incremental mapping.
+
+What it finds is checked against the masks, which had no part in it, then images and masks are undistorted. Too few
+registered images, or cameras that the images contradict, are a failure with a reason.
+"""
+
+import argparse
+import math
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.cameras import read_sparse_model
+from zeroshop_steps.images import read_mask
+from zeroshop_steps.register.consistency import silhouette_coherence
+from zeroshop_steps.register.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.mapping import map_incrementally, mapping_options
+from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, model_figures, write_registration
+from zeroshop_steps.register.sift import SiftOptions, extract, match
+from zeroshop_steps.register.undistort import undistort
+
+
+@dataclass(frozen=True)
+class ColmapOptions:
+    """Parameters of the method.
+
+    Attributes:
+        sift: extraction and matching.
+        object_only: features inside the masks only, for images without a surface.
+        min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
+        max_unexplained_px: a view whose mask rays miss the other masks by more (95th percentile) is inconsistent; at 1000 px width.
+    """
+
+    sift: SiftOptions = field(default_factory=SiftOptions)
+    object_only: bool = False
+    min_share: float = 0.8
+    min_images: int = 8
+    max_unexplained_px: float = 6.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    defaults = ColmapOptions()
+    parser.add_argument("--min-share", type=float, default=defaults.min_share, help="share of images needed (default: %(default)s)")
+    parser.add_argument("--min-images", type=int, default=defaults.min_images, help="number of images needed (default: %(default)s)")
+    parser.add_argument(
+        "--max-features", type=int, default=defaults.sift.max_features, help="SIFT features per image (default: %(default)s)"
+    )
+    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
+    parser.add_argument("--seed", type=int, default=defaults.sift.seed, help="seed of all RANSAC loops (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    options = ColmapOptions(object_only=args.scene == "se", min_share=args.min_share, min_images=args.min_images)
+    features = replace(options.sift, max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
+    options = replace(options, sift=features)
+    image_set = read_image_set(args.capture)
+    write_registration(args.out, args.keep_going, lambda folder: register(image_set, folder, options))
+
+
+def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str, Any]:
+    """Estimate cameras and write images/, masks/ and sparse/ to `out`.
+
+    Returns:
+        The record for registration.json.
+
+    Raises:
+        RegistrationFailed: too few images, or an inconsistent model.
+    """
+    seconds: dict[str, float] = {}
+    lap_s = start_s = time.monotonic()
+
+    def lap(name: str) -> None:
+        nonlocal lap_s
+        seconds[name], lap_s = round(time.monotonic() - lap_s, 3), time.monotonic()
+
+    count = len(image_set.images)
+    needed = max(options.min_images, math.ceil(options.min_share * count))
+    figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": seconds, "parameters": asdict(options)}
+    figures["versions"] = {"pycolmap": pycolmap.__version__}
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".colmap.") as scratch_name:
+        scratch = Path(scratch_name)
+        database = scratch / "database.db"
+        figures["median_features"] = extract(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
+        lap("extract")
+        match(database, options.sift)
+        lap("match")
+        mapper = mapping_options(min(needed, count), options.sift.seed, options.sift.threads)
+        model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
+        lap("map")
+    registered = model.num_reg_images() if model else 0
+    if model is None or registered < needed:
+        raise RegistrationFailed(
+            f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, "
+            "or put the object on a strongly textured surface",
+            figures,
+        )
+    figures |= model_figures(model)
+    undistort(model, image_set, out)
+    lap("undistort")
+    cameras = list(read_sparse_model(out / "sparse").cameras)
+    coherence = silhouette_coherence(cameras, {camera.name: read_mask(out / "masks" / camera.name) for camera in cameras})
+    lap("check")
+    scale = 1000 / image_set.size_px[0]
+    figures["silhouette"] = {
+        "unexplained_px": dict(zip(coherence.names, np.round(coherence.unexplained_px, 2).tolist(), strict=True)),
+        "worst_px": float(coherence.unexplained_px.max()),
+    }
+    if coherence.unexplained_px.max() * scale > options.max_unexplained_px:
+        raise RegistrationFailed(
+            f"the masks contradict the cameras: rays of one view pass the other masks by {coherence.unexplained_px.max():.1f} px; "
+            "the reconstruction hangs together but is wrong (look-alike sides, too little texture) or the masks are",
+            figures,
+        )
+    seconds["total"] = round(time.monotonic() - start_s, 3)
+    return figures

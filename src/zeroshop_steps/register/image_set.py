@@ -1,0 +1,78 @@
+"""The images and masks of a capture, checked before hours are spent on them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.images import list_images, read_image, read_mask
+
+MIN_IMAGES = 3  # two views give no check at all
+
+
+@dataclass(frozen=True)
+class ImageSet:
+    """Images of equal size, each with a mask of the same stem.
+
+    Attributes:
+        images: image files, sorted by name.
+        masks: mask files, in the order of the images.
+        size_px: (width, height) of all.
+    """
+
+    images: tuple[Path, ...]
+    masks: tuple[Path, ...]
+    size_px: tuple[int, int]
+
+    @property
+    def names(self) -> list[str]:
+        """File names of the images."""
+        return [path.name for path in self.images]
+
+
+def read_image_set(capture: Path) -> ImageSet:
+    """List and check `capture`/images and `capture`/masks.
+
+    Raises:
+        StepError: too few images, an unreadable or odd-sized one, a mask that is missing, empty, full or of another size.
+    """
+    capture = Path(capture)
+    images = list_images(capture / "images")
+    if len(images) < MIN_IMAGES:
+        raise StepError(
+            f"{capture / 'images'} holds {len(images)} image(s); registration needs at least {MIN_IMAGES}, and 20 around the object work well"
+        )
+    if len({path.stem for path in images}) < len(images):
+        raise StepError(f"{capture / 'images'} holds images that differ only in their suffix; keep one of each")
+    masks, size_px, digests = [], None, set()
+    for image in images:
+        pixels = read_image(image)
+        size = (pixels.shape[1], pixels.shape[0])
+        size_px = size_px or size
+        if size != size_px:
+            raise StepError(
+                f"image {image} is {size[0]} x {size[1]} px, {images[0].name} is {size_px[0]} x {size_px[1]} px; all images must have one size"
+            )
+        digests.add(cv2.resize(pixels, (32, 32), interpolation=cv2.INTER_AREA).tobytes())
+        mask = capture / "masks" / f"{image.stem}.png"
+        if not mask.is_file():
+            raise StepError(f"mask {mask} of image {image.name} does not exist; every image needs one")
+        covered = read_mask(mask, size_px).mean()
+        if covered in (0.0, 1.0):
+            raise StepError(f"mask {mask} is {'empty' if covered == 0.0 else 'full'}; it must be 255 on the object and 0 elsewhere")
+        masks.append(mask)
+    if len(digests) == 1:
+        raise StepError(f"all images in {capture / 'images'} are alike; the camera must move around the object")
+    return ImageSet(tuple(images), tuple(masks), size_px)
+
+
+def read_masks(image_set: ImageSet, names: list[str] | None = None) -> dict[str, np.ndarray]:
+    """The masks as {image name: (height, width) bool}, of all images or of `names`."""
+    wanted = set(image_set.names if names is None else names)
+    return {
+        image.name: read_mask(mask, image_set.size_px)
+        for image, mask in zip(image_set.images, image_set.masks, strict=True)
+        if image.name in wanted
+    }

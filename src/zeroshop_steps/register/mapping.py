@@ -1,0 +1,30 @@
+"""Incremental structure from motion over a database of verified matches."""
+
+from pathlib import Path
+
+import pycolmap
+
+
+def mapping_options(min_registered: int, seed: int, threads: int) -> pycolmap.IncrementalPipelineOptions:
+    """Options of the incremental mapper.
+
+    Args:
+        min_registered: a model with fewer images is given up and the next initial pair is tried.
+        seed: of all RANSAC loops.
+        threads: worker threads; bundle adjustment itself stays on one thread below 50,000 residuals.
+    """
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_model_size = min_registered
+    options.num_threads = options.mapper.num_threads = threads
+    options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = seed
+    return options
+
+
+def map_incrementally(
+    database: Path, images: Path, output: Path, options: pycolmap.IncrementalPipelineOptions
+) -> pycolmap.Reconstruction | None:
+    """Reconstruct; the model with the most images (then the most points) is returned, None when there is none."""
+    output.mkdir(parents=True, exist_ok=True)
+    pycolmap.set_random_seed(max(options.random_seed, 0))
+    models = pycolmap.incremental_mapping(database, images, output, options)
+    return max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)

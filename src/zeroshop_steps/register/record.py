@@ -1,0 +1,71 @@
+"""What every registration method writes, and how it fails.
+
+A registration that succeeded is a folder with images/, masks/, sparse/ and registration.json. One that failed raises,
+and nothing is written; in a table run (`--keep-going`) the folder is written with a registration.json that says
+`failed` and why, and with empty images/, masks/ and sparse/, so that the other objects go on.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json, written_whole_dir
+
+
+class RegistrationFailed(StepError):
+    """The images could not be registered; `figures` says what was found."""
+
+    def __init__(self, reason: str, figures: dict[str, Any]) -> None:
+        super().__init__(reason)
+        self.figures = figures
+
+
+def add_common_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all registration methods share."""
+    parser.add_argument("--capture", type=Path, required=True, help="folder with images/ and masks/")
+    parser.add_argument("--scene", required=True, choices=("su_l", "su_h", "se", "video"), help="se uses features on the object only")
+    parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
+    parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
+    parser.add_argument("--keep-going", action="store_true", help="write a failed registration as a result and exit with 0")
+
+
+def write_registration(out: Path, keep_going: bool, register: Callable[[Path], dict[str, Any]]) -> None:
+    """Run `register` on a folder that becomes `out` when it succeeds, and write the record it returns.
+
+    Raises:
+        RegistrationFailed: as `register` did, unless `keep_going`.
+    """
+    try:
+        with written_whole_dir(out) as folder:
+            write_json(folder / "registration.json", {"status": "ok", "reason": None, **register(folder)})
+    except RegistrationFailed as failure:
+        if not keep_going:
+            raise
+        with written_whole_dir(out) as folder:
+            for part in ("images", "masks", "sparse"):
+                (folder / part).mkdir()
+            write_json(folder / "registration.json", {"status": "failed", "reason": str(failure), **failure.figures})
+        print(f"registration failed, recorded in {out / 'registration.json'}: {failure}", file=sys.stderr)
+
+
+def read_registration(cameras: Path) -> dict[str, Any]:
+    """The record of a cameras folder. Raises StepError with the registration's own reason when it failed."""
+    record = read_json(Path(cameras) / "registration.json")
+    if record["status"] != "ok":
+        raise StepError(f"{cameras}: registration failed ({record['reason']})")
+    return record
+
+
+def model_figures(model: pycolmap.Reconstruction) -> dict[str, Any]:
+    """Size and fit of a sparse model, as they stand in registration.json."""
+    return {
+        "registered": model.num_reg_images(),
+        "points": model.num_points3D(),
+        "reprojection_error_px": model.compute_mean_reprojection_error(),
+        "mean_track_length": model.compute_mean_track_length(),
+    }

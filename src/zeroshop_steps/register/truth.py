@@ -1,0 +1,76 @@
+"""True cameras instead of estimated ones: shows what registration costs in quality.
+
+Copies images and masks as they are, takes the cameras from `CAPTURE/truth` and triangulates sparse points from SIFT
+matches with those cameras held fixed, because later stages start from sparse points.
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.register import sift
+from zeroshop_steps.register.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.mapping import mapping_options
+from zeroshop_steps.register.record import add_common_arguments, model_figures, write_registration
+from zeroshop_steps.register.undistort import undistort
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    truth = args.capture / "truth"
+    if not (truth / "cameras.bin").is_file() and not (truth / "cameras.txt").is_file():
+        raise StepError(f"{truth} holds no COLMAP model of true cameras; only virtual captures have one, use --method colmap for photos")
+    image_set = read_image_set(args.capture)
+    options = sift.SiftOptions(threads=args.threads)
+    write_registration(args.out, args.keep_going, lambda folder: _register(image_set, truth, args.scene, options, folder))
+
+
+def _register(image_set: ImageSet, truth: Path, scene: str, options: sift.SiftOptions, out: Path) -> dict[str, Any]:
+    start_s = time.monotonic()
+    true_model = pycolmap.Reconstruction(str(truth))
+    true_images = {Path(image.name).stem: image for image in true_model.images.values() if image.has_pose}
+    for path in image_set.images:
+        if path.stem not in true_images:
+            raise StepError(f"{truth} has no camera for image {path.name}; capture and truth do not belong together, capture again")
+    cameras = {stem: true_model.cameras[image.camera_id] for stem, image in true_images.items()}
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".truth.") as scratch_name:
+        scratch = Path(scratch_name)
+        database = scratch / "database.db"
+        sift.extract(database, image_set, options, scratch / "masks" if scene == "se" else None, cameras)
+        sift.match(database, options)
+        model = triangulate(database, image_set, {stem: image.cam_from_world() for stem, image in true_images.items()}, options)
+    undistort(model, image_set, out)
+    return {
+        "method": "truth",
+        "images": len(image_set.images),
+        **model_figures(model),
+        "seconds": {"total": round(time.monotonic() - start_s, 3)},
+        "versions": {"pycolmap": pycolmap.__version__},
+    }
+
+
+def triangulate(
+    database: Path, image_set: ImageSet, camera_from_world: dict[str, pycolmap.Rigid3d], options: sift.SiftOptions
+) -> pycolmap.Reconstruction:
+    """Sparse points from the matches of a database, with its cameras held fixed at {image stem: pose}."""
+    model = pycolmap.Reconstruction()
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            model.add_camera_with_trivial_rig(camera)
+        for image in sorted(opened.read_all_images(), key=lambda image: image.name):
+            placed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+            model.add_image_with_trivial_frame(placed, camera_from_world[Path(image.name).stem])
+    mapper = mapping_options(len(image_set.images), options.seed, options.threads)
+    output = database.parent / "triangulated"
+    output.mkdir()
+    return pycolmap.triangulate_points(model, database, image_set.images[0].parent, output, options=mapper)
