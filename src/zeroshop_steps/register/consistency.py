@@ -65,7 +65,7 @@ def silhouette_coherence(
 
 
 def object_sphere(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:
-    """A sphere about the object in the world frame: where the rays through the mask centres meet, and the largest mask's half extent there."""
+    """A sphere about the object in the world frame: centred where the rays through the mask centres meet."""
     origins, directions, extents = [], [], []
     for camera, mask in zip(cameras, masks, strict=True):
         y, x = np.nonzero(mask)
@@ -106,7 +106,7 @@ def _mask_pixels(mask: np.ndarray, count: int) -> np.ndarray:
 
 
 def _look_up(distance: np.ndarray, camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Signed distance at the projections of (P, 3) points; large outside the image, where nothing is known; far outside behind the camera."""
+    """Signed distance at the projections of (P, 3) points: large off the image, where nothing is known, and -large behind the camera."""
     pixels, depth = camera.project(points)
     with np.errstate(invalid="ignore"):
         columns, rows = np.floor(pixels).astype(np.int64).T

@@ -41,9 +41,7 @@ def read_image_set(capture: Path) -> ImageSet:
     capture = Path(capture)
     images = list_images(capture / "images")
     if len(images) < MIN_IMAGES:
-        raise StepError(
-            f"{capture / 'images'} holds {len(images)} image(s); registration needs at least {MIN_IMAGES}, and 20 around the object work well"
-        )
+        raise StepError(f"{capture / 'images'} holds {len(images)} image(s); at least {MIN_IMAGES} are needed, 20 work well")
     if len({path.stem for path in images}) < len(images):
         raise StepError(f"{capture / 'images'} holds images that differ only in their suffix; keep one of each")
     masks, size_px, digests = [], None, set()
@@ -53,7 +51,7 @@ def read_image_set(capture: Path) -> ImageSet:
         size_px = size_px or size
         if size != size_px:
             raise StepError(
-                f"image {image} is {size[0]} x {size[1]} px, {images[0].name} is {size_px[0]} x {size_px[1]} px; all images must have one size"
+                f"image {image} is {size[0]} x {size[1]} px, {images[0].name} is {size_px[0]} x {size_px[1]} px; all must be equal"
             )
         digests.add(cv2.resize(pixels, (32, 32), interpolation=cv2.INTER_AREA).tobytes())
         mask = capture / "masks" / f"{image.stem}.png"
@@ -70,9 +68,6 @@ def read_image_set(capture: Path) -> ImageSet:
 
 def read_masks(image_set: ImageSet, names: list[str] | None = None) -> dict[str, np.ndarray]:
     """The masks as {image name: (height, width) bool}, of all images or of `names`."""
-    wanted = set(image_set.names if names is None else names)
-    return {
-        image.name: read_mask(mask, image_set.size_px)
-        for image, mask in zip(image_set.images, image_set.masks, strict=True)
-        if image.name in wanted
-    }
+    chosen = set(image_set.names if names is None else names)
+    pairs = zip(image_set.images, image_set.masks, strict=True)
+    return {image.name: read_mask(mask, image_set.size_px) for image, mask in pairs if image.name in chosen}
