@@ -1,0 +1,35 @@
+# make mesh    the demo object, end to end
+# make test    every check and test
+# make lint    the checks alone
+# Each sets up .venv first where it is missing or older than the list of versions; PYTHON=... chooses another Python.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: mesh test lint
+.DELETE_ON_ERROR:
+
+mesh: $(READY)
+	$(BIN)/snakemake --cores 2 results/demo/mustard_bottle/2dgs.ply
+
+test: lint
+	$(BIN)/python -m pytest -x -q --durations=15
+
+lint: $(READY)
+	$(BIN)/ruff check src tests
+	$(BIN)/ruff format --check src tests
+	$(BIN)/snakefmt --check workflow
+	$(BIN)/snakemake --lint
+
+# torch goes first and alone: asked for together with others, pip may choose another build of it.
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo 'error: $(PYTHON) is missing or older than 3.11. Install it (apt-get install python3 python3-venv) or run: make $(MAKECMDGOALS) PYTHON=/path/to/python3.11' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
+	  || { echo 'error: this Python cannot make environments. Install the missing part: apt-get install python3-venv' >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$$(grep '^torch==' requirements.lock)"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	@$(BIN)/python -m zeroshop_steps.check_install
+	@touch $@

@@ -1,0 +1,122 @@
+"""Reading and checking what the user writes: the config and the table of own captures.
+
+Schemas say what is allowed; this module turns their verdicts into errors that name the key, the row and near matches.
+"""
+
+import csv
+import difflib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+
+from zeroshop_steps.errors import StepError
+
+Row = dict[str, Any]
+
+
+def name_error(what: str, name: str, names: Iterable[str], remedy: str = "") -> str:
+    """The message for an unknown name: what exists, the nearest of it, and what to do."""
+    names = list(names)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    return f"unknown {what}: {name}.{hint} Known: {', '.join(names) or 'none'}. {remedy}".rstrip()
+
+
+def check_config(config: Mapping[str, Any], schema_path: Path) -> None:
+    """Check a config against its JSON schema.
+
+    Raises:
+        StepError: lists every fault with the key's path, what was found and what is allowed.
+    """
+    faults = _faults(config, schema_path)
+    if faults:
+        raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nEvery key is explained in config/README.md.")
+
+
+def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
+    """Read the table of the user's own captures.
+
+    Args:
+        table: tab-separated, with a header; columns as in the schema. Lines that start with # are skipped.
+        schema_path: the JSON schema of one row.
+
+    Returns:
+        rows by (dataset, object), in the table's order. `height_m` is a float or None.
+
+    Raises:
+        StepError: names the table, the line and the column.
+    """
+    try:
+        lines = Path(table).read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        raise StepError(f"{table} does not exist; objects_table in the config names it") from None
+    except UnicodeDecodeError:
+        raise StepError(f"{table} is not UTF-8 text; save it as tab-separated text") from None
+    numbered = [(number, line) for number, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
+    if not numbered:
+        raise StepError(f"{table} is empty; its first line names the columns")
+    columns = numbered[0][1].split("\t")
+    _check_columns(table, columns, _read_yaml(schema_path)["properties"])
+    rows: dict[tuple[str, str], Row] = {}
+    for number, cells in zip((n for n, _ in numbered[1:]), csv.reader((line for _, line in numbered[1:]), delimiter="\t"), strict=True):
+        if len(cells) > len(columns):
+            raise StepError(
+                f"{table}, line {number}: {len(cells)} cells, but the header names {len(columns)} columns; separate cells by one tab"
+            )
+        row: Row = dict(zip(columns, [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells)), strict=True))
+        row["height_m"] = _number(row["height_m"]) if row["height_m"] else None
+        faults = _faults(row, schema_path)
+        if faults:
+            raise StepError(f"{table}, line {number}: " + "; ".join(faults))
+        key = row["dataset"], row["object"]
+        if key in rows:
+            raise StepError(f"{table}, line {number}: {key[0]} {key[1]} is there twice; give each capture a name of its own")
+        rows[key] = row
+    return rows
+
+
+def _check_columns(table: Path, columns: list[str], known: Mapping[str, Any]) -> None:
+    """Raise where a column is missing, unknown or doubled."""
+    missing = [name for name in known if name not in columns]
+    if missing:
+        raise StepError(f"{table} lacks the column {', '.join(missing)}; the first line must name {', '.join(known)}, separated by tabs")
+    for name in columns:
+        if name not in known:
+            raise StepError(f"{table}: {name_error('column', name, known)}")
+        if columns.count(name) > 1:
+            raise StepError(f"{table}: the column {name} is there twice")
+
+
+def _number(text: str) -> float | str:
+    """A number where the text is one; the text itself otherwise, for the schema to refuse."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _read_yaml(path: Path) -> Any:
+    return yaml.safe_load(Path(path).read_text())
+
+
+def _faults(data: Mapping[str, Any], schema_path: Path) -> list[str]:
+    """One line for every way in which `data` breaks the schema."""
+    validator = jsonschema.Draft202012Validator(_read_yaml(schema_path))
+    errors = sorted(validator.iter_errors(data), key=lambda error: [str(part) for part in error.absolute_path])
+    return [line for error in errors for line in _explain(error)]
+
+
+def _explain(error: jsonschema.ValidationError) -> list[str]:
+    """A schema error in the user's words."""
+    key = ".".join(str(part) for part in error.absolute_path)
+    if error.validator == "additionalProperties":
+        allowed = list(error.schema.get("properties", {}))
+        where = f" in {key}" if key else ""
+        return [name_error(f"key{where}", name, allowed) for name in error.instance if name not in allowed]
+    if error.validator == "oneOf" or error.validator == "if":
+        return [line for cause in error.context or () for line in _explain(cause)]
+    about = error.schema.get("description", "").split(". ")[0].rstrip(".")
+    return [f"{key or 'the file'}: {error.message}" + (f" ({about})" if about else "")]

@@ -1,0 +1,108 @@
+"""Capture: a model and rendered views of it for virtual datasets, checked copies of the user's photos for the others."""
+
+
+rule demo_model:
+    output:
+        model=directory("results/{dataset}/{object}/model"),
+    log:
+        "results/{dataset}/{object}/logs/model.log",
+    benchmark:
+        "results/{dataset}/{object}/benchmarks/model.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=5,
+    params:
+        object=checked_object,
+    message:
+        "Making the demo object {wildcards.object}"
+    shell:
+        "python -m zeroshop_steps.capture --method demo_objects --object {params.object} --out {output.model} > {log} 2>&1"
+
+
+rule bop_model:
+    output:
+        model=directory("results/{dataset}/{object}/model"),
+    log:
+        "results/{dataset}/{object}/logs/model.log",
+    benchmark:
+        "results/{dataset}/{object}/benchmarks/model.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("bop"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    params:
+        object=checked_object,
+        models=models_option,
+    message:
+        "Fetching the model of {wildcards.dataset} {wildcards.object}"
+    shell:
+        "python -m zeroshop_steps.capture --method bop_models --dataset {wildcards.dataset} --object {params.object}"
+        " {params.models} --out {output.model} > {log} 2>&1"
+
+
+rule capture_virtual:
+    input:
+        model="results/{dataset}/{object}/model",
+    output:
+        capture=directory("results/{dataset}/{object}/{scene}/capture"),
+    log:
+        "results/{dataset}/{object}/{scene}/logs/capture.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+        scene="|".join(VIRTUAL_SCENES),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        width_px=config["capture"]["image_width_px"],
+        height_px=config["capture"]["image_height_px"],
+        seed=config["seed"],
+    message:
+        "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
+    shell:
+        "python -m zeroshop_steps.capture --method raycast --model {input.model}/model.ply --scene {wildcards.scene}"
+        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --out {output.capture} > {log} 2>&1"
+
+
+rule capture_photos:
+    input:
+        images=photo_files("images"),
+        masks=photo_files("masks"),
+    output:
+        capture=directory("results/{dataset}/{object}/{scene}/capture"),
+    log:
+        "results/{dataset}/{object}/{scene}/logs/capture.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("photos"),
+        scene="|".join(PHOTO_SCENES),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=5,
+    params:
+        images=photo_folder("images"),
+        masks=photo_folder("masks"),
+        height=height_option,
+    message:
+        "Checking the photos and masks of {wildcards.dataset} {wildcards.object}"
+    shell:
+        "python -m zeroshop_steps.capture --method photos --images {params.images:q} --masks {params.masks:q}"
+        " {params.height} --out {output.capture} > {log} 2>&1"

@@ -1,0 +1,187 @@
+"""What the rules share: the checked config, the known names, and errors that list them."""
+
+import os
+import shlex
+import sys
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+from zeroshop_steps.settings import check_config, name_error, read_objects
+from zeroshop_steps.errors import StepError
+
+ROOT = Path(workflow.basedir).parent
+VIRTUAL_SCENES = ["su_l", "su_h", "se"]
+PHOTO_SCENES = ["video"]
+REGISTRATIONS = ["colmap", "truth"]
+NVS_METHODS = ["2dgs"]
+
+# The steps run with the Python that runs Snakemake, whether or not its environment is activated.
+os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
+# Snakemake sets OMP_NUM_THREADS and its kin from a rule's threads; Numba reads a name of its own.
+shell.prefix('export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" PYTHONHASHSEED=0; ')
+
+try:
+    check_config(config, ROOT / "workflow/schemas/config.schema.yaml")
+    PHOTOS = read_objects(ROOT / config["objects_table"], ROOT / "workflow/schemas/objects.schema.yaml")
+except StepError as error:
+    raise WorkflowError(str(error)) from None
+
+
+wildcard_constraints:
+    dataset="[^/]+",
+    object="[^/]+",
+    scene="[^/]+",
+    registration="[^/]+",
+    nvs="[^/.]+",
+
+
+def datasets_of(*kinds):
+    """A regular expression of the datasets of these kinds, for a rule's wildcard constraint; matches nothing if there is none."""
+    return "|".join(name for name, dataset in config["datasets"].items() if dataset["kind"] in kinds) or "(?!)"
+
+
+def known(what, name, names, remedy):
+    """`name`, or an error that lists the known names."""
+    if name not in names:
+        raise WorkflowError(name_error(what, name, names, remedy))
+    return name
+
+
+def objects_of(dataset):
+    """The objects of a dataset: from the config, or for photos from the table."""
+    known("dataset", dataset, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")
+    if config["datasets"][dataset]["kind"] == "photos":
+        return [name for owner, name in PHOTOS if owner == dataset]
+    return config["datasets"][dataset]["objects"]
+
+
+def is_virtual(dataset):
+    """Whether a dataset has models, so that captures are rendered and the truth is known."""
+    return config["datasets"][dataset]["kind"] != "photos"
+
+
+def check_object(wildcards):
+    """Raise an error that lists what exists where a path names an unknown dataset or object."""
+    names = objects_of(wildcards.dataset)
+    where = "config/config.yaml" if is_virtual(wildcards.dataset) else config["objects_table"]
+    known(f"object of dataset {wildcards.dataset}", wildcards.object, names, f"Objects of this dataset are listed in {where}.")
+
+
+def chosen_cell(wildcards):
+    """The folder of the cell that the config chooses for an object."""
+    check_object(wildcards)
+    known("nvs method", wildcards.nvs, NVS_METHODS, "The file is named after the method.")
+    cell = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
+    return f"results/{wildcards.dataset}/{wildcards.object}/{cell['scene']}/{cell['registration']}/{wildcards.nvs}"
+
+
+def capture_of(wildcards):
+    """The capture that a registration reads, with every part of its path checked."""
+    check_object(wildcards)
+    virtual = is_virtual(wildcards.dataset)
+    kind = "virtual" if virtual else "photo"
+    known(f"scene of a {kind} dataset", wildcards.scene, VIRTUAL_SCENES if virtual else PHOTO_SCENES, "")
+    known(
+        f"registration of a {kind} dataset",
+        wildcards.registration,
+        REGISTRATIONS if virtual else [name for name in REGISTRATIONS if name != "truth"],
+        "" if virtual else "Photos have no true cameras.",
+    )
+    return f"results/{wildcards.dataset}/{wildcards.object}/{wildcards.scene}/capture"
+
+
+def raw_mesh_of(wildcards):
+    """The mesh that the nvs method of the path makes."""
+    known("nvs method", wildcards.nvs, NVS_METHODS, "The folder is named after the method.")
+    folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
+    return f"{folder}/raw_mesh.ply"
+
+
+def photos_of(wildcards):
+    """The table row of the user's own capture."""
+    check_object(wildcards)
+    return PHOTOS[wildcards.dataset, wildcards.object]
+
+
+def photo_folder(column):
+    """An input function: the folder in a column of objects.tsv, as seen from the working directory."""
+
+    def folder(wildcards):
+        row = photos_of(wildcards)
+        path = Path(os.path.relpath(ROOT / row[column]))
+        if not path.is_dir():
+            raise WorkflowError(
+                f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the folder of its {column}, "
+                f"{row[column]}, does not exist. Relative paths start at the folder of the workflow; correct the path."
+            )
+        return str(path)
+
+    return folder
+
+
+def photo_files(column):
+    """An input function: the files in a folder of objects.tsv, so that a changed photo reruns what depends on it."""
+
+    def files(wildcards):
+        folder = Path(photo_folder(column)(wildcards))
+        return sorted(str(path) for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+
+    return files
+
+
+def step_options(options):
+    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`; null leaves one out."""
+    return " ".join(f"--{key.replace('_', '-')} {value}" for key, value in options.items() if value is not None)
+
+
+def registration_options(wildcards):
+    """The options of the registration method in the path."""
+    return step_options(config["register"].get(wildcards.registration, {}))
+
+
+def models_option(wildcards):
+    """The option that names a local folder of BOP models, if the config does."""
+    folder = config["datasets"][wildcards.dataset]["models_folder"]
+    return step_options({"models": folder and shlex.quote(os.path.relpath(ROOT / folder))})
+
+
+def height_option(wildcards):
+    """The option that gives the height of a photographed object, if its row does."""
+    return step_options({"height_m": photos_of(wildcards)["height_m"]})
+
+
+def checked_object(wildcards):
+    """The object in a path, or an error that lists the objects of its dataset."""
+    check_object(wildcards)
+    return wildcards.object
+
+
+def table_cells(file, wildcards):
+    """This file of every cell that the config wants in a table."""
+    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "Tables need the truth.")
+    matrix = config["tables"]
+    return expand(
+        file,
+        dataset=wildcards.dataset,
+        object=objects_of(wildcards.dataset),
+        scene=matrix["scenes"],
+        registration=matrix["registrations"],
+        nvs=matrix["nvs"],
+    )
+
+
+def chosen_mesh(wildcards):
+    """The mesh of the chosen cell."""
+    return f"{chosen_cell(wildcards)}/mesh.ply"
+
+
+def chosen_preview(wildcards):
+    """The preview of the chosen cell."""
+    return f"{chosen_cell(wildcards)}/mesh_preview.png"
+
+
+def chosen_quality(wildcards):
+    """The quality of the chosen cell, where there is a truth to measure against."""
+    cell = chosen_cell(wildcards)
+    return [f"{cell}/quality.json"] if is_virtual(wildcards.dataset) else []

@@ -1,0 +1,206 @@
+"""Finish: a raw mesh becomes a product: clean, textured, in the object frame, in millimetres, graded against the truth."""
+
+
+rule clean:
+    input:
+        mesh=raw_mesh_of,
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+    output:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
+        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/clean.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/clean.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        options=step_options(config["finish"]["clean"]),
+    message:
+        "Cleaning the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method clean --mesh {input.mesh} --cameras {input.cameras}"
+        " {params.options} --out {output.mesh} > {log} 2>&1"
+
+
+rule frame:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        capture="results/{dataset}/{object}/{scene}/capture",
+    output:
+        frame="results/{dataset}/{object}/{scene}/{registration}/{nvs}/frame.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/frame.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/frame.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    message:
+        "Finding the object frame and scale of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method frame --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
+        " --out {output.frame} > {log} 2>&1"
+
+
+rule unwrap:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
+    output:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
+        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/unwrap.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/unwrap.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        texture_size_px=config["finish"]["texture_size_px"],
+    message:
+        "Unwrapping the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method unwrap --mesh {input.mesh}"
+        " --texture-size {params.texture_size_px} --out {output.mesh} > {log} 2>&1"
+
+
+rule texture:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+    output:
+        texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.png",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/texture.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/texture.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        texture_size_px=config["finish"]["texture_size_px"],
+    message:
+        "Baking the texture of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method texture --mesh {input.mesh} --cameras {input.cameras}"
+        " --texture-size {params.texture_size_px} --out {output.texture} > {log} 2>&1"
+
+
+rule export:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
+        texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.png",
+        frame="results/{dataset}/{object}/{scene}/{registration}/{nvs}/frame.json",
+    output:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
+        texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.png",
+        glb="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.glb",
+        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/export.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/export.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    message:
+        "Writing the finished mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method export --mesh {input.mesh} --texture {input.texture} --frame {input.frame}"
+        " --out {output.mesh} > {log} 2>&1"
+
+
+rule quality:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
+        capture="results/{dataset}/{object}/{scene}/capture",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        model="results/{dataset}/{object}/model",
+    output:
+        figures="results/{dataset}/{object}/{scene}/{registration}/{nvs}/quality.json",
+        table="results/{dataset}/{object}/{scene}/{registration}/{nvs}/quality.csv",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/quality.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/quality.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    message:
+        "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
+        " --model {input.model}/model.ply --out {output.figures} > {log} 2>&1"
+
+
+rule preview:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+    output:
+        preview="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh_preview.png",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/preview.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/preview.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    message:
+        "Rendering a preview of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method preview --mesh {input.mesh} --cameras {input.cameras}"
+        " --out {output.preview} > {log} 2>&1"
+
+
+rule publish:
+    input:
+        cell=chosen_mesh,
+        preview=chosen_preview,
+        quality=chosen_quality,
+    output:
+        mesh="results/{dataset}/{object}/{nvs}.ply",
+        texture="results/{dataset}/{object}/{nvs}.png",
+        glb="results/{dataset}/{object}/{nvs}.glb",
+        facts="results/{dataset}/{object}/{nvs}.json",
+        preview="results/{dataset}/{object}/{nvs}.preview.png",
+    log:
+        "results/{dataset}/{object}/logs/publish.{nvs}.log",
+    benchmark:
+        "results/{dataset}/{object}/benchmarks/publish.{nvs}.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Putting the chosen mesh of {wildcards.object} at {output.mesh}"
+    shell:
+        "python -m zeroshop_steps.finish --method publish --mesh {input.cell} --preview {input.preview} --out {output.mesh} > {log} 2>&1"

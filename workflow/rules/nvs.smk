@@ -1,0 +1,54 @@
+"""Novel view synthesis: train a scene representation on the registered images, then take a raw mesh from it."""
+
+
+rule train_2dgs:
+    input:
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+    output:
+        splats="results/{dataset}/{object}/{scene}/{registration}/2dgs/splats/splats.ply",
+        curve="results/{dataset}/{object}/{scene}/{registration}/2dgs/splats/training.csv",
+        summary="results/{dataset}/{object}/{scene}/{registration}/2dgs/splats/training.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/2dgs/logs/train.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/2dgs/benchmarks/train.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        options=step_options(config["nvs"]["2dgs"]["train"]),
+        seed=config["seed"],
+        folder=subpath(output.splats, parent=True),
+    message:
+        "Training 2DGS on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
+    shell:
+        "python -m zeroshop_steps.nvs --method twodgs --cameras {input.cameras} --out {params.folder}"
+        " {params.options} --seed {params.seed} --threads {threads} --resume > {log} 2>&1"
+
+
+rule fuse_2dgs:
+    input:
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        splats="results/{dataset}/{object}/{scene}/{registration}/2dgs/splats/splats.ply",
+    output:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/2dgs/raw_mesh.ply",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/2dgs/logs/fuse.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/2dgs/benchmarks/fuse.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=6000,
+        runtime=15,
+    params:
+        options=step_options(config["nvs"]["2dgs"]["fuse"]),
+    message:
+        "Fusing the depth maps of {wildcards.object}, scene {wildcards.scene}, into a mesh"
+    shell:
+        "python -m zeroshop_steps.nvs --method fuse --splats {input.splats} --cameras {input.cameras}"
+        " {params.options} --out {output.mesh} > {log} 2>&1"
