@@ -75,7 +75,7 @@ rule capture_virtual:
         "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
     shell:
         "python -m zeroshop_steps.capture --method raycast --model {input.model}/model.ply --scene {wildcards.scene}"
-        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --out {output.capture} > {log} 2>&1"
+        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.capture} > {log} 2>&1"
 
 
 rule capture_photos:

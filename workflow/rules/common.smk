@@ -1,5 +1,7 @@
 """What the rules share: the checked config, the known names, and errors that list them."""
 
+import itertools
+import json
 import os
 import shlex
 import sys
@@ -15,6 +17,7 @@ VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 PHOTO_SCENES = ["video"]
 REGISTRATIONS = ["colmap", "truth"]
 NVS_METHODS = ["2dgs"]
+AXES = ["dataset", "object", "scene", "registration", "nvs"]
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
@@ -136,8 +139,9 @@ def step_options(options):
 
 
 def registration_options(wildcards):
-    """The options of the registration method in the path."""
-    return step_options(config["register"].get(wildcards.registration, {}))
+    """The options of the registration method in the path; the true cameras need none."""
+    options = config["register"].get(wildcards.registration)
+    return step_options({**options, "seed": config["seed"]}) if options else ""
 
 
 def models_option(wildcards):
@@ -157,18 +161,12 @@ def checked_object(wildcards):
     return wildcards.object
 
 
-def table_cells(file, wildcards):
-    """This file of every cell that the config wants in a table."""
-    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "Tables need the truth.")
-    matrix = config["tables"]
-    return expand(
-        file,
-        dataset=wildcards.dataset,
-        object=objects_of(wildcards.dataset),
-        scene=matrix["scenes"],
-        registration=matrix["registrations"],
-        nvs=matrix["nvs"],
-    )
+def table_cells(wildcards):
+    """The cells that the config wants in a dataset's tables, each a dictionary of the matrix's coordinates."""
+    virtual = [name for name in config["datasets"] if is_virtual(name)]
+    known("virtual dataset", wildcards.dataset, virtual, "Tables compare with the truth, which photos lack.")
+    axes = [objects_of(wildcards.dataset), *(config["tables"][axis] for axis in ("scenes", "registrations", "nvs"))]
+    return [dict(zip(AXES, (wildcards.dataset, *values))) for values in itertools.product(*axes)]
 
 
 def chosen_mesh(wildcards):
@@ -185,3 +183,32 @@ def chosen_quality(wildcards):
     """The quality of the chosen cell, where there is a truth to measure against."""
     cell = chosen_cell(wildcards)
     return [f"{cell}/quality.json"] if is_virtual(wildcards.dataset) else []
+
+
+def stage_facts(wildcards):
+    """The records of the stages behind a mesh, for its JSON."""
+    folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
+    return [f"{folder}/{name}.json" for name in ("splats/training", "clean", "unwrapped", "texture")]
+
+
+def table_measurements(wildcards):
+    """The measurements of every cell of a table; of a cell whose registration failed, the record of the failure."""
+    files = []
+    for cell in table_cells(wildcards):
+        cameras = checkpoints.register.get(**{key: cell[key] for key in ("dataset", "object", "scene", "registration")}).output.cameras
+        record = Path(cameras, "registration.json")
+        failed = json.loads(record.read_text())["status"] != "ok"
+        files.append(str(record) if failed else "results/{dataset}/{object}/{scene}/{registration}/{nvs}/quality.csv".format(**cell))
+    return files
+
+
+def table_cameras(wildcards):
+    """All cameras of a table, so that registrations need not wait for one another."""
+    path = "results/{dataset}/{object}/{scene}/{registration}/cameras"
+    return list(dict.fromkeys(path.format(**cell) for cell in table_cells(wildcards)))
+
+
+def table_camera_errors(wildcards):
+    """The camera errors of every registration of a table."""
+    path = "results/{dataset}/{object}/{scene}/{registration}/camera_error.csv"
+    return list(dict.fromkeys(path.format(**cell) for cell in table_cells(wildcards)))

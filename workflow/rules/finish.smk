@@ -82,6 +82,7 @@ rule texture:
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
     output:
         texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.png",
+        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.json",
     log:
         "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/texture.log",
     benchmark:
@@ -106,6 +107,9 @@ rule export:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
         texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.png",
         frame="results/{dataset}/{object}/{scene}/{registration}/{nvs}/frame.json",
+        capture="results/{dataset}/{object}/{scene}/capture",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        facts=stage_facts,
     output:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
         texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.png",
@@ -125,6 +129,7 @@ rule export:
         "Writing the finished mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method export --mesh {input.mesh} --texture {input.texture} --frame {input.frame}"
+        " --stages {input.capture}/capture.json {input.cameras}/registration.json {input.facts}"
         " --out {output.mesh} > {log} 2>&1"
 
 

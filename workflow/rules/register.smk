@@ -1,7 +1,11 @@
-"""Register: cameras and sparse points of a capture, beside its undistorted images and masks."""
+"""Register: cameras and sparse points of a capture, beside its undistorted images and masks.
+
+A registration that fails is a result too: its record says so and why. The steps that would build on it then end with
+that reason, while a table goes on with its other cells; that is why this is a checkpoint.
+"""
 
 
-rule register:
+checkpoint register:
     input:
         capture=capture_of,
     output:
@@ -22,4 +26,30 @@ rule register:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:
         "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
-        " --scene {wildcards.scene} {params.options} --threads {threads} --out {output.cameras} > {log} 2>&1"
+        " --scene {wildcards.scene} {params.options} --threads {threads} --keep-going --out {output.cameras} > {log} 2>&1"
+
+
+rule camera_error:
+    input:
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        capture=capture_of,
+    output:
+        figures="results/{dataset}/{object}/{scene}/{registration}/camera_error.json",
+        table="results/{dataset}/{object}/{scene}/{registration}/camera_error.csv",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/logs/camera_error.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/benchmarks/camera_error.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Comparing the cameras of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, with the true ones"
+    shell:
+        "python -m zeroshop_steps.register --method camera_error --cameras {input.cameras} --truth {input.capture}/truth"
+        " --out {output.figures} > {log} 2>&1"

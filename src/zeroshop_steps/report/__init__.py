@@ -1,0 +1,1 @@
+"""Report: scores of many cells in one tidy table."""

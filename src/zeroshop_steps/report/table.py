@@ -1,0 +1,72 @@
+"""Gather the tidy CSVs of many cells into one, with the coordinates of each cell as columns.
+
+The coordinates are read from the paths, which name the matrix: results/DATASET/OBJECT/SCENE/REGISTRATION[/NVS]/FILE. A
+cell that failed comes as its registration.json; it becomes one row with grade `none` and the reason.
+"""
+
+import argparse
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, written_whole
+
+AXES = ("dataset", "object", "scene", "registration", "nvs")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--measurements", type=Path, nargs="+", required=True, help="a CSV of each cell, or the record of its failure")
+    parser.add_argument("--root", type=Path, default=Path("results"), help="folder that the cells' paths start with (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="CSV to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the table."""
+    write_table(gather(args.measurements, args.root), args.out)
+
+
+def gather(measurements: Sequence[Path], root: Path) -> list[dict[str, str]]:
+    """The rows of all cells, each with its coordinates, in the order of the files.
+
+    Raises:
+        StepError: a file that is missing, empty, or not below `root`.
+    """
+    rows: list[dict[str, str]] = []
+    for path in measurements:
+        where = cell_of(path, root)
+        if path.name == "registration.json":
+            rows.append({**where, "measure": "grade", "value": "none", "reason": read_json(path)["reason"]})
+            continue
+        try:
+            with path.open(newline="") as file:
+                measured = list(csv.DictReader(file))
+        except FileNotFoundError:
+            raise StepError(f"{path} does not exist; run the step that writes it first") from None
+        if not measured:
+            raise StepError(f"{path} has no rows; delete it and run its step again")
+        rows.extend({**row, **where} for row in measured)
+    return rows
+
+
+def cell_of(path: Path, root: Path) -> dict[str, str]:
+    """The matrix coordinates in a path below `root`; a registration's own files have no nvs."""
+    try:
+        folders = path.relative_to(root).parent.parts
+    except ValueError:
+        raise StepError(f"{path} is not below {root}; give the folder that the cells' paths start with as --root") from None
+    if len(folders) == len(AXES) and folders[-1] == "cameras":
+        folders = folders[:-1]
+    if not len(AXES) - 1 <= len(folders) <= len(AXES):
+        raise StepError(f"{path} does not lie in a cell; expected {root}/DATASET/OBJECT/SCENE/REGISTRATION[/NVS]/FILE")
+    return dict(zip(AXES, folders, strict=False))
+
+
+def write_table(rows: Sequence[dict[str, str]], out: Path) -> None:
+    """Write rows as CSV: the coordinates first, then every column that any row has; what a row lacks stays empty."""
+    columns = dict.fromkeys([*(axis for axis in AXES if any(axis in row for row in rows)), *(key for row in rows for key in row)])
+    with written_whole(out) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(columns), restval="")
+        writer.writeheader()
+        writer.writerows(rows)

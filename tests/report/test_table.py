@@ -1,0 +1,46 @@
+"""The table keeps every measurement with its cell's coordinates, and a failed cell as a row with its reason."""
+
+import csv
+import json
+
+import pytest
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.report.table import gather, write_table
+
+
+def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
+    root = tmp_path / "results"
+    good = root / "demo/mug/su_h/colmap/2dgs/quality.csv"
+    good.parent.mkdir(parents=True)
+    good.write_text("measure,value,unit\naccuracy,0.5,mm\nf_score,0.9,\n")
+    failed = root / "demo/bowl/su_h/colmap/cameras/registration.json"
+    failed.parent.mkdir(parents=True)
+    failed.write_text(json.dumps({"status": "failed", "reason": "3 of 20 images registered, 16 are needed"}))
+    write_table(gather([good, failed], root), tmp_path / "table.csv")
+    with (tmp_path / "table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["object"], row["nvs"], row["measure"], row["value"], row["reason"]) for row in rows] == [
+        ("mug", "2dgs", "accuracy", "0.5", ""),
+        ("mug", "2dgs", "f_score", "0.9", ""),
+        ("bowl", "", "grade", "none", "3 of 20 images registered, 16 are needed"),
+    ]
+    assert list(rows[0]) == ["dataset", "object", "scene", "registration", "nvs", "measure", "value", "unit", "reason"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("results/a/b/c/d/2dgs/quality.csv", None, "does not exist"),
+        ("results/a/b/c/d/2dgs/quality.csv", "measure,value\n", "has no rows"),
+        ("elsewhere/quality.csv", "measure,value\nx,1\n", "not below"),
+        ("results/a/quality.csv", "measure,value\nx,1\n", "does not lie in a cell"),
+    ],
+)
+def test_bad_files_are_named(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.parent.mkdir(parents=True)
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(StepError, match=message) as error:
+        gather([path], tmp_path / "results")
+    assert str(path) in str(error.value)

@@ -1,0 +1,44 @@
+"""Report: the tidy tables of a dataset, one row a measurement, with the coordinates of its cell."""
+
+
+rule quality_table:
+    input:
+        cameras=table_cameras,
+        measurements=table_measurements,
+    output:
+        table="results/{dataset}/tables/quality.csv",
+    log:
+        "results/{dataset}/tables/logs/quality.log",
+    benchmark:
+        "results/{dataset}/tables/benchmarks/quality.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Gathering the quality of every cell of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method table --measurements {input.measurements} --out {output.table} > {log} 2>&1"
+
+
+rule camera_table:
+    input:
+        measurements=table_camera_errors,
+    output:
+        table="results/{dataset}/tables/cameras.csv",
+    log:
+        "results/{dataset}/tables/logs/cameras.log",
+    benchmark:
+        "results/{dataset}/tables/benchmarks/cameras.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Gathering the camera errors of every registration of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method table --measurements {input.measurements} --out {output.table} > {log} 2>&1"
