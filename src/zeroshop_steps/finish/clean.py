@@ -1,0 +1,184 @@
+"""Clean the raw surface: drop floaters, repair, smooth lightly, simplify.
+
+Floaters are parts that no camera sees, that lie outside the photos' masks, or that are small beside the largest part.
+The largest part always stays, whatever its size, so a small or coarse object never vanishes.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pymeshlab
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import write_json
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+
+RENDER_PX = 320  # longest side of the renders that tell which faces are seen
+MASK_MARGIN_PX = 3.0  # a mask's border is not known better
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--mesh", type=Path, required=True, help="raw mesh, registration frame")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--max-faces", type=int, default=50000)
+    parser.add_argument("--min-part", type=float, default=0.05, help="parts below this share of the largest part's area are floaters")
+    parser.add_argument("--smooth", type=int, default=5, help="Taubin smoothing steps (they do not shrink the surface); 0 for none")
+    parser.add_argument("--max-hole-edges", type=int, default=30, help="holes with at most this many edges are closed")
+    parser.add_argument("--out", type=Path, required=True, help="cleaned mesh; its figures go beside it as .json")
+
+
+def run(args: argparse.Namespace) -> None:
+    if args.max_faces < 100:
+        raise StepError(f"--max-faces is {args.max_faces}; at least 100 are needed for a surface")
+    if not 0.0 <= args.min_part <= 1.0:
+        raise StepError(f"--min-part is {args.min_part}; it is a share between 0 and 1")
+    start_s = time.monotonic()
+    raw = read_ply(args.mesh)
+    views, _ = read_views(args.cameras)
+    mesh, dropped = clean_mesh(raw, views, args.max_faces, args.min_part, args.smooth, args.max_hole_edges)
+    write_ply(args.out, mesh.with_normals())
+    write_json(
+        args.out.with_suffix(".json"),
+        {
+            "raw_faces": len(raw.faces),
+            "faces": len(mesh.faces),
+            "vertices": len(mesh.vertices),
+            "watertight": bool(mesh.as_trimesh().is_watertight),
+            "dropped_parts": dropped,
+            "parameters": {
+                "max_faces": args.max_faces,
+                "min_part": args.min_part,
+                "smooth": args.smooth,
+                "max_hole_edges": args.max_hole_edges,
+            },
+            "seconds": round(time.monotonic() - start_s, 2),
+        },
+    )
+    print(f"clean: {len(raw.faces)} -> {len(mesh.faces)} faces, dropped {dropped}", file=sys.stderr)
+
+
+def clean_mesh(
+    raw: Mesh, views: list[View], max_faces: int = 50000, min_part: float = 0.05, smooth: int = 5, max_hole_edges: int = 30
+) -> tuple[Mesh, dict[str, int]]:
+    """Clean `raw`; see the module's text.
+
+    Returns:
+        mesh: the cleaned mesh, oriented towards the cameras.
+        dropped: how many parts were dropped, by reason.
+    """
+    mesh = _welded(raw)
+    mesh = _trimmed_to_masks(mesh, views)
+    mesh, dropped = drop_floaters(mesh, views, min_part)
+    worker = pymeshlab.MeshSet(verbose=False)
+    worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
+    worker.meshing_repair_non_manifold_edges(method="Remove Faces")
+    worker.meshing_repair_non_manifold_vertices(vertdispratio=0.0)
+    if max_hole_edges > 0:
+        worker.meshing_close_holes(maxholesize=max_hole_edges, selfintersection=False)
+    if smooth > 0:
+        worker.apply_coord_taubin_smoothing(lambda_=0.5, mu=-0.53, stepsmoothnum=smooth)
+    if worker.current_mesh().face_number() > max_faces:
+        worker.meshing_decimation_quadric_edge_collapse(
+            targetfacenum=max_faces, preserveboundary=True, boundaryweight=2.0, preservenormal=True, planarquadric=True, autoclean=True
+        )
+    worker.meshing_remove_null_faces()
+    worker.meshing_remove_unreferenced_vertices()
+    result = worker.current_mesh()
+    mesh = Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
+    if len(mesh.faces) == 0:
+        raise StepError(
+            "nothing is left of the mesh after repair: the reconstruction holds no connected surface; add photos or check masks"
+        )
+    return _facing_cameras(mesh, views), dropped
+
+
+def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh, dict[str, int]]:
+    """Keep the largest part (by area) and those that are seen and hold at least `min_part` of its area."""
+    labels = part_labels(mesh)
+    areas = mesh.as_trimesh().area_faces
+    part_areas = np.bincount(labels, areas)
+    largest = int(part_areas.argmax())
+    small = part_areas < min_part * part_areas[largest]
+    unseen = np.ones(len(part_areas), bool)
+    if (~small).sum() > 1:
+        unseen[np.unique(labels[_seen_faces(mesh, views)])] = False
+    else:
+        unseen[:] = False
+    drop = small | unseen
+    drop[largest] = False
+    dropped = {"small": int((small & drop).sum()), "unseen": int((unseen & ~small & drop).sum())}
+    return _with_faces(mesh, mesh.faces[~drop[labels]]), dropped
+
+
+def part_labels(mesh: Mesh) -> np.ndarray:
+    """(F,) index of the connected part of each face; parts are joined by shared vertices."""
+    a, b, c = mesh.faces.T
+    size = len(mesh.vertices)
+    graph = coo_matrix((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), (size, size))
+    return np.unique(connected_components(graph, directed=False)[1][a], return_inverse=True)[1]
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    vertices, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = index.reshape(-1)[mesh.faces]
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    _, first = np.unique(np.sort(faces, 1), axis=0, return_index=True)
+    if len(first) == 0:
+        raise StepError("the mesh has no face with an area; reconstruct again")
+    return Mesh(vertices, faces[np.sort(first)])
+
+
+def _trimmed_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
+    """Drop faces with a corner outside the masks of at least two photos: the object lies inside all of them."""
+    import cv2
+
+    outside = np.zeros(len(mesh.vertices), int)
+    for view in views:
+        mask = view.mask()
+        if mask.all() or not mask.any():
+            continue
+        distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+        pixels, depth = view.camera.project(mesh.vertices)
+        x, y = np.floor(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64).T
+        inside_image = (depth > 0) & (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
+        outside[inside_image] += distance[y[inside_image], x[inside_image]] > MASK_MARGIN_PX
+    keep = (outside[mesh.faces] < 2).all(1)
+    if not keep.any():
+        raise StepError("the mesh lies outside the masks: mesh and cameras do not belong together, or the masks are of another object")
+    return _with_faces(mesh, mesh.faces[keep])
+
+
+def _seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
+    renderer = MeshRenderer(mesh)
+    seen = [hits.face[hits.mask] for hits in (renderer.hits(_small_camera(view)) for view in views)]
+    return np.unique(np.concatenate(seen))
+
+
+def _facing_cameras(mesh: Mesh, views: list[View]) -> Mesh:
+    """Turn all faces over when most of what the cameras see is the surface's back."""
+    renderer = MeshRenderer(mesh)
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    balance = 0
+    for view in views:
+        hits = renderer.hits(_small_camera(view))
+        face = hits.face[hits.mask]
+        balance += np.sign(np.einsum("ij,ij->i", normals[face], view.camera.centre_in_world - corners[face, 0])).sum()
+    return mesh if balance >= 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
+
+
+def _small_camera(view: View):
+    scale = min(1.0, RENDER_PX / max(view.camera.width_px, view.camera.height_px))
+    return view.camera.resized(max(1, round(view.camera.width_px * scale)), max(1, round(view.camera.height_px * scale)))
+
+
+def _with_faces(mesh: Mesh, faces: np.ndarray) -> Mesh:
+    used, index = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], index.reshape(faces.shape))

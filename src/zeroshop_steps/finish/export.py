@@ -1,0 +1,109 @@
+"""Write the product: a PLY in millimetres in the object frame with its PNG, a GLB in metres with y up, and a JSON about both."""
+
+import argparse
+import importlib.metadata
+import sys
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from PIL import Image
+
+from zeroshop_steps import __version__
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json, written_whole
+from zeroshop_steps.images import read_image, write_image
+from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+
+PACKAGES = ("numpy", "torch", "pycolmap", "open3d", "trimesh", "pymeshlab", "xatlas", "opencv-python-headless", "numba")
+FRAME_TEXT = "origin at the bounding-box centre, z up from the support surface, x towards the first camera, right-handed"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
+    parser.add_argument("--texture", type=Path, required=True)
+    parser.add_argument("--frame", type=Path, required=True, help="frame.json")
+    parser.add_argument("--stages", type=Path, nargs="*", default=[], help="JSONs of earlier stages, whose seconds and parameters are kept")
+    parser.add_argument("--quality", type=Path, help="quality.json")
+    parser.add_argument("--out", type=Path, required=True, help="mesh.ply; .png, .glb and .json go beside it")
+
+
+def run(args: argparse.Namespace) -> None:
+    frame = read_json(args.frame)
+    mesh = read_ply(args.mesh)
+    if mesh.uv is None:
+        raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
+    product = in_object_frame(mesh, np.array(frame["object_from_registration"]), read_image(args.texture))
+    stages = {_stage_name(path): read_json(path) for path in [*args.stages, args.frame]}
+    write_product(args.out, product, product_notes(product, frame, stages, args.quality))
+    print(f"export: {args.out} {notes_line(product, frame)}", file=sys.stderr)
+
+
+def in_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: np.ndarray) -> Mesh:
+    """The textured mesh moved by a (4, 4) similarity, with fresh normals."""
+    vertices = mesh.vertices @ object_from_registration[:3, :3].T + object_from_registration[:3, 3]
+    return Mesh(vertices, mesh.faces, None, mesh.uv, texture).with_normals()
+
+
+def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict], quality: Path | None) -> dict:
+    """The content of the product's JSON."""
+    seconds = {name: content["seconds"] for name, content in stages.items() if isinstance(content.get("seconds"), int | float)}
+    return {
+        "ply_unit": "millimetre" if frame["scale"] == "known" else "unknown",
+        "glb_unit": "metre" if frame["scale"] == "known" else "unknown",
+        "scale": frame["scale"],
+        "scale_source": frame["scale_source"],
+        "height_m": frame["height_m"],
+        "frame": FRAME_TEXT,
+        "frame_facts": {key: value for key, value in frame.items() if key != "seconds"},
+        "extents": [round(float(extent), 4) for extent in np.ptp(mesh.vertices, axis=0)],
+        "faces": len(mesh.faces),
+        "texture_px": mesh.texture.shape[0],
+        "seconds": seconds | {"total": round(sum(seconds.values()), 2)},
+        "parameters": {name: content["parameters"] for name, content in stages.items() if "parameters" in content},
+        "versions": {"zeroshop": __version__} | {name: _version(name) for name in PACKAGES},
+        "quality": read_json(quality) if quality else None,
+    }
+
+
+def notes_line(mesh: Mesh, frame: dict) -> str:
+    """One line for people: size and frame."""
+    size = " x ".join(f"{extent:.1f}" for extent in np.ptp(mesh.vertices, axis=0))
+    return f"{size} {'mm' if frame['scale'] == 'known' else '(scale unknown)'}, up from {frame['up_source']}"
+
+
+def write_product(path: Path, mesh: Mesh, notes: dict) -> None:
+    """Write `path` (PLY), and .png, .glb, .json beside it; the PLY comes last, so a whole PLY means a whole product."""
+    texture = path.with_suffix(".png")
+    write_image(texture, mesh.texture)
+    write_glb(path.with_suffix(".glb"), mesh, 0.001 if notes["scale"] == "known" else 1.0)
+    write_json(path.with_suffix(".json"), notes)
+    write_ply(path, mesh, texture.name)
+
+
+def write_glb(path: Path, mesh: Mesh, scale: float) -> None:
+    """Write binary glTF with y up: (x, y, z) becomes (x, z, -y) times `scale`. trimesh flips v to glTF's upper-left origin itself."""
+    y_up = scale * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(mesh.texture), metallicFactor=0.0, roughnessFactor=0.9, doubleSided=True
+    )
+    exported = trimesh.Trimesh(
+        mesh.vertices @ y_up.T,
+        mesh.faces,
+        vertex_normals=(mesh.normals @ y_up.T) / scale,
+        visual=trimesh.visual.TextureVisuals(uv=mesh.uv, material=material),
+        process=False,
+    )
+    with written_whole(path) as temporary:
+        temporary.write_bytes(exported.export(file_type="glb", include_normals=True))
+
+
+def _stage_name(path: Path) -> str:
+    return {"capture": "capture", "registration": "register", "training": "nvs"}.get(path.stem, path.stem)
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

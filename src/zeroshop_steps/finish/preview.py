@@ -1,0 +1,74 @@
+"""Draw a picture for people: input photos, the textured mesh from the same cameras, and its bare shape."""
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.images import write_image
+from zeroshop_steps.meshes import read_ply
+
+TILE_PX = 320
+MARGIN = 1.15
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--count", type=int, default=6, help="number of photos shown")
+    parser.add_argument("--out", type=Path, required=True)
+
+
+def run(args: argparse.Namespace) -> None:
+    if args.count < 1:
+        raise StepError(f"--count is {args.count}; at least one photo is needed")
+    mesh = read_ply(args.mesh)
+    views, _ = read_views(args.cameras)
+    object_from_registration = np.array(read_json(args.mesh.with_suffix(".json"))["frame_facts"]["object_from_registration"])
+    write_image(args.out, draw(MeshRenderer(mesh), views, object_from_registration, args.count))
+
+
+def draw(renderer: MeshRenderer, views: list[View], object_from_registration: np.ndarray, count: int) -> np.ndarray:
+    """Three rows of tiles (photo, textured mesh, shape), one column a photo, cropped to the object."""
+    chosen = [views[k] for k in np.unique(np.linspace(0, len(views) - 1, count).round().astype(int))]
+    columns = []
+    for view in chosen:
+        camera, left, top = cropped(seen_from(view.camera, object_from_registration), view.mask())
+        photo = np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
+        image = view.image()
+        x0, y0 = max(left, 0), max(top, 0)
+        x1, y1 = min(left + camera.width_px, image.shape[1]), min(top + camera.height_px, image.shape[0])
+        photo[y0 - top : y1 - top, x0 - left : x1 - left] = image[y0:y1, x0:x1]
+        tile = camera.resized(TILE_PX, TILE_PX)
+        interpolation = cv2.INTER_AREA if camera.width_px > TILE_PX else cv2.INTER_CUBIC
+        photo = cv2.resize(photo, (TILE_PX, TILE_PX), interpolation=interpolation)
+        columns.append(np.concatenate([photo, renderer.color(tile, (255, 255, 255), 3), renderer.shaded(tile, samples=3)], 0))
+    return np.concatenate(columns, 1)
+
+
+def seen_from(camera: Camera, target_from_world: np.ndarray) -> Camera:
+    """The camera that sees a model moved by the (4, 4) similarity `target_from_world` as `camera` sees it unmoved (depths scale)."""
+    linear = target_from_world[:3, :3]
+    rotation = camera.camera_from_world[:3, :3] @ (linear / np.cbrt(np.linalg.det(linear))).T
+    centre = linear @ camera.centre_in_world + target_from_world[:3, 3]
+    camera_from_target = np.eye(4)
+    camera_from_target[:3, :3], camera_from_target[:3, 3] = rotation, -rotation @ centre
+    return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, camera_from_target)
+
+
+def cropped(camera: Camera, mask: np.ndarray) -> tuple[Camera, int, int]:
+    """A square crop around the mask: its camera and its left and top pixel, which may lie outside the image."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if len(rows) == 0:
+        rows, columns = np.arange(mask.shape[0]), np.arange(mask.shape[1])
+    side = int(np.ceil(MARGIN * max(np.ptp(rows), np.ptp(columns)))) + 1
+    left, top = int(columns[0] + columns[-1] - side) // 2, int(rows[0] + rows[-1] - side) // 2
+    intrinsics = camera.intrinsics.copy()
+    intrinsics[:2, 2] -= (left, top)
+    return Camera(camera.name, side, side, intrinsics, camera.camera_from_world), left, top

@@ -1,0 +1,103 @@
+"""Ray-cast renders of a mesh: depth, mask, surface coordinates and unlit colour."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.o3d import o3d
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What the rays through the pixel centres meet first.
+
+    Attributes:
+        face: (height, width) int64 face index, -1 where nothing is hit.
+        barycentric: (height, width, 2) weights of the face's second and third corner.
+        depth: (height, width) float32 depth along the optical axis in the mesh's unit, 0 where nothing is hit.
+    """
+
+    face: np.ndarray
+    barycentric: np.ndarray
+    depth: np.ndarray
+
+    @property
+    def mask(self) -> np.ndarray:
+        """(height, width) bool, True where the mesh is hit."""
+        return self.face >= 0
+
+
+class MeshRenderer:
+    """Casts rays at one mesh; building it costs a moment, so keep it for all views."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.scene = o3d.t.geometry.RaycastingScene()
+        self.scene.add_triangles(
+            o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)), o3d.core.Tensor(np.ascontiguousarray(mesh.faces, np.uint32))
+        )
+
+    def hits(self, camera: Camera) -> Hits:
+        """Cast one ray through each pixel centre of `camera`."""
+        rotation, centre = camera.camera_from_world[:3, :3], camera.centre_in_world
+        x, y = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
+        pixels = np.stack([x, y, np.ones_like(x)], -1)
+        directions = pixels @ np.linalg.inv(camera.intrinsics).T @ rotation  # unit depth along the axis: t_hit is the depth
+        rays = np.concatenate([np.broadcast_to(centre, directions.shape), directions], -1).astype(np.float32)
+        answer = self.scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays)))
+        depth = answer["t_hit"].numpy()
+        hit = np.isfinite(depth)
+        face = np.where(hit, answer["primitive_ids"].numpy().astype(np.int64), -1)
+        return Hits(face, answer["primitive_uvs"].numpy(), np.where(hit, depth, 0.0).astype(np.float32))
+
+    def color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
+        """Unlit textured render as (height, width, 3) uint8 sRGB, antialiased over `samples` x `samples` rays a pixel."""
+        return self._antialiased(camera, self._texture_color, background, samples)
+
+    def shaded(self, camera: Camera, background: tuple[int, int, int] = (255, 255, 255), samples: int = 2) -> np.ndarray:
+        """Grey render lit from the camera, which shows the shape alone, as (height, width, 3) uint8."""
+        return self._antialiased(camera, self._shade, background, samples)
+
+    def _antialiased(self, camera: Camera, shade, background: tuple[int, int, int], samples: int) -> np.ndarray:
+        fine = camera.resized(camera.width_px * samples, camera.height_px * samples)
+        hits = self.hits(fine)
+        image = np.empty((fine.height_px, fine.width_px, 3), np.float32)
+        image[:] = background
+        image[hits.mask] = shade(fine, hits)
+        image = image.reshape(camera.height_px, samples, camera.width_px, samples, 3).mean((1, 3))
+        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    def _texture_color(self, camera: Camera, hits: Hits) -> np.ndarray:
+        if self.mesh.uv is None or self.mesh.texture is None:
+            return np.full((int(hits.mask.sum()), 3), 190.0)
+        return sample_texture(self.mesh.texture, self._interpolate(self.mesh.uv, hits))
+
+    def _shade(self, camera: Camera, hits: Hits) -> np.ndarray:
+        corners = self.mesh.vertices[self.mesh.faces[hits.face[hits.mask]]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        towards = camera.centre_in_world - corners.mean(1)
+        cosine = np.einsum("ij,ij->i", normals, towards)
+        cosine /= np.maximum(np.linalg.norm(normals, axis=1) * np.linalg.norm(towards, axis=1), 1e-30)
+        front = 40.0 + 190.0 * np.clip(cosine, 0.0, 1.0)
+        back_tint = np.where(cosine[:, None] < 0, [1.0, 0.4, 0.4], 1.0)  # a face seen from behind shows red
+        return np.where(cosine < 0, 60.0 - 120.0 * cosine, front)[:, None] * back_tint
+
+    def _interpolate(self, values: np.ndarray, hits: Hits) -> np.ndarray:
+        corners = values[self.mesh.faces[hits.face[hits.mask]]]
+        second, third = hits.barycentric[hits.mask].T[:, :, None]
+        return corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third
+
+
+def sample_texture(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Bilinear texture look-up: (N, 2) coordinates with the origin at the lower left to (N, C) float32; wraps at the border."""
+    height, width = texture.shape[:2]
+    x, y = (uv[:, 0] * width - 0.5).astype(np.float32), ((1.0 - uv[:, 1]) * height - 0.5).astype(np.float32)
+    rows = max(1, -(-len(x) // 16384))  # remap takes images of fewer than 32768 rows
+    padded = np.zeros((2, rows * 16384), np.float32)
+    padded[0, : len(x)], padded[1, : len(x)] = x, y
+    map_x, map_y = padded.reshape(2, rows, 16384)
+    sampled = cv2.remap(texture.astype(np.float32), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return sampled.reshape(rows * 16384, -1)[: len(x)]

@@ -1,0 +1,146 @@
+"""Bake the texture from the undistorted photos.
+
+Each spot of the surface takes its detail from the photo that sees it best (view angle, resolution, distance to
+occlusion edges), with short soft transitions, so print stays sharp. Its broad colour comes from all photos that see
+it, highlights weighed down, so no seam shows where the best photo changes. Spots that no photo sees are filled
+smoothly from their surroundings.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import write_json
+from zeroshop_steps.finish.atlas import fill_gutters, rasterize
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.surface_fields import harmonic_fill, neighbour_matrix, smoothed, welded
+from zeroshop_steps.finish.unwrap import check_texture_size
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.finish.visibility import ViewMaps, sample, vertex_quality, view_maps, visible
+from zeroshop_steps.images import write_image
+from zeroshop_steps.meshes import Mesh, read_ply
+
+SELECT_POWER = 12.0  # how sharply the best photo wins
+QUALITY_SMOOTHING = 6  # steps over the mesh: keeps regions of one photo large
+LEVEL_SMOOTHING = 12  # steps over the mesh: what is broader than this is averaged over photos
+HIGHLIGHT = 0.06  # colours this far (of 1) from what the other photos show weigh half
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with undistorted images and masks")
+    parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels")
+    parser.add_argument("--out", type=Path, required=True, help="texture PNG; its figures go beside it as .json")
+
+
+def run(args: argparse.Namespace) -> None:
+    check_texture_size(args.texture_size)
+    start_s = time.monotonic()
+    mesh = read_ply(args.mesh)
+    if mesh.uv is None:
+        raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
+    views, _ = read_views(args.cameras)
+    texture, figures = bake(mesh, views, args.texture_size)
+    write_image(args.out, texture)
+    figures |= {"parameters": {"texture_size": args.texture_size}, "seconds": round(time.monotonic() - start_s, 2)}
+    write_json(args.out.with_suffix(".json"), figures)
+    print(f"texture: {figures['seen_share']:.1%} of the surface seen, {figures['seconds']} s", file=sys.stderr)
+
+
+def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
+    """Bake a (size, size, 3) uint8 texture for an unwrapped `mesh` in the frame of the views' cameras; see the module's text."""
+    joined, index = welded(mesh)
+    extent = float(np.linalg.norm(np.ptp(joined.vertices, axis=0)))
+    renderer = MeshRenderer(joined)
+    neighbours = neighbour_matrix(joined)
+    normals = smoothed(joined.normals, neighbours, 2)
+    joined = Mesh(joined.vertices, joined.faces, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
+    maps = [view_maps(view, renderer, extent) for view in views]
+    images = [view.image().astype(np.float32) / 255.0 for view in views]
+    texels = rasterize(mesh, size)
+    if len(texels.face) == 0:
+        raise StepError("the unwrapped mesh covers no texel; unwrap it again, or choose a larger --texture-size")
+    corners = index[mesh.faces[texels.face]]
+
+    quality = vertex_quality(joined, maps, extent)
+    images, gains = _equalised(images, quality, joined, maps)
+    broad, corrections = _broad_colors(images, quality, joined, maps, neighbours)
+    choice = _choice(quality, neighbours)
+    color, weight = np.zeros((len(corners), 3), np.float32), np.zeros(len(corners), np.float32)
+    points = _interpolate(joined.vertices, corners, texels.barycentric)
+    for threshold, needed in ((0.02, None), (0.0, 0.05)):  # the second round is for texels that the chosen photos miss
+        pending = np.arange(len(corners)) if needed is None else np.flatnonzero(weight < needed)
+        source = choice if needed is None else quality
+        for k, view in enumerate(maps):
+            chosen = _interpolate(source[:, k : k + 1], corners[pending], texels.barycentric[pending])[:, 0]
+            use = pending[chosen > threshold]
+            pixels, depth = view.camera.project(points[use])
+            strength = chosen[chosen > threshold] * sample(view.trust, pixels) * visible(pixels, depth, view.depth, 0.004 * extent)
+            use, pixels, strength = use[strength > 0], pixels[strength > 0], strength[strength > 0]
+            level = _interpolate(corrections[:, k], corners[use], texels.barycentric[use])
+            color[use] += strength[:, None] * (sample(images[k], pixels) + level)
+            weight[use] += strength
+    filled = _interpolate(broad, corners, texels.barycentric)
+    color = (color + 1e-4 * filled) / (weight + 1e-4)[:, None]
+    texture = np.zeros((size, size, 3), np.uint8)
+    texture[texels.row, texels.column] = np.clip(np.rint(color * 255.0), 0, 255)
+    figures = {"texels": len(corners), "seen_share": round(float((weight > 0).mean()), 5), "gains": [round(float(g), 4) for g in gains]}
+    return fill_gutters(texture, texels), figures
+
+
+def _equalised(images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps]) -> tuple[list[np.ndarray], np.ndarray]:
+    """Undo exposure differences: each image's gain is the median ratio between what all photos and what it shows."""
+    colors = _vertex_colors(images, mesh, maps).mean(2)
+    gains = np.ones(len(images), np.float32)
+    for _ in range(5):
+        mean = (colors * gains * quality).sum(1) / np.maximum(quality.sum(1), 1e-12)
+        for k in range(len(images)):
+            good = (quality[:, k] > 0.05) & (colors[:, k] > 0.02) & ((quality > 0).sum(1) > 1)
+            if good.sum() >= 50:
+                gains[k] = np.clip(np.median(mean[good] / colors[good, k]), 0.5, 2.0)
+        gains /= np.exp(np.log(gains).mean())
+    return [image * gain for image, gain in zip(images, gains, strict=True)], gains
+
+
+def _broad_colors(
+    images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps], neighbours
+) -> tuple[np.ndarray, np.ndarray]:
+    """The colour that all photos agree on at each vertex, and what each photo lacks to it.
+
+    Returns:
+        broad: (V, 3) robust mean over photos, filled where no photo sees the vertex.
+        corrections: (V, K, 3) smooth difference of the mean and photo k's own colour.
+    """
+    colors = _vertex_colors(images, mesh, maps)
+    weights = quality.copy()
+    for _ in range(4):
+        mean = np.einsum("vk,vkc->vc", weights, colors) / np.maximum(weights.sum(1), 1e-12)[:, None]
+        distance = np.linalg.norm(colors - mean[:, None], axis=2)
+        weights = quality / (1.0 + (distance / HIGHLIGHT) ** 2)
+    broad = harmonic_fill(mean, quality.max(1) > 1e-3, neighbours)
+    corrections = np.empty_like(colors)
+    for k in range(len(maps)):
+        corrections[:, k] = smoothed(mean - colors[:, k], neighbours, LEVEL_SMOOTHING, np.minimum(quality[:, k], 0.05))
+    return broad, corrections
+
+
+def _vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:
+    blurred = (cv2.GaussianBlur(image, (0, 0), 1.5) for image in images)
+    return np.stack([sample(image, view.camera.project(mesh.vertices)[0]) for image, view in zip(blurred, maps, strict=True)], 1)
+
+
+def _choice(quality: np.ndarray, neighbours) -> np.ndarray:
+    """(V, K) share of each photo in a vertex's detail: a sharp but smooth vote for the best one."""
+    smooth = smoothed(quality, neighbours, QUALITY_SMOOTHING)
+    share = (smooth / np.maximum(smooth.max(1, keepdims=True), 1e-12)) ** SELECT_POWER
+    return share / np.maximum(share.sum(1, keepdims=True), 1e-12)
+
+
+def _interpolate(values: np.ndarray, corners: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """(N, C) values at barycentric positions of faces with (N, 3) vertex indices `corners`."""
+    return sum(values[corners[:, corner]] * barycentric[:, corner : corner + 1] for corner in range(3))
