@@ -4,6 +4,7 @@ import csv
 import json
 
 import pytest
+
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.report.table import gather, write_table
 

@@ -169,9 +169,14 @@ def table_cells(wildcards):
     return [dict(zip(AXES, (wildcards.dataset, *values))) for values in itertools.product(*axes)]
 
 
-def chosen_mesh(wildcards):
-    """The mesh of the chosen cell."""
-    return f"{chosen_cell(wildcards)}/mesh.ply"
+def chosen_product(wildcards):
+    """The finished files of the chosen cell."""
+    return [f"{chosen_cell(wildcards)}/mesh.{suffix}" for suffix in ("ply", "png", "glb", "json")]
+
+
+def quality_option(wildcards, input):
+    """The option that adds the quality to a product's JSON, where there is a truth to measure against."""
+    return step_options({"quality": " ".join(input.quality) or None})
 
 
 def chosen_preview(wildcards):

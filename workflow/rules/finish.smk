@@ -186,7 +186,7 @@ rule preview:
 
 rule publish:
     input:
-        cell=chosen_mesh,
+        product=chosen_product,
         preview=chosen_preview,
         quality=chosen_quality,
     output:
@@ -205,7 +205,10 @@ rule publish:
     resources:
         mem_mb=1000,
         runtime=5,
+    params:
+        cell=chosen_cell,
+        quality=quality_option,
     message:
         "Putting the chosen mesh of {wildcards.object} at {output.mesh}"
     shell:
-        "python -m zeroshop_steps.finish --method publish --mesh {input.cell} --preview {input.preview} --out {output.mesh} > {log} 2>&1"
+        "python -m zeroshop_steps.finish --method publish --cell {params.cell} {params.quality} --out {output.mesh} > {log} 2>&1"
