@@ -1,0 +1,132 @@
+"""The renderer as one differentiable PyTorch operation over the CPU kernels."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.nvs.twodgs import project, rasterize, tiles
+
+
+@dataclass(frozen=True)
+class RenderView:
+    """What the kernels need to know of a camera.
+
+    Attributes:
+        camera: (16,) float64: rotation (9) and translation (3) of camera_from_world, then fx, fy, cx, cy in pixels.
+        width_px, height_px: image size.
+        tile_active: (ceil(height / 16), ceil(width / 16)) bool, the tiles to draw.
+        near: depth before which a surfel is not drawn.
+        depth_map: (k1, k2), the distortion term's mapped depth is k1 - k2 / z.
+    """
+
+    camera: np.ndarray
+    width_px: int
+    height_px: int
+    tile_active: np.ndarray
+    near: float
+    depth_map: tuple[float, float]
+
+    @staticmethod
+    def of(camera: Camera, near: float, far: float, tile_active: np.ndarray | None = None) -> "RenderView":
+        """A view of a pinhole camera; all tiles are active when `tile_active` is None.
+
+        near, far: nearest drawn depth, and the depth of the scene's far end. The distortion term sees z mapped to
+            far (z - near) / (z (far - near)) as in the paper, less that of the middle, which changes no difference of
+            depths and keeps its sums of squares precise in single precision.
+        """
+        k = camera.intrinsics
+        numbers = [*camera.camera_from_world[:3, :3].ravel(), *camera.camera_from_world[:3, 3], k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+        if tile_active is None:
+            tile_active = np.ones((-(-camera.height_px // tiles.TILE_PX), -(-camera.width_px // tiles.TILE_PX)), bool)
+        stretch = near * far / (far - near)
+        middle = 2.0 * near * far / (near + far)
+        return RenderView(np.array(numbers), camera.width_px, camera.height_px, tile_active, near, (stretch / middle, stretch))
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """Images of height x width pixels; `color`, `depth` and `normal` are sums over the blending weights, not divided by `alpha`.
+
+    Attributes:
+        color: (3, H, W) RGB.
+        depth: (H, W) weighted depth.
+        normal: (3, H, W) weighted normal in the camera frame, facing the camera.
+        alpha: (H, W) accumulated opacity.
+        median_depth: (H, W) depth at which half of the light is stopped; 0 where nothing is hit.
+        distortion: (H, W) depth distortion (Huang et al. 2024, eq. 13, in mapped depth).
+        footprint: holds the (N,) boxes and, after `backward`, the screen-space gradients for densification.
+    """
+
+    color: torch.Tensor
+    depth: torch.Tensor
+    normal: torch.Tensor
+    alpha: torch.Tensor
+    median_depth: torch.Tensor
+    distortion: torch.Tensor
+    footprint: "Footprint"
+
+
+@dataclass
+class Footprint:
+    """By-products of a rendering: (N,) visible surfels and, once backward has run, (N,) length of the centre's gradient per pixel."""
+
+    visible: np.ndarray
+    centre_gradient: np.ndarray | None = None
+
+
+class _Splat(torch.autograd.Function):
+    @staticmethod
+    def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, footprint):
+        arrays = [tensor.detach().contiguous().numpy() for tensor in (positions, log_scales, quaternions, opacity_logits, sh)]
+        count = len(positions)
+        splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.zeros((count, 4), np.int32)
+        project.project_forward(*arrays, degree, view.camera, view.width_px, view.height_px, view.near, splats, boxes)
+        lists = tiles.list_tiles(splats, boxes, view.tile_active)
+        tiles_y, tiles_x = view.tile_active.shape
+        image = np.zeros((rasterize.OUT_PLANES, tiles_y * tiles.TILE_PX, tiles_x * tiles.TILE_PX), np.float32)
+        k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
+        workers = project.numba.get_num_threads()
+        rasterize.blend_forward(splats, boxes, lists.tiles, lists.starts, lists.splat_of, tiles_x, k1, k2, workers, image)
+        footprint.visible = np.diff(lists.slot_starts) > 0
+        context.kept = (arrays, degree, view, footprint, splats, boxes, lists, image)
+        return torch.from_numpy(image[: rasterize.GRAD_PLANES, : view.height_px, : view.width_px])
+
+    @staticmethod
+    def backward(context, gradient):
+        arrays, degree, view, footprint, splats, boxes, lists, image = context.kept
+        positions, log_scales, quaternions, opacity_logits, sh = arrays
+        padded = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
+        padded[:, : view.height_px, : view.width_px] = gradient.numpy()
+        k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
+        workers, tiles_x = project.numba.get_num_threads(), view.tile_active.shape[1]
+        by_splat = np.empty_like(splats)
+        rasterize.blend_backward(
+            splats, boxes, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.slot_starts,
+            tiles_x, k1, k2, workers, image, padded, by_splat,
+        )  # fmt: skip
+        outputs = [np.empty_like(array) for array in (positions, log_scales, quaternions, opacity_logits, sh)]
+        project.project_backward(positions, log_scales, quaternions, sh, degree, view.camera, splats, boxes, by_splat, *outputs)
+        footprint.centre_gradient = np.linalg.norm(by_splat[:, :2], axis=1)
+        return *(torch.from_numpy(output) for output in outputs), None, None, None
+
+
+def render(
+    positions: torch.Tensor, log_scales: torch.Tensor, quaternions: torch.Tensor, opacity_logits: torch.Tensor, sh: torch.Tensor,
+    degree: int, view: RenderView,
+) -> Rendering:  # fmt: skip
+    """Render surfels, differentiably.
+
+    Args:
+        positions: (N, 3) centres in the world.
+        log_scales: (N, 2) natural logarithm of the two standard deviations.
+        quaternions: (N, 4) rotation, w first, of any length; its columns are t_u, t_v and the normal.
+        opacity_logits: (N,).
+        sh: (N, 16, 3) spherical-harmonics coefficients; those above `degree` are unused.
+        degree: 0 to 3.
+        view: camera and tiles.
+    """
+    footprint = Footprint(np.zeros(len(positions), bool))
+    planes = _Splat.apply(positions, log_scales, quaternions, opacity_logits, sh, degree, view, footprint)
+    return Rendering(planes[0:3], planes[3], planes[4:7], planes[7], planes[8], planes[9], footprint)
