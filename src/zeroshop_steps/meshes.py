@@ -70,7 +70,7 @@ def read_ply(path: Path) -> Mesh:
         return np.stack([np.asarray(data[key], float).reshape(-1) for key in keys], 1) if set(keys) <= set(names) else None
 
     uv = columns("texture_u", "texture_v")
-    texture_name = _texture_file(path)
+    texture_name = texture_file_of(path)
     texture = read_image(path.parent / texture_name) if texture_name and uv is not None else None
     return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture)
 
@@ -98,7 +98,8 @@ def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
         temporary.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
 
 
-def _texture_file(path: Path) -> str | None:
+def texture_file_of(path: Path) -> str | None:
+    """The texture that a PLY's `TextureFile` comment names, or None."""
     with open(path, "rb") as file:
         for raw in file:
             line = raw.decode("ascii", "replace").strip()

@@ -1,0 +1,201 @@
+"""Check the user's own photos and masks and copy them into a capture folder; the originals are never changed.
+
+One mask a photo: its name with .png, 255 on the object, 0 elsewhere. All problems of all files are reported at once.
+"""
+
+import argparse
+import math
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import write_json, written_whole_dir
+from zeroshop_steps.images import list_images, read_image, read_mask, write_mask
+
+MIN_IMAGES = 8
+HEIGHT_RANGE_M = (0.005, 3.0)
+SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98
+THUMBNAIL_PX = (64, 48)
+ALIKE_LEVELS = 4.0
+MOST_LISTED = 12
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo that could be read, with its mask.
+
+    Attributes:
+        path, mask_path: the user's files.
+        size_px: (width, height).
+        mask: (height, width) bool.
+        thumbnail: small float32 grey picture, for comparing photos.
+    """
+
+    path: Path
+    mask_path: Path
+    size_px: tuple[int, int]
+    mask: np.ndarray
+    thumbnail: np.ndarray
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command line."""
+    parser.add_argument("--images", type=Path, required=True, help="folder of PNG or JPEG photos, all of one size")
+    parser.add_argument("--masks", type=Path, required=True, help="folder of masks, each named like its photo, but .png")
+    parser.add_argument("--height-m", type=float, help="height of the standing object in metres; unknown when left out")
+    parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help=f"fewest photos that are accepted (default {MIN_IMAGES})")
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Entry point of the command line."""
+    take_photos(args.images, args.masks, args.height_m, args.min_images, args.out)
+
+
+def take_photos(images: Path, masks: Path, height_m: float | None, min_images: int, out: Path) -> None:
+    """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
+
+    Refused besides unreadable, missing and mismatched files: fewer than `min_images` photos, or photos that differ from each
+    other, or photos that show the whole object (its mask keeps off the border). Photos beyond these that cut the object off
+    only raise a warning: what one cuts off, others show.
+
+    Raises:
+        StepError: with a line for every problem found.
+    """
+    problems = _height_problems(height_m)
+    paths = list_images(images)
+    if not Path(masks).is_dir():
+        raise StepError(f"mask folder {masks} does not exist; give one mask a photo, named like it but .png")
+    photos = []
+    for path in paths:
+        try:
+            photos.append(_read(path, Path(masks)))
+        except StepError as error:
+            problems.append(str(error))
+    problems += _size_problems(photos)
+    if len(paths) < min_images:
+        problems.append(f"{images} holds {len(paths)} image(s), at least {min_images} are needed: take more, all around the object")
+    warnings: list[str] = []
+    if not problems:
+        problems, warnings = _view_problems(photos, min_images)
+    if problems:
+        raise StepError(_report(problems))
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    with written_whole_dir(out) as folder:
+        (folder / "images").mkdir()
+        for index, photo in enumerate(photos):
+            suffix = ".png" if photo.path.suffix.lower() == ".png" else ".jpg"
+            shutil.copyfile(photo.path, folder / "images" / f"{index:06d}{suffix}")
+            write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
+        write_json(
+            folder / "capture.json",
+            {
+                "scene": "video",
+                "virtual": False,
+                "seed": None,
+                "width_px": photos[0].size_px[0],
+                "height_px": photos[0].size_px[1],
+                "images": len(photos),
+                "known_height_m": height_m,
+                "source_names": [photo.path.name for photo in photos],
+                "warnings": warnings,
+            },
+        )
+
+
+def _height_problems(height_m: float | None) -> list[str]:
+    low, high = HEIGHT_RANGE_M
+    if height_m is None or (math.isfinite(height_m) and low <= height_m <= high):
+        return []
+    hint = " (is it in centimetres or millimetres?)" if height_m > high else ""
+    return [f"height {height_m:g} m is out of range{hint}; give the height in metres, {low:g} to {high:g}, or none"]
+
+
+def _read(path: Path, masks: Path) -> Photo:
+    image = read_image(path)
+    height, width = image.shape[:2]
+    candidates = [masks / f"{path.stem}.png", masks / f"{path.name}.png"]
+    mask_path = next((candidate for candidate in candidates if candidate.is_file()), None)
+    if mask_path is None:
+        raise StepError(f"image {path} has no mask: {candidates[0]} does not exist; draw one, 255 on the object and 0 elsewhere")
+    mask = read_mask(mask_path)
+    if mask.shape != (height, width):
+        turned = " (the photo is stored turned: remove its EXIF rotation by exporting it again)" if mask.shape == (width, height) else ""
+        raise StepError(
+            f"mask {mask_path} is {mask.shape[1]} x {mask.shape[0]} px, its image {path.name} is {width} x {height} px;"
+            f" they must be equal{turned}"
+        )
+    share = float(mask.mean())
+    if share < SMALLEST_SHARE:
+        raise StepError(f"mask {mask_path} is {'empty' if share == 0 else 'almost empty'}: mark the object with 255, or take the photo out")
+    if share > LARGEST_SHARE:
+        raise StepError(f"mask {mask_path} is full: {share:.0%} of the image is marked. Mark only the object; it must fit into the photo.")
+    grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), THUMBNAIL_PX, interpolation=cv2.INTER_AREA).astype(np.float32)
+    return Photo(path, mask_path, (width, height), mask, grey)
+
+
+def _size_problems(photos: list[Photo]) -> list[str]:
+    sizes = [photo.size_px for photo in photos]
+    if len(set(sizes)) <= 1:
+        return []
+    usual = max(sorted(set(sizes)), key=sizes.count)
+    odd = [f"{photo.path.name} ({photo.size_px[0]} x {photo.size_px[1]})" for photo in photos if photo.size_px != usual]
+    return [f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_list(odd)}; take all with one camera, upright"]
+
+
+def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
+    """Problems and warnings that only the set of photos shows: copies of one view, and the object cut off."""
+    problems, warnings = [], []
+    distinct: list[Photo] = []
+    copies = []
+    for photo in photos:
+        twin = next((other for other in distinct if _alike(photo, other)), None)
+        if twin is None:
+            distinct.append(photo)
+        else:
+            copies.append(f"{photo.path.name} (like {twin.path.name})")
+    if len(distinct) < min_images:
+        problems.append(
+            f"images in {photos[0].path.parent} are alike: only {len(distinct)} of {len(photos)} differ, {min_images} are needed;"
+            f" move the camera around the object between photos. Alike: {_list(copies)}"
+        )
+    elif copies:
+        warnings.append(f"images that add nothing: {_list(copies)}")
+    cut = [photo.path.name for photo in photos if _touches_border(photo.mask)]
+    if len(photos) - len(cut) < min_images:
+        problems.append(
+            f"the object is cut off at the border in {len(cut)} of {len(photos)} images, {min_images} must show all of it;"
+            f" step back, or correct the masks: {_list(cut)}"
+        )
+    elif cut:
+        warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_list(cut)}")
+    return problems, warnings
+
+
+def _alike(one: Photo, other: Photo) -> bool:
+    """Whether two photos show the same view: 99 % of the pixels of their thumbnails differ by less than `ALIKE_LEVELS` of 255."""
+    return bool(np.percentile(np.abs(one.thumbnail - other.thumbnail), 99) < ALIKE_LEVELS)
+
+
+def _touches_border(mask: np.ndarray) -> bool:
+    """Whether a mask touches the image's border along more than half a per cent of its circumference, at least three pixels."""
+    touching = int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum())
+    return touching > max(3, 0.005 * 2 * sum(mask.shape))
+
+
+def _list(names: list[str]) -> str:
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(names[:MOST_LISTED]) + more
+
+
+def _report(problems: list[str]) -> str:
+    if len(problems) == 1:
+        return problems[0]
+    lines = problems[:MOST_LISTED] + ([f"... and {len(problems) - MOST_LISTED} more"] if len(problems) > MOST_LISTED else [])
+    return f"{len(problems)} problems with the photos:\n  " + "\n  ".join(lines)
