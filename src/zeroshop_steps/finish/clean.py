@@ -25,6 +25,7 @@ MASK_MARGIN_PX = 3.0  # a mask's border is not known better
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="raw mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
     parser.add_argument("--max-faces", type=int, default=50000)

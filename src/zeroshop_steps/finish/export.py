@@ -20,6 +20,7 @@ FRAME_TEXT = "origin at the bounding-box centre, z up from the support surface, 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
     parser.add_argument("--texture", type=Path, required=True)
     parser.add_argument("--frame", type=Path, required=True, help="frame.json")

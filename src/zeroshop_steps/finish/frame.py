@@ -23,6 +23,7 @@ TOP_SHARE = 2e-4  # share of the surface's area that may stick out above the mea
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images, masks and sparse points")
     parser.add_argument("--capture", type=Path, required=True, help="capture folder; its capture.json holds the known height")

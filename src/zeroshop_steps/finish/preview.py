@@ -19,6 +19,7 @@ MARGIN = 1.15
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
     parser.add_argument("--count", type=int, default=6, help="number of photos shown")

@@ -10,32 +10,37 @@ from zeroshop_steps.meshes import read_ply, write_ply
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--cell", type=Path, required=True, help="folder of the chosen cell, with mesh.ply, .png, .glb and .json")
-    parser.add_argument("--quality", type=Path, help="quality.json of the cell")
+    """The method's command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="mesh.ply of the chosen cell, with .png, .glb and .json beside it")
+    parser.add_argument("--preview", type=Path, help="the cell's preview picture")
+    parser.add_argument("--quality", type=Path, help="the cell's quality.json; its figures go into the product's JSON")
     parser.add_argument(
         "--out", type=Path, required=True, help="e.g. results/demo/mug/2dgs.ply; .png, .glb, .json and .preview.png go beside it"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    publish(args.cell, args.out, args.quality)
+    """Publish one product."""
+    publish(args.mesh, args.out, args.preview, args.quality)
 
 
-def publish(cell: Path, out: Path, quality: Path | None) -> None:
-    """Write `out` and its companions from `cell`; the PLY comes last, so a whole PLY means a whole product."""
-    for name in ("mesh.ply", "mesh.png", "mesh.glb", "mesh.json"):
-        if not (cell / name).is_file():
-            raise StepError(f"{cell / name} does not exist; run `finish --method export` for this cell first")
-    mesh = read_ply(cell / "mesh.ply")
-    notes = read_json(cell / "mesh.json")
+def publish(mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None) -> None:
+    """Write `out` and its companions; the PLY comes last, so a whole PLY means a whole product.
+
+    Raises:
+        StepError: a part of the cell's product is missing.
+    """
+    parts = {suffix: mesh_path.with_suffix(suffix) for suffix in (".png", ".glb", ".json")}
+    for part in [*parts.values(), *([preview] if preview else [])]:
+        if not part.is_file():
+            raise StepError(f"{part} does not exist; run `finish --method export` (and preview) for this cell first")
+    mesh, notes = read_ply(mesh_path), read_json(parts[".json"])
     if quality:
         notes["quality"] = read_json(quality)
-    texture = out.with_suffix(".png")
-    pairs = [(cell / "mesh.png", texture), (cell / "mesh.glb", out.with_suffix(".glb"))]
-    if (cell / "mesh_preview.png").is_file():
-        pairs.append((cell / "mesh_preview.png", out.with_suffix(".preview.png")))
+    pairs = [(parts[".png"], out.with_suffix(".png")), (parts[".glb"], out.with_suffix(".glb"))]
+    pairs += [(preview, out.with_suffix(".preview.png"))] if preview else []
     for source, target in pairs:
         with written_whole(target) as temporary:
             shutil.copyfile(source, temporary)
     write_json(out.with_suffix(".json"), notes)
-    write_ply(out, mesh, texture.name)
+    write_ply(out, mesh, out.with_suffix(".png").name)

@@ -32,6 +32,7 @@ HIGHLIGHT = 0.06  # colours this far (of 1) from what the other photos show weig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with undistorted images and masks")
     parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels")

@@ -16,6 +16,7 @@ PADDING_TEXELS = 6
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True)
     parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels")
     parser.add_argument("--out", type=Path, required=True, help="mesh with texture_u and texture_v; its figures go beside it as .json")

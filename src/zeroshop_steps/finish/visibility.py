@@ -62,7 +62,7 @@ def vertex_quality(mesh: Mesh, maps: list[ViewMaps], extent: float) -> np.ndarra
 
 
 def visible(pixels: np.ndarray, depth: np.ndarray, depth_map: np.ndarray, tolerance: float) -> np.ndarray:
-    """(N,) bool: points at (N, 2) `pixels` and `depth` are not behind the mesh by more than `tolerance` at any neighbouring pixel centre."""
+    """(N,) bool: points at (N, 2) `pixels` and `depth` are at no neighbouring pixel behind the mesh by more than `tolerance`."""
     height, width = depth_map.shape
     x, y = np.floor(np.nan_to_num(pixels, nan=-9.0, posinf=-9.0, neginf=-9.0) - 0.5).astype(np.int64).T
     inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < width - 1) & (y < height - 1)

@@ -1,0 +1,143 @@
+"""Measure the finished mesh of a virtual capture against the truth.
+
+The mesh is brought to the true frame by the cameras (similarity of registered to true camera centres), never by ICP,
+which would hide a bad pose. Accuracy: mean distance of the mesh to the true surface. Completeness: mean distance of
+the true surface that at least two cameras see to the mesh. F-score: both at a threshold. PSNR: over the bounding box
+of the mask in photos that were held out, background black on both sides, the mesh unlit. The scale error compares the
+known height's scale with the cameras'; the other figures are free of it, for they are aligned with scale.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.cameras import Camera, read_sparse_model, similarity_between
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json, written_whole
+from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.surface_error import surface_error
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.meshes import Mesh, read_ply
+
+F_SCORE_MM = 2.0
+F_SCORE_DIAMETER = 0.01
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
+    parser.add_argument("--capture", type=Path, required=True, help="virtual capture with truth/ and held_out/")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras")
+    parser.add_argument("--model", type=Path, required=True, help="true model.ply; model_info.json beside it gives the diameter")
+    parser.add_argument("--out", type=Path, required=True, help="quality.json; a tidy CSV goes beside it")
+
+
+def run(args: argparse.Namespace) -> None:
+    start_s = time.monotonic()
+    facts = read_json(args.mesh.with_suffix(".json"))["frame_facts"]
+    capture = read_json(args.capture / "capture.json")
+    true_cameras = read_sparse_model(args.capture / "truth").cameras
+    held_out, _ = read_views(args.capture / "held_out", sparse="truth")
+    registered = read_sparse_model(args.cameras / "sparse").cameras
+    truth, info = read_ply(args.model), read_json(args.model.with_name("model_info.json"))
+    support_z_mm = float(truth.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None
+    figures = grade(
+        read_ply(args.mesh),
+        np.array(facts["object_from_registration"]),
+        registered,
+        true_cameras,
+        held_out,
+        truth,
+        info["diameter"],
+        support_z_mm,
+    )
+    figures["scale_known"] = facts["scale"] == "known"
+    if not figures["scale_known"]:
+        figures["scale_error_percent"] = None
+    figures["seconds"] = round(time.monotonic() - start_s, 2)
+    write_json(args.out, figures)
+    with written_whole(args.out.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["measure", "value"])
+        writer.writerows([key, value] for key, value in figures.items() if isinstance(value, int | float) and not isinstance(value, bool))
+    print(
+        f"quality: accuracy {figures['accuracy_mm']} mm, completeness {figures['completeness_mm']} mm, "
+        f"F at 1 % {figures['f_score_1_percent']}, PSNR {figures['psnr_db']} dB",
+        file=sys.stderr,
+    )
+
+
+def grade(
+    mesh: Mesh,
+    object_from_registration: np.ndarray,
+    registered: tuple[Camera, ...],
+    true_cameras: tuple[Camera, ...],
+    held_out: list[View],
+    truth: Mesh,
+    diameter_mm: float,
+    support_z_mm: float | None,
+) -> dict:
+    """All figures of one mesh in the object frame; see the module's text.
+
+    Args:
+        mesh: the textured product, object frame.
+        object_from_registration: (4, 4) similarity.
+        registered, true_cameras: matched by file stem.
+        held_out: photos that the reconstruction never saw, with true cameras.
+        truth: the true surface, true frame, mm.
+        diameter_mm: the object's diameter.
+        support_z_mm: height of the support plane, None without one.
+    """
+    truth_from_registration = _truth_from_registration(registered, true_cameras)
+    truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
+    aligned = Mesh(mesh.vertices @ truth_from_object[:3, :3].T + truth_from_object[:3, 3], mesh.faces)
+    error = surface_error(aligned, truth, list(true_cameras), support_z_mm)
+    up_in_truth = truth_from_object[:3, 2] / np.linalg.norm(truth_from_object[:3, 2])
+    rotation_scale = np.cbrt(np.linalg.det(truth_from_object[:3, :3]))
+    figures = {
+        "accuracy_mm": error.to_truth_mm.mean(),
+        "accuracy_median_mm": np.median(error.to_truth_mm),
+        "completeness_mm": error.to_mesh_mm.mean(),
+        "completeness_median_mm": np.median(error.to_mesh_mm),
+        "f_score_2_mm": error.f_score(F_SCORE_MM),
+        "f_score_1_percent": error.f_score(F_SCORE_DIAMETER * diameter_mm),
+        "precision_1_percent": (error.to_truth_mm < F_SCORE_DIAMETER * diameter_mm).mean(),
+        "recall_1_percent": (error.to_mesh_mm < F_SCORE_DIAMETER * diameter_mm).mean(),
+        "normal_error_deg": error.normal_deg.mean(),
+        "seen_share": error.seen_share,
+        "scale_error_percent": (1.0 / rotation_scale - 1.0) * 100.0,
+        "up_error_deg": np.degrees(np.arccos(np.clip(up_in_truth[2], -1.0, 1.0))),
+        "faces": len(mesh.faces),
+    }
+    figures |= _appearance(mesh, np.linalg.inv(truth_from_object), held_out)
+    return {key: round(float(value), 5) if not isinstance(value, int | list) else value for key, value in figures.items()}
+
+
+def _truth_from_registration(registered: tuple[Camera, ...], true_cameras: tuple[Camera, ...]) -> np.ndarray:
+    true_centres = {Path(camera.name).stem: camera.centre_in_world for camera in true_cameras}
+    pairs = [(camera.centre_in_world, true_centres[stem]) for camera in registered if (stem := Path(camera.name).stem) in true_centres]
+    if len(pairs) < 3:
+        raise StepError(f"only {len(pairs)} registered cameras have a true one of the same name; three are needed to align the mesh")
+    source, target = (np.array(centres) for centres in zip(*pairs, strict=True))
+    return similarity_between(source, target)
+
+
+def _appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View]) -> dict:
+    """PSNR inside the mask's bounding box and intersection over union of the silhouettes, each a mean over the held-out views."""
+    renderer = MeshRenderer(mesh)
+    psnr, iou = [], []
+    for view in held_out:
+        mask, camera = view.mask(), seen_from(view.camera, object_from_truth)
+        rendered = renderer.color(camera, (0, 0, 0), 3).astype(float)
+        photo = np.where(mask[..., None], view.image(), 0).astype(float)
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        psnr.append(10.0 * np.log10(255.0**2 / max(np.mean((rendered[box] - photo[box]) ** 2), 1e-9)))
+        silhouette = renderer.hits(camera).mask
+        iou.append((silhouette & mask).sum() / max((silhouette | mask).sum(), 1))
+    return {"psnr_db": np.mean(psnr), "silhouette_iou": np.mean(iou), "psnr_db_views": [round(value, 3) for value in psnr]}
