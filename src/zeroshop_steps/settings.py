@@ -5,6 +5,7 @@ Schemas say what is allowed; this module turns their verdicts into errors that n
 
 import csv
 import difflib
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -91,11 +92,12 @@ def _check_columns(table: Path, columns: list[str], known: Mapping[str, Any]) ->
 
 
 def _number(text: str) -> float | str:
-    """A number where the text is one; the text itself otherwise, for the schema to refuse."""
+    """A number where the text is a finite one; the text itself otherwise, for the schema to refuse."""
     try:
-        return float(text)
+        number = float(text)
     except ValueError:
         return text
+    return number if math.isfinite(number) else text
 
 
 def _read_yaml(path: Path) -> Any:

@@ -21,8 +21,8 @@ AXES = ["dataset", "object", "scene", "registration", "nvs"]
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
-# Snakemake sets OMP_NUM_THREADS and its kin from a rule's threads; Numba reads a name of its own.
-shell.prefix('export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" PYTHONHASHSEED=0; ')
+# Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
+shell.prefix('export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; ')
 
 try:
     check_config(config, ROOT / "workflow/schemas/config.schema.yaml")

@@ -1,0 +1,69 @@
+"""The table of own captures: what is accepted, and that every fault names its line."""
+
+import pytest
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.settings import name_error, read_objects
+
+HEADER = "dataset\tobject\timages\tmasks\theight_m"
+SCHEMA = "workflow/schemas/objects.schema.yaml"
+
+
+@pytest.fixture
+def read(tmp_path, pytestconfig):
+    """Read a table with the given text."""
+
+    def read_text(text):
+        (tmp_path / "objects.tsv").write_text(text)
+        return read_objects(tmp_path / "objects.tsv", pytestconfig.rootpath / SCHEMA)
+
+    return read_text
+
+
+def test_rows_by_dataset_and_object(read):
+    rows = read(
+        f"# my captures\n{HEADER}\n\nphotos\tcup\tcup/images\tcup/masks\t0.095\nphotos\tbox\tbox/images\tbox/masks\nown\tcup\ta b\tc\t\n"
+    )
+    assert list(rows) == [("photos", "cup"), ("photos", "box"), ("own", "cup")]
+    assert rows["photos", "cup"]["height_m"] == 0.095
+    assert rows["photos", "box"]["height_m"] is None
+    assert rows["own", "cup"]["images"] == "a b"
+
+
+def test_a_header_alone_is_an_empty_table(read):
+    assert read(HEADER + "\n") == {}
+
+
+def test_windows_line_ends_and_byte_order_mark(read):
+    assert list(read("\ufeff" + HEADER + "\r\nphotos\tcup\ta\tb\t0.1\r\n")) == [("photos", "cup")]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("dataset\tobject\timages\theight_m\nphotos\tcup\ta\t0.1\n", "lacks the column masks"),
+        (HEADER + "\tcolour\n", "unknown column: colour"),
+        (HEADER + "\timages\n", "the column images is there twice"),
+        (HEADER.replace("\t", "  ") + "\n", "lacks the column dataset, object"),
+        (f"{HEADER}\nphotos\tcup\ta\tb\t-0.1\n", "line 2: height_m: -0.1 is less than"),
+        (f"{HEADER}\nphotos\tcup\ta\tb\t120\n", "line 2: height_m: 120.0 is greater than the maximum of 10"),
+        (f"{HEADER}\nphotos\tcup\ta\tb\tnan\n", "line 2: height_m"),
+        (f"{HEADER}\nphotos\tcup\ta\tb\ttall\n", "line 2: height_m: 'tall' is not of type"),
+        (f"{HEADER}\nphotos\tmy cup\ta\tb\t0.1\n", "line 2: object: 'my cup' does not match"),
+        (f"{HEADER}\nphotos\t../cup\ta\tb\t0.1\n", "line 2: object: '../cup' does not match"),
+        (f"{HEADER}\nphotos\tcup\t\tb\t0.1\n", "line 2: images"),
+        (f"{HEADER}\nphotos\tcup\ta\tb\t0.1\textra\n", "line 2: 6 cells, but the header names 5"),
+        (f"{HEADER}\nphotos\tcup\ta\tb\t0.1\n\nphotos\tcup\tc\td\t0.2\n", "line 4: photos cup is there twice"),
+    ],
+)
+def test_faults_name_table_and_line(read, text, message):
+    with pytest.raises(StepError) as error:
+        read(text)
+    assert message in str(error.value)
+    assert "objects.tsv" in str(error.value)
+
+
+def test_an_unknown_name_shows_near_matches():
+    assert name_error("scene", "su-h", ["su_l", "su_h"]) == "unknown scene: su-h. Did you mean su_h? Known: su_l, su_h."
+    assert name_error("scene", "zzz", []) == "unknown scene: zzz. Known: none."

@@ -1,0 +1,38 @@
+"""Running the workflow as a user does, in a folder of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SNAKEFILE = REPOSITORY / "workflow" / "Snakefile"
+
+
+def run_snakemake(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Call Snakemake in `folder`; stdout and stderr come back together in `stdout`.
+
+    The folder of this Python is taken off PATH: the workflow has to find its Python alone.
+    """
+    here = str(Path(sys.executable).parent)
+    path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if part != here)
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(SNAKEFILE), "--directory", str(folder), "--cores", "2", *arguments]
+    environment = {**os.environ, "PATH": path, "XDG_CACHE_HOME": str(folder / ".cache")}
+    return subprocess.run(
+        command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=900
+    )
+
+
+def planned(output: str) -> dict[str, int]:
+    """The table of jobs in a dry run's output: count by rule, without the total."""
+    lines = output.splitlines()
+    starts = [number for number, line in enumerate(lines) if line.startswith("Job stats:")]
+    if not starts:
+        return {}
+    jobs: dict[str, int] = {}
+    for line in lines[starts[-1] + 3 :]:
+        words = line.split()
+        if len(words) != 2 or words[0] == "total":
+            break
+        jobs[words[0]] = int(words[1])
+    return jobs

@@ -1,0 +1,109 @@
+"""What `snakemake -n` plans for the targets that a user asks for, and how it refuses what does not exist."""
+
+import re
+
+import pytest
+from running import REPOSITORY, planned
+
+CELL = ["train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture", "export", "preview", "publish"]
+
+
+def photo_table(folder, images, masks, height=""):
+    """A table with one capture; returns the options that make the workflow read it."""
+    table = folder / "objects.tsv"
+    table.write_text(f"dataset\tobject\timages\tmasks\theight_m\nphotos\tcup\t{images}\t{masks}\t{height}\n")
+    return "--config", f"objects_table={table}"
+
+
+def test_the_default_target_is_the_demo_object(snakemake):
+    run = snakemake("-n")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["demo_model", "capture_virtual", "register", "quality", *CELL, "all"], 1)
+    assert "Rendering the views of mustard_bottle in scene su_h" in run.stdout
+
+
+def test_a_bop_object(snakemake):
+    run = snakemake("-n", "results/ycbv/obj_000005/2dgs.ply")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["bop_model", "capture_virtual", "register", "quality", *CELL], 1)
+
+
+def test_models_from_a_local_folder(snakemake, tmp_path):
+    models = tmp_path / "my models"
+    run = snakemake("-n", "results/ycbv/obj_000005/model", "--config", f"datasets={{ycbv: {{models_folder: {models}}}}}")
+    assert run.returncode == 0, run.stdout
+    assert re.search(r"--models '?(\S*/)?my models'? ", run.stdout), run.stdout
+
+
+def test_photos(snakemake, tmp_path):
+    for name in ("images", "masks"):
+        (tmp_path / "my cup" / name).mkdir(parents=True)
+        (tmp_path / "my cup" / name / "a.png").touch()
+    table = photo_table(tmp_path, tmp_path / "my cup/images", tmp_path / "my cup/masks", "0.12")
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *table)
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "register", *CELL], 1)
+    assert "--images 'my cup/images' --masks 'my cup/masks' --height-m 0.12" in run.stdout
+
+
+def test_every_cell_of_the_matrix_has_a_path(snakemake):
+    run = snakemake("-n", "results/demo/mustard_bottle/se/truth/2dgs/mesh.ply", "results/demo/mustard_bottle/su_l/colmap/2dgs/quality.csv")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout)["register"] == 2
+    assert planned(run.stdout)["demo_model"] == 1
+
+
+def test_tables_cover_every_object(snakemake):
+    run = snakemake("-n", "results/ycbv/tables/cameras.csv", "--config", "tables={scenes: [su_h, su_l, se]}")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout)["camera_error"] == 63
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("results/demo/mustad_bottle/2dgs.ply", "unknown object of dataset demo: mustad_bottle. Did you mean mustard_bottle"),
+        ("results/demoo/mustard_bottle/2dgs.ply", "unknown dataset: demoo. Did you mean demo? Known: demo, ycbv, photos"),
+        ("results/demo/mustard_bottle/3dgs.ply", "unknown nvs method: 3dgs. Did you mean 2dgs? Known: 2dgs"),
+        ("results/demo/mustard_bottle/su_x/colmap/2dgs/mesh.ply", "unknown scene of a virtual dataset: su_x."),
+        ("results/demo/mustard_bottle/su_h/colmp/2dgs/mesh.ply", "unknown registration of a virtual dataset: colmp. Did you mean colmap"),
+        ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),
+        ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video"),
+        ("results/photos/cup/2dgs.ply", "the folder of its images, photos/of/nothing, does not exist"),
+        ("results/photos/tables/quality.csv", "unknown virtual dataset: photos"),
+    ],
+)
+def test_an_unknown_name_in_a_target_lists_what_exists(snakemake, tmp_path, target, message):
+    run = snakemake("-n", target, *photo_table(tmp_path, "photos/of/nothing", "masks/of/nothing"))
+    assert run.returncode != 0
+    assert message in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ("finish={texture_size: 512}", "unknown key in finish: texture_size. Did you mean texture_size_px?"),
+        ("sed=1", "unknown key: sed. Did you mean seed?"),
+        ("seed=-1", "seed: -1 is less than the minimum of 0"),
+        ("finish={texture_size_px: big}", "finish.texture_size_px: 'big' is not of type 'integer'"),
+        ("chosen={virtual: {scene: su_x}}", "chosen.virtual.scene: 'su_x' is not one of ['su_l', 'su_h', 'se']"),
+        ("datasets={mine: {kind: bob}}", "datasets.mine.kind: 'bob' is not one of"),
+        ("datasets={mine: {kind: bop}}", "datasets.mine: 'models_folder' is a required property"),
+        ("objects_table=no/such.tsv", "such.tsv does not exist"),
+    ],
+)
+def test_a_bad_config_names_the_key(snakemake, config, message):
+    run = snakemake("-n", "--config", config)
+    assert run.returncode != 0
+    assert message in run.stdout
+
+
+def test_nothing_is_written_outside_results():
+    """Every output, log and benchmark lies under results/ (downloads go to resources/)."""
+    paths = [
+        path
+        for file in (REPOSITORY / "workflow" / "rules").glob("*.smk")
+        for path in re.findall(r'^ +(?:\w+=)?(?:directory\()?"([^" [][^" ]*/[^" ]+)"\)?,?$', file.read_text(), flags=re.MULTILINE)
+    ]
+    assert len(paths) > 50
+    assert [path for path in paths if not path.startswith(("results/", "../envs/"))] == []

@@ -1,0 +1,75 @@
+"""Every rule has what a user and a cluster need, and the lists that must agree do."""
+
+import re
+
+import pytest
+import yaml
+from running import REPOSITORY
+
+from zeroshop_steps.capture.demo_objects import demo_object_names
+
+RULES = {
+    name: body
+    for file in sorted((REPOSITORY / "workflow" / "rules").glob("*.smk"))
+    for name, body in re.findall(r"^(?:rule|checkpoint) (\w+):\n(.*?)(?=^(?:rule|checkpoint) |\Z)", file.read_text(), flags=re.M | re.S)
+}
+
+
+def locked() -> dict[str, str]:
+    """The versions in requirements.lock by package, in lower case with dashes."""
+    lines = (REPOSITORY / "requirements.lock").read_text().splitlines()
+    pairs = (line.split("==") for line in lines if line and not line.startswith("#"))
+    return {re.sub("[_.]", "-", name).lower(): version for name, version in pairs}
+
+
+@pytest.mark.parametrize("name", sorted(RULES))
+def test_a_rule_has_all_its_parts(name):
+    parts = re.findall(r"^    (\w+):", RULES[name], flags=re.MULTILINE)
+    assert {"output", "log", "benchmark", "threads", "resources", "message", "shell"} <= set(parts)
+    assert "mem_mb=" in RULES[name] and "runtime=" in RULES[name]
+    assert "python -m zeroshop_steps." in RULES[name] and "> {log} 2>&1" in RULES[name]
+
+
+@pytest.mark.parametrize("name", ["capture_virtual", "register", "train_2dgs"])
+def test_a_long_step_is_told_its_threads(name):
+    assert "--threads {threads}" in RULES[name]
+
+
+def test_there_are_rules():
+    assert {"demo_model", "bop_model", "capture_photos", "register", "train_2dgs", "texture", "publish"} <= set(RULES)
+
+
+def test_the_config_lists_every_demo_object():
+    config = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
+    assert config["datasets"]["demo"]["objects"] == demo_object_names()
+
+
+def test_every_config_key_has_a_comment_and_stands_in_the_manual():
+    lines = (REPOSITORY / "config" / "config.yaml").read_text().splitlines()
+    manual = (REPOSITORY / "config" / "README.md").read_text()
+    for number, line in enumerate(lines):
+        key = re.match(r"( *)([a-z0-9_]+):(.*)", line)
+        if key is None:
+            continue
+        indent, name, value = key.groups()
+        assert f"`{name}`" in manual, f"config/README.md does not explain {name}"
+        before = lines[number - 1].strip()
+        is_first_of_its_parent = before.endswith(":") and not before.startswith("#")
+        is_row_of_a_commented_group = bool(value.strip()) and re.match(rf"{indent}[a-z0-9_]+:", lines[number - 1])
+        assert before.startswith("#") or is_first_of_its_parent or is_row_of_a_commented_group, f"config.yaml: {name} has no comment"
+
+
+def test_the_lock_pins_every_dependency_and_names_no_place():
+    text = (REPOSITORY / "requirements.lock").read_text()
+    assert not re.search(r"://| @ |--hash|--index|/", text)
+    project = (REPOSITORY / "pyproject.toml").read_text()
+    declared = re.findall(r'^    "([a-z0-9-]+)"', project, flags=re.M) + re.findall(
+        r'"([a-z-]+)"', re.search(r"^test = (.*)$", project, flags=re.M)[1]
+    )
+    assert set(declared) <= set(locked()), "lock the new dependency: pip freeze in a clean environment"
+
+
+def test_the_conda_environment_has_the_locked_versions():
+    environment = yaml.safe_load((REPOSITORY / "workflow" / "envs" / "zeroshop.yaml").read_text())
+    pins = dict(pin.split("==") for pin in environment["dependencies"][-1]["pip"])
+    assert pins.items() <= locked().items()
