@@ -9,7 +9,7 @@ from zeroshop_steps.cameras import Camera
 from zeroshop_steps.capture import lighting, shading
 from zeroshop_steps.capture.rings import Subject
 from zeroshop_steps.capture.scenes import Part
-from zeroshop_steps.capture.textures import LINEAR_OF_BYTE, linear_to_srgb
+from zeroshop_steps.capture.textures import LINEAR_OF_BYTE, encode
 from zeroshop_steps.o3d import o3d
 
 EDGE_SAMPLES_A_SIDE = 4
@@ -37,22 +37,21 @@ class Renderer:
     """Renders a scene of an object (`parts[0]`) and perhaps a surface (`parts[1]`); the light is baked once, here."""
 
     def __init__(self, parts: list[Part], subject: Subject, seed: int) -> None:
-        self.parts = parts
         self.scene = o3d.t.geometry.RaycastingScene()
         for part in parts:
             self.scene.add_triangles(o3d.core.Tensor(part.vertices), o3d.core.Tensor(part.faces))
-        self.lights = lighting.place_lights(subject)
-        self.light = lighting.bake(self.scene, parts, subject, self.lights, seed)
-        surface = parts[-1]
-        first = parts[0]
-        self._fixed = (
-            first.vertices[first.faces], first.corner_normals, first.corner_uv,
-            first.pyramid.texels, first.pyramid.levels, first.pyramid.wrap,
-            surface.vertices[surface.faces], surface.corner_normals, surface.corner_uv, surface.pyramid.texels, surface.pyramid.levels,
-            LINEAR_OF_BYTE, self.light.object_first, self.light.object_steps, self.light.object_light,
-            self.light.surface_light, self.light.surface_origin_mm, self.light.surface_side_mm,
-            self.lights.centres, self.lights.axes, self.lights.half_side_mm, self.lights.radiances, self.lights.sky,
-            BACKGROUND if len(parts) > 1 else 0.0,
+        lights = lighting.place_lights(subject)
+        light = lighting.bake(self.scene, parts, subject, lights, seed)
+        self._arrays = [
+            shading.PartArrays(
+                part.vertices[part.faces], part.corner_normals, part.corner_uv, part.pyramid.texels, part.pyramid.levels, part.pyramid.wrap
+            )
+            for part in (parts[0], parts[-1])
+        ]
+        self._light_arrays = shading.LightArrays(
+            lights.centres, lights.axes, lights.half_side_mm, lights.radiances, lights.sky, BACKGROUND if len(parts) > 1 else 0.0,
+            light.object_first, light.object_steps, light.object_light,
+            light.surface_light, light.surface_origin_mm, light.surface_side_mm,
         )  # fmt: skip
 
     def render(self, camera: Camera) -> Picture:
@@ -87,8 +86,9 @@ class Renderer:
         step_x = world_from_camera[:3, 0] / camera.intrinsics[0, 0]
         step_y = world_from_camera[:3, 1] / camera.intrinsics[1, 1]
         color = shading.shade(
-            rays, depth, part, hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy(), step_x, step_y, footprint, *self._fixed
-        )
+            rays, depth, part, hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy(),
+            step_x, step_y, footprint, *self._arrays, self._light_arrays, LINEAR_OF_BYTE,
+        )  # fmt: skip
         return color, part, np.where(part == shading.MISS, 0.0, depth).astype(np.float32), hits["primitive_normals"].numpy()
 
 
@@ -100,7 +100,7 @@ def _edges(part: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> np.ndarr
         behind = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
         is_object = (part[ahead] == 0) | (part[behind] == 0)
         change = part[ahead] != part[behind]
-        turned = np.abs((normals[ahead] * normals[behind]).sum(-1)) < 0.7
+        turned = np.abs(np.einsum("ijk,ijk->ij", normals[ahead], normals[behind])) < 0.7
         leap = np.abs(depth[ahead] - depth[behind]) > 0.02 * np.maximum(depth[ahead], depth[behind])
         change |= is_object & (turned | leap)
         found[ahead] |= change
@@ -113,8 +113,4 @@ def expose(linear: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     light = np.clip(linear, 0.0, None)
     deviation = np.sqrt(light / FULL_WELL_ELECTRONS + READ_NOISE**2, dtype=np.float32)
     noisy = light + deviation * rng.standard_normal(light.shape, dtype=np.float32)
-    codes = np.clip(noisy, 0.0, 1.0) * (len(_BYTE_OF_LINEAR) - 1) + 0.5
-    return _BYTE_OF_LINEAR[codes.astype(np.int32)]
-
-
-_BYTE_OF_LINEAR = np.rint(linear_to_srgb(np.linspace(0.0, 1.0, 16385)) * 255).astype(np.uint8)
+    return encode(noisy)

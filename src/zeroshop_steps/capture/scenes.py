@@ -93,8 +93,9 @@ def plain_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS // 2) -
 
 def rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) -> np.ndarray:
     """(texels, texels, 3) uint8: noise of all scales under thousands of random shapes of all sizes, nothing repeats."""
-    image = np.stack([_octaves(rng, texels, 8, texels // 2) for _ in range(3)], -1)
-    image = np.ascontiguousarray(np.clip((image - 0.5) * 1.6 + 0.45, 0.05, 0.95) * 255).astype(np.uint8)
+    grey = np.clip((_octaves(rng, texels, 16, texels // 2, 0.85) - 0.5) * 500 + 115, 12, 243)
+    tint = np.stack([_octaves(rng, texels // 8, 8, 64) for _ in range(3)], -1) * 0.8 + 0.6
+    image = np.rint(np.clip(cv2.resize(tint, (texels, texels)) * grey[..., None], 0, 250)).astype(np.uint8)
     for size, count in ((0.05, 130), (0.025, 500), (0.012, 2000), (0.006, 7000), (0.003, 20000)):
         for _ in range(count):
             _draw_shape(image, rng, size * texels * rng.uniform(0.5, 1.5))
@@ -103,7 +104,7 @@ def rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) -> np.n
 
 def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> None:
     x, y = (rng.uniform(0.0, image.shape[0], 2) * 16).astype(int).tolist()
-    color = tuple(int(value) for value in rng.integers(10, 245, 3))
+    color = np.clip(rng.uniform(15, 240) * rng.uniform(0.65, 1.25, 3), 5, 250).astype(int).tolist()
     radius, kind, angle = max(int(size * 8), 16), rng.integers(4), float(rng.uniform(0, 360))
     if kind == 0:
         cv2.ellipse(image, (x, y), (radius, int(radius * rng.uniform(0.3, 1.0))), angle, 0, 360, color, -1, cv2.LINE_AA, 4)
@@ -117,12 +118,12 @@ def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> Non
         cv2.fillPoly(image, [points], color, cv2.LINE_AA, 4)
 
 
-def _octaves(rng: np.random.Generator, texels: int, coarsest: int, finest: int) -> np.ndarray:
-    """(texels, texels) float32 noise in 0..1: smooth random grids of `coarsest`, twice, ... `finest` cells, amplitude falling by 0.7."""
-    total, amplitude, cells, sum_amplitude = np.zeros((texels, texels), np.float32), 1.0, coarsest, 0.0
+def _octaves(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
+    """(texels, texels) float32 noise in 0..1: smooth random grids of `coarsest`, twice, ... `finest` cells, amplitude `falling` each time."""
+    total, amplitude, cells, sum_amplitude = np.zeros((coarsest, coarsest), np.float32), 1.0, coarsest, 0.0
     while cells <= finest:
-        values = rng.random((cells, cells), dtype=np.float32)
-        total += amplitude * cv2.resize(values, (texels, texels), interpolation=cv2.INTER_CUBIC)
+        total = cv2.resize(total, (cells, cells), interpolation=cv2.INTER_CUBIC)
+        total += amplitude * rng.random((cells, cells), dtype=np.float32)
         sum_amplitude += amplitude
-        amplitude, cells = amplitude * 0.7, cells * 2
-    return np.clip(total / sum_amplitude, 0.0, 1.0)
+        amplitude, cells = amplitude * falling, cells * 2
+    return np.clip(cv2.resize(total, (texels, texels), interpolation=cv2.INTER_CUBIC) / sum_amplitude, 0.0, 1.0)

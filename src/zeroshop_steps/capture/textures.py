@@ -20,6 +20,12 @@ def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
 
 
 LINEAR_OF_BYTE = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
+_BYTE_OF_LINEAR = np.rint(linear_to_srgb(np.linspace(0.0, 1.0, 16385)) * 255).astype(np.uint8)
+
+
+def encode(linear: np.ndarray) -> np.ndarray:
+    """Linear light to uint8 sRGB, clipped, by table."""
+    return _BYTE_OF_LINEAR[(np.clip(linear, 0.0, 1.0) * (len(_BYTE_OF_LINEAR) - 1) + 0.5).astype(np.int32)]
 
 
 @dataclass(frozen=True)
@@ -47,26 +53,29 @@ def build_pyramid(image: np.ndarray, coverage: np.ndarray | None = None, wrap: b
         wrap: whether texture coordinates repeat.
     """
     linear = LINEAR_OF_BYTE[image]
-    weight = np.ones(image.shape[:2], np.float32) if coverage is None or coverage.all() else coverage.astype(np.float32)
-    sums, weights = [linear * weight[..., None]], [weight]
+    whole = coverage is None or bool(coverage.all())
+    sums = [linear if whole else linear * coverage[..., None]]
+    weights = [None if whole else coverage.astype(np.float32)]
     while max(sums[-1].shape[:2]) > 1:
         height, width = sums[-1].shape[:2]
         size = (max(width // 2, 1), max(height // 2, 1))
         sums.append(cv2.resize(sums[-1], size, interpolation=cv2.INTER_AREA))
-        weights.append(cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
-    filled = [sums[-1] / np.maximum(weights[-1][..., None], 1e-6)]
-    for total, weight in zip(reversed(sums[:-1]), reversed(weights[:-1]), strict=True):
-        level = total / np.maximum(weight[..., None], 1e-6)
-        holes = weight < 1e-3
-        if holes.any():
-            coarser = cv2.resize(filled[-1], (total.shape[1], total.shape[0]), interpolation=cv2.INTER_LINEAR)
-            level[holes] = coarser[holes]
-        filled.append(level)
-    filled.reverse()
-    encoded = [np.rint(linear_to_srgb(np.clip(level, 0, 1)) * 255).astype(np.uint8) for level in filled]
+        weights.append(None if whole else cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
+    filled = list(sums) if whole else _filled(sums, weights)
+    encoded = [encode(level) for level in filled]
     sizes = np.array([[0, level.shape[1], level.shape[0]] for level in encoded], np.int64)
     sizes[1:, 0] = np.cumsum(sizes[:-1, 1] * sizes[:-1, 2])
     return Pyramid(np.concatenate([level.reshape(-1, 3) for level in encoded]), sizes, wrap)
+
+
+def _filled(sums: list[np.ndarray], weights: list[np.ndarray]) -> list[np.ndarray]:
+    """Mean colours of all levels, finest first; where a level has no covered texel, those of the next coarser one."""
+    filled = [sums[-1] / max(float(weights[-1].max()), 1e-6)]
+    for total, weight in zip(reversed(sums[:-1]), reversed(weights[:-1]), strict=True):
+        level = total / np.maximum(weight[..., None], 1e-6)
+        coarser = cv2.resize(filled[-1], (total.shape[1], total.shape[0]), interpolation=cv2.INTER_LINEAR)
+        filled.append(np.where((weight < 1e-3)[..., None], coarser, level))
+    return filled[::-1]
 
 
 def texture_coverage(uv: np.ndarray, faces: np.ndarray, width: int, height: int) -> np.ndarray:
