@@ -8,14 +8,30 @@ from collections.abc import Callable
 from pathlib import Path
 
 from zeroshop_steps.capture.products.assemble import Product, model_info, textured_mesh
+from zeroshop_steps.capture.products.cans import tomato_can, tuna_can
 from zeroshop_steps.capture.products.cartons import cracker_carton, gelatin_carton
 from zeroshop_steps.capture.products.mustard import mustard_bottle
+from zeroshop_steps.capture.products.tableware import bowl, mug, pitcher
+from zeroshop_steps.capture.products.tools import clamp, marker
+from zeroshop_steps.capture.products.tube import toothpaste_tube
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import write_ply
 
-CATALOGUE: tuple[Callable[[], Product], ...] = (cracker_carton, gelatin_carton, mustard_bottle)
+CATALOGUE: tuple[Callable[[], Product], ...] = (
+    cracker_carton,
+    gelatin_carton,
+    tomato_can,
+    tuna_can,
+    mustard_bottle,
+    pitcher,
+    mug,
+    bowl,
+    toothpaste_tube,
+    marker,
+    clamp,
+)
 """In the order of their object identifiers, which start at 1."""
 
 

@@ -61,18 +61,24 @@ def pack(panels: Sequence[Panel], size_px: int) -> tuple[dict[str, Place], float
 
 
 def print_texture(panels: Sequence[Panel], places: dict[str, Place], px_per_mm: float, size_px: int) -> np.ndarray:
-    """Draw every panel, supersampled, into one (size_px, size_px, 3) uint8 RGB texture; borders are repeated into the gutters."""
-    texture = np.full((size_px, size_px, 3), 127, np.uint8)
+    """Draw every panel, supersampled, into one (size_px, size_px, 3) uint8 RGB texture.
+
+    Texels between the panels take the colour of the nearest one, so that filtering never mixes in a foreign colour.
+    """
+    texture = np.zeros((size_px, size_px, 3), np.uint8)
+    empty = np.full((size_px, size_px), 255, np.uint8)
     for panel in panels:
         place = places[panel.name]
         size = (place.width * SUPERSAMPLING, place.height * SUPERSAMPLING)
         canvas = Canvas(panel.width_mm, panel.height_mm, px_per_mm * panel.density * SUPERSAMPLING, size)
         panel.draw(canvas)
         image = cv2.resize(canvas.pixels, (place.width, place.height), interpolation=cv2.INTER_AREA)
-        image = cv2.copyMakeBorder(image, *[GUTTER_PX // 2] * 4, cv2.BORDER_REPLICATE)
-        top, left = place.top - GUTTER_PX // 2, place.left - GUTTER_PX // 2
-        texture[top : top + image.shape[0], left : left + image.shape[1]] = image
-    return texture
+        rows, columns = slice(place.top, place.top + place.height), slice(place.left, place.left + place.width)
+        texture[rows, columns], empty[rows, columns] = image, 0
+    _, label = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    source = np.zeros((label.max() + 1, 3), np.uint8)
+    source[label[empty == 0]] = texture[empty == 0]
+    return source[label]
 
 
 def texture_coordinates(uv_mm: np.ndarray, panel: Panel, place: Place, size_px: int) -> np.ndarray:

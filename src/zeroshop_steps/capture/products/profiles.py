@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 ARC_STEP_RAD = np.deg2rad(9.0)
+ARC_STEP_MM = 0.35
 
 
 def rounded_polyline(corners: Sequence[tuple[float, ...]], step_mm: float = 3.0, closed: bool = False) -> np.ndarray:
@@ -29,11 +30,12 @@ def rounded_polyline(corners: Sequence[tuple[float, ...]], step_mm: float = 3.0,
         pieces.append(_corner(points[i - 1], points[i], points[(i + 1) % count], radii[i]))
     sampled = [pieces[0][0]]
     for point in [*np.concatenate(pieces)[1:], *([pieces[0][0]] if closed else [])]:
-        gap = np.linalg.norm(point - sampled[-1])
-        if gap < 1e-9:
+        last = sampled[-1]
+        gap = np.linalg.norm(point - last)
+        if gap < 1e-6:
             continue
         steps = int(np.ceil(gap / step_mm - 1e-9))
-        sampled.extend(sampled[-1] + (point - sampled[-1]) * k / steps for k in range(1, steps + 1))
+        sampled.extend([last + (point - last) * k / steps for k in range(1, steps + 1)])
     return np.array(sampled[:-1] if closed else sampled)
 
 
@@ -73,6 +75,7 @@ def _corner(before: np.ndarray, corner: np.ndarray, after: np.ndarray, radius: f
     first = corner + to_before * cut - centre
     sweep = np.pi - 2 * half
     turn = np.sign(to_after[0] * to_before[1] - to_after[1] * to_before[0])
-    angles = turn * np.linspace(0, sweep, max(int(np.ceil(sweep / ARC_STEP_RAD)), 2) + 1)
+    steps = max(int(np.ceil(min(sweep / ARC_STEP_RAD, sweep * radius / ARC_STEP_MM))), 2)
+    angles = turn * np.linspace(0, sweep, steps + 1)
     rotation = np.stack([np.cos(angles), -np.sin(angles), np.sin(angles), np.cos(angles)], 1).reshape(-1, 2, 2)
     return centre + rotation @ first
