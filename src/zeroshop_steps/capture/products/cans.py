@@ -73,7 +73,7 @@ def _can(radius: float, height: float, label, lid, foot, metal: tuple[str, str],
         Panel("lid", 2 * radius, 2 * radius, lid, density=0.8),
         Panel("foot", 2 * radius, 2 * radius, foot, density=0.6),
     ]
-    return revolved(bands, widths, segments=144), panels
+    return revolved(bands, widths, segments=128), panels
 
 
 def _metal_disc(canvas: Canvas, light: str, dark: str, grooves: int) -> tuple[float, float]:

@@ -196,7 +196,7 @@ def _jelly_front(canvas: Canvas) -> None:
     canvas.text(30, 33, "raspberry", 5.6, "#a50b3b", "script", max_width=46)
     canvas.text(30, 39, "JELLY POWDER", 2.7, "#5c0830", "bold", max_width=40)
     jelly(canvas, 58, 64, 36)
-    for x, y, radius in ((13, 52, 6.0), (25, 58, 6.6), (12, 64, 5.2)):
+    for x, y, radius in ((12, 47, 5.6), (24, 51, 6.6), (12, 60, 5.4)):
         raspberry(canvas, x, y, radius)
     badge(canvas, 79, 33, 7.5, ("NO", "SUGAR", "ADDED"), "#3b7d23", teeth=18)
     canvas.text(4, 72, "NET 85 g", 2.2, "#5c0830", "bold", "left")

@@ -28,7 +28,7 @@ def pitcher() -> Product:
     girth = 2 * np.pi * 56.0
     widths = {"outside": girth, "inside": girth, "floor": 60.0, "foot": 104.0}
     bands = [Band(foot, "foot", "down"), Band(outside, "outside"), Band(inside, "inside"), Band(floor, "floor", "up")]
-    body = _with_spout(revolved(bands, widths, segments=128))
+    body = _with_spout(revolved(bands, widths, segments=108))
     path = rounded_polyline([(-55.2, 182.0), (-98.0, 184.0, 24.0), (-92.0, 78.0, 26.0), (-51.7, 62.0)], step_mm=3.0)
     handle, girth_mm = _handle(path, 5.5, 9.0, "handle")
     panels = [
@@ -110,27 +110,35 @@ def _print_pitcher(canvas: Canvas) -> None:
     canvas.fill(Linear("#7fc0e2", PITCHER_BLUE))
     canvas.rectangle(0, height - 26, width, 26, Linear(PITCHER_BLUE, PITCHER_DARK))
     x = width / 2
-    canvas.ellipse(x, 88, 40, 34, Radial("#ffffff", "#dff1fa", (0.5, 0.5), 1.0))
-    canvas.ring(x, 88, 31, 0.8, PITCHER_DARK)
-    citrus_slice(canvas, x - 11, 99, 12)
-    citrus_slice(canvas, x + 12, 103, 9, "#8bc34a", "#dcedc8")
-    leaf(canvas, x + 4, 98, 15, -30)
-    leaf(canvas, x + 2, 97, 13, -75)
-    canvas.text(x, 86, "Aquillo", 12, "#1c5f88", "script", max_width=62)
-    canvas.text(x, 72, "COLD & CLEAR", 3.4, "#1c5f88", "bold")
+    canvas.ellipse(x, 88, 47, 44, Radial("#ffffff", "#dff1fa", (0.5, 0.5), 1.0))
+    canvas.ring(x, 88, 41, 0.9, PITCHER_DARK)
+    citrus_slice(canvas, x - 14, 105, 16)
+    citrus_slice(canvas, x + 16, 110, 12, "#8bc34a", "#dcedc8")
+    leaf(canvas, x + 5, 102, 20, -30)
+    leaf(canvas, x + 3, 101, 17, -75)
+    canvas.text(x, 88, "Aquillo", 15, "#1c5f88", "script", max_width=72)
+    canvas.text(x, 70, "COLD & CLEAR", 4.4, "#1c5f88", "bold")
+    canvas.text(x, 62, "since the first summer", 2.4, "#3b83ad", "oblique")
+    random = np.random.default_rng(11)
+    for at, level, size in zip(random.uniform(0, width, 90), random.uniform(0, 1, 90), random.uniform(1.2, 4.2, 90), strict=True):
+        if abs(at - x) < 84 and abs(at - x) > 48 or size > 3.6 and abs(at - x) < 52:
+            continue  # room for the scale and the label
+        y = height - 32 - 120 * level**1.6
+        if abs(at - x) > 52 or y > 140:
+            canvas.ring(at, y, size, 0.5, "#ffffff", 0.9)
+            canvas.ellipse(at - 0.35 * size, y - 0.35 * size, 0.22 * size, 0.16 * size, "#ffffff", 0.9)
     canvas.text(x, height - 12, "1.8 litre  *  dishwasher safe", 4.2, "#ffffff", "bold", max_width=96)
     for i in range(1, 8):
         y = height - 22 - 22.5 * i
         major = i % 2 == 0
         for side in (-1, 1):
-            at = x + side * 62
+            at = x + side * 76
             canvas.line([(at, y), (at - side * (14 if major else 8), y)], 0.9, "#ffffff")
             if major:
                 canvas.text(at - side * 22, y + 2, f"{i // 2 * 0.5:.1f} l" if side > 0 else f"{i // 2 * 500} ml", 3.6, "#ffffff", "bold")
     for back in (0.0, width):  # the two halves meet at the back
-        canvas.text(back, 120, "Aquillo", 8, "#ffffff", "script")
-        for i in range(9):
-            canvas.ellipse(back - 14 + 3.5 * i, 130 + 3 * (i % 3), 1.3, 1.8, "#ffffff")
+        canvas.text(back, 90, "Aquillo", 12, "#ffffff", "script")
+        canvas.text(back, 99, "fill  *  pour  *  repeat", 3.4, "#dff1fa", "oblique")
 
 
 def _print_pitcher_foot(canvas: Canvas) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from zeroshop_steps.capture.products.assemble import Product
 from zeroshop_steps.capture.products.atlas import Panel, plain
-from zeroshop_steps.capture.products.canvas import Canvas, Linear
+from zeroshop_steps.capture.products.canvas import Canvas, Linear, turned
 from zeroshop_steps.capture.products.printing import barcode, paragraph, recycling_mark
 from zeroshop_steps.capture.products.profiles import arc_length, rounded_polyline
 from zeroshop_steps.capture.products.solids import Band, Solid, bent_rod, extruded, revolved
@@ -74,10 +74,14 @@ def _plate(
     outline = rounded_polyline(corners, step_mm=2.5, closed=True)
     outline = outline @ FLIP_Y if mirrored else outline[::-1]
     solid = extruded(outline, low, high, f"{name}_up", f"{name}_down", f"{name}_side", edge_mm)
-    size = np.ptp(outline, axis=0)
+    low_xy, size = outline.min(0), np.ptp(outline, axis=0)
     around = float(arc_length(np.concatenate([outline, outline[:1]]))[-1])
     colour = CLAMP_BLACK if name.startswith("lever") else CLAMP_ORANGE
-    up = Panel(f"{name}_up", size[1], size[0], _print_lever, 1.0) if name == "lever_a" else plain(f"{name}_up", size[1], size[0], colour)
+    up = (
+        Panel(f"{name}_up", size[1], size[0], lambda canvas: _print_lever(canvas, low_xy))
+        if name == "lever_a"
+        else plain(f"{name}_up", size[1], size[0], colour)
+    )
     if name == "grip_b":
         up = Panel(f"{name}_up", size[1], size[0], _print_grip)
     panels = [up, plain(f"{name}_down", size[1], size[0], colour), plain(f"{name}_side", around, high - low + 2 * edge_mm, colour)]
@@ -127,13 +131,18 @@ def _print_cap(canvas: Canvas) -> None:
         canvas.rectangle(canvas.width_mm * i / 24, canvas.height_mm - 16, canvas.width_mm / 60, 14, "#0c6b3c")
 
 
-def _print_lever(canvas: Canvas) -> None:
-    """Seen from above with the jaws towards the reader, so the handle's end is at the top of the sheet."""
+def _print_lever(canvas: Canvas, low: np.ndarray) -> None:
+    """Seen from above with the jaws towards the reader; `low` is where on the tool (x, y) the sheet's upper left corner lies."""
     canvas.fill(CLAMP_BLACK)
-    width, height = canvas.width_mm, canvas.height_mm
-    canvas.text(width - 12, height - 20, "50", 5.5, "#f4f4f4", "bold")
-    canvas.text(width - 8, height - 42, "GRIPFOLD", 4.2, "#f4f4f4", "bold", turn=-62, max_width=30)
-    canvas.text(width - 20.5, height - 89, "MAX 12 kg", 2.6, "#c9cdd1", "sans", turn=-70, max_width=26)
+
+    def engrave(x: float, y: float, words: str, cap: float, font: str, turn: float = 0.0) -> None:
+        down = turned([(0.0, cap / 2)], -turn)[0]
+        canvas.text(y - low[1] + down[0], x - low[0] + down[1], words, cap, "#f4f4f4", font, turn=turn)
+
+    engrave(16.0, 18.5, "GRIPFOLD", 3.8, "bold", -45.0)
+    engrave(38.0, 27.5, "50", 4.6, "bold")
+    engrave(-20.0, 7.0, "12 kg", 2.4, "sans")
+    engrave(-25.0, 9.0, "MAX", 2.4, "sans")
 
 
 def _print_grip(canvas: Canvas) -> None:
