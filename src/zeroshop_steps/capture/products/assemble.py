@@ -1,7 +1,7 @@
 """From solids and panels to one closed, textured mesh about the origin."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import manifold3d
 import numpy as np
@@ -30,7 +30,6 @@ class Product:
     solids: Sequence[Solid]
     panels: Sequence[Panel]
     turns_about_z: bool = False
-    symmetries_discrete: Sequence[Sequence[float]] = field(default_factory=tuple)
 
 
 def textured_mesh(product: Product, texture_px: int = TEXTURE_PX) -> Mesh:
@@ -64,8 +63,6 @@ def model_info(mesh: Mesh, product: Product, name: str, obj_id: int) -> dict:
     info = {"obj_id": obj_id, "name": name, "diameter": round(float(pdist(hull).max()), 6)}
     info |= {f"min_{axis}": round(float(value), 6) for axis, value in zip("xyz", low, strict=True)}
     info |= {f"size_{axis}": round(float(value), 6) for axis, value in zip("xyz", size, strict=True)}
-    if product.symmetries_discrete:
-        info["symmetries_discrete"] = [list(matrix) for matrix in product.symmetries_discrete]
     if product.turns_about_z:
         info["symmetries_continuous"] = [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]
     return info
