@@ -26,12 +26,13 @@ def name_error(what: str, name: str, names: Iterable[str], remedy: str = "") -> 
     return f"unknown {what}: {name}.{hint} Known: {', '.join(names) or 'none'}. {remedy}".rstrip()
 
 
-def check_config(config: Mapping[str, Any], schema_path: Path) -> None:
-    """Check a config against its JSON schema.
+def check_config(config: dict[str, Any], schema_path: Path) -> None:
+    """Check a config against its JSON schema; numbers that the command line gave as text become numbers in place.
 
     Raises:
         StepError: lists every fault with the key's path, what was found and what is allowed.
     """
+    _read_numbers(config, _read_yaml(schema_path))
     faults = _faults(config, schema_path)
     if faults:
         raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nEvery key is explained in config/README.md.")
@@ -89,6 +90,18 @@ def _check_columns(table: Path, columns: list[str], known: Mapping[str, Any]) ->
             raise StepError(f"{table}: {name_error('column', name, known)}")
         if columns.count(name) > 1:
             raise StepError(f"{table}: the column {name} is there twice")
+
+
+def _read_numbers(config: dict[str, Any], schema: Mapping[str, Any]) -> None:
+    """Turn text into a number where the schema wants one: `--config 'capture={image_width_px: 640}'` arrives as text."""
+    for error in jsonschema.Draft202012Validator(schema).iter_errors(config):
+        if error.validator == "type" and isinstance(error.instance, str) and error.validator_value in ("integer", "number"):
+            holder: Any = config
+            for part in list(error.absolute_path)[:-1]:
+                holder = holder[part]
+            value = yaml.safe_load(error.instance)
+            if isinstance(value, int | float):
+                holder[error.absolute_path[-1]] = value
 
 
 def _number(text: str) -> float | str:
