@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,17 @@ class SparseModel:
 
 
 def read_sparse_model(folder: Path) -> SparseModel:
-    """Read a COLMAP model (binary or text) of PINHOLE or SIMPLE_PINHOLE cameras."""
+    """Read a COLMAP model (binary or text) of PINHOLE or SIMPLE_PINHOLE cameras.
+
+    Raises:
+        StepError: no such model; where the registration recorded a failure, its reason.
+    """
     try:
         reconstruction = pycolmap.Reconstruction(str(folder))
     except Exception as error:
+        record = folder.parent / "registration.json"
+        if record.is_file() and (content := read_json(record))["status"] != "ok":
+            raise StepError(f"{folder.parent}: the images could not be registered: {content['reason']}") from None
         raise StepError(f"{folder} holds no readable COLMAP model ({str(error).splitlines()[0]}); run registration again") from None
     cameras = []
     for image in sorted(reconstruction.images.values(), key=lambda image: image.name):

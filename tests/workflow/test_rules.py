@@ -1,5 +1,7 @@
 """Every rule has what a user and a cluster need, and the lists that must agree do."""
 
+import argparse
+import importlib
 import re
 
 import pytest
@@ -42,6 +44,25 @@ def test_there_are_rules():
 def test_the_config_lists_every_demo_object():
     config = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
     assert config["datasets"]["demo"]["objects"] == demo_object_names()
+
+
+@pytest.mark.parametrize(
+    ("module", "keys"),
+    [
+        ("register.colmap", ("register", "colmap")),
+        ("nvs.twodgs", ("nvs", "2dgs", "train")),
+        ("nvs.fuse", ("nvs", "2dgs", "fuse")),
+        ("finish.clean", ("finish", "clean")),
+    ],
+)
+def test_config_keys_are_the_options_of_their_step(module, keys):
+    options = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
+    for key in keys:
+        options = options[key]
+    parser = argparse.ArgumentParser()
+    importlib.import_module(f"zeroshop_steps.{module}").add_arguments(parser)
+    known = {name for action in parser._actions for name in action.option_strings}
+    assert {f"--{key.replace('_', '-')}" for key in options} <= known
 
 
 def test_every_config_key_has_a_comment_and_stands_in_the_manual():
