@@ -15,7 +15,7 @@ VIEWS_A_RING = 10
 DISTANCE_IN_SIZES = 3.2
 ELEVATIONS_DEG = {"su_l": (0.0, 45.0), "su_h": (0.0, 45.0), "se": (0.0, 45.0, -45.0)}
 HELD_OUT_AZIMUTHS_ELEVATIONS_DEG = ((18.0, 20.0), (198.0, 45.0))
-LOWEST_ANGLE_ABOVE_SURFACE_DEG = 8.0
+LEAST_HEIGHT_IN_SIZES = 0.5
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,13 @@ def ring_camera(
 ) -> Camera:
     """One camera of a ring.
 
-    On a surface the lowest ring would skim flat objects' plane so closely that nothing of the plane can be recognised (the
-    bowl: 3 degrees). There the elevation, never below its ring's, is raised until the camera sees the point below the object's
-    centre under `LOWEST_ANGLE_ABOVE_SURFACE_DEG`. The distance to the centre stays.
+    At the height of a flat object's centre the lowest ring would skim the surface so closely that nothing of it can be recognised
+    (the bowl: 3 degrees). On a surface no camera is therefore lower above it than half the object's largest dimension, where it
+    is at an object that stands on its shortest side (9 degrees); it still looks at the centre, from the same distance.
     """
     elevation = np.radians(elevation_deg)
     if on_surface:
-        needed_mm = np.tan(np.radians(LOWEST_ANGLE_ABOVE_SURFACE_DEG)) * subject.distance_mm
-        raised_mm = needed_mm - (subject.centre_mm[2] - subject.bottom_mm)
+        raised_mm = LEAST_HEIGHT_IN_SIZES * subject.largest_mm - (subject.centre_mm[2] - subject.bottom_mm)
         elevation = max(elevation, np.arcsin(np.clip(raised_mm / subject.distance_mm, -1.0, 1.0)))
     azimuth = np.radians(azimuth_deg + subject.front_azimuth_deg)
     direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])

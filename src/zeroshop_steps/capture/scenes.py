@@ -15,7 +15,6 @@ SURFACE_SIDE_IN_SIZES = 10.0
 SURFACE_TEXELS = 4096
 SURFACE_BUMPS = 96
 BUMP_HEIGHT_IN_SIZES = 0.003
-CREASE_DEG = 40.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Part:
 
 
 def object_part(mesh: Mesh) -> Part:
-    """The object itself. Normals are the mesh's own, else its faces' with creases kept. Raises StepError without a texture."""
+    """The object itself. Normals are those of the mesh, else smooth ones. Raises StepError without a texture."""
     if mesh.uv is None or mesh.texture is None:
         raise StepError("the model has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
     normals = mesh.with_normals().normals if mesh.normals is None else mesh.normals
@@ -119,7 +118,7 @@ def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> Non
 
 
 def _octaves(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
-    """(texels, texels) float32 noise in 0..1: smooth random grids of `coarsest`, twice, ... `finest` cells, amplitude `falling` each time."""
+    """(texels, texels) float32 noise in 0..1: random grids of `coarsest`, twice, ... `finest` cells, amplitude `falling` each time."""
     total, amplitude, cells, sum_amplitude = np.zeros((coarsest, coarsest), np.float32), 1.0, coarsest, 0.0
     while cells <= finest:
         total = cv2.resize(total, (cells, cells), interpolation=cv2.INTER_CUBIC)
