@@ -169,9 +169,14 @@ def table_cells(wildcards):
     return [dict(zip(AXES, (wildcards.dataset, *values))) for values in itertools.product(*axes)]
 
 
-def chosen_product(wildcards):
-    """The finished files of the chosen cell."""
-    return [f"{chosen_cell(wildcards)}/mesh.{suffix}" for suffix in ("ply", "png", "glb", "json")]
+def chosen_mesh(wildcards):
+    """The finished mesh of the chosen cell."""
+    return f"{chosen_cell(wildcards)}/mesh.ply"
+
+
+def chosen_companions(wildcards):
+    """What lies beside the finished mesh and goes with it."""
+    return [f"{chosen_cell(wildcards)}/mesh.{suffix}" for suffix in ("png", "glb", "json")]
 
 
 def quality_option(wildcards, input):

@@ -186,7 +186,8 @@ rule preview:
 
 rule publish:
     input:
-        product=chosen_product,
+        mesh=chosen_mesh,
+        companions=chosen_companions,
         preview=chosen_preview,
         quality=chosen_quality,
     output:
@@ -206,9 +207,9 @@ rule publish:
         mem_mb=1000,
         runtime=5,
     params:
-        cell=chosen_cell,
         quality=quality_option,
     message:
         "Putting the chosen mesh of {wildcards.object} at {output.mesh}"
     shell:
-        "python -m zeroshop_steps.finish --method publish --cell {params.cell} {params.quality} --out {output.mesh} > {log} 2>&1"
+        "python -m zeroshop_steps.finish --method publish --mesh {input.mesh} --preview {input.preview}"
+        " {params.quality} --out {output.mesh} > {log} 2>&1"
