@@ -1,3 +1,8 @@
 """ZeroShOP: from pictures of an object to a textured, metric mesh. One folder a stage, one file a method."""
 
+import os
+
 __version__ = "0.1.0"
+
+# Open3D carries a TBB that numba finds too old and warns of; ask for OpenMP first.
+os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
