@@ -9,15 +9,20 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 SNAKEFILE = REPOSITORY / "workflow" / "Snakefile"
 
 
-def run_snakemake(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Call Snakemake in `folder`; stdout and stderr come back together in `stdout`.
+def command_and_environment(folder: Path, *arguments: str) -> tuple[list[str], dict[str, str]]:
+    """How Snakemake is called in `folder`.
 
     The folder of this Python is taken off PATH: the workflow has to find its Python alone.
     """
     here = str(Path(sys.executable).parent)
     path = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if part != here)
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(SNAKEFILE), "--directory", str(folder), "--cores", "2", *arguments]
-    environment = {**os.environ, "PATH": path, "XDG_CACHE_HOME": str(folder / ".cache")}
+    return command, {**os.environ, "PATH": path, "XDG_CACHE_HOME": str(folder / ".cache")}
+
+
+def run_snakemake(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Call Snakemake in `folder`; stdout and stderr come back together in `stdout`."""
+    command, environment = command_and_environment(folder, *arguments)
     return subprocess.run(
         command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=900
     )

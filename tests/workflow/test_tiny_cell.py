@@ -1,0 +1,141 @@
+"""One small cell from nothing to the finished mesh, by the real steps, and what runs again when something changes."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+from PIL import Image
+from running import command_and_environment, planned, run_snakemake
+
+from zeroshop_steps.meshes import read_ply
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+PRODUCT = "results/demo/mustard_bottle/2dgs.ply"
+CELL = "results/demo/mustard_bottle/su_h/truth/2dgs"
+CONFIG = """
+chosen: {virtual: {registration: truth}}
+capture: {image_width_px: 320, image_height_px: 240}
+register: {colmap: {min_images: 1000}}
+nvs: {2dgs: {train: {iterations: 60, image_width_px: 160, sh_degree: 0}, fuse: {voxels: 64, image_width_px: 160}}}
+finish: {texture_size_px: 256, clean: {max_faces: 3000}}
+datasets: {demo: {objects: [mustard_bottle]}}
+tables: {registrations: [truth, colmap]}
+"""
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """A folder with the finished cell; its run's output is in `run.txt`."""
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / "small.yaml").write_text(CONFIG)
+    run = run_snakemake(folder, PRODUCT, "--configfile", "small.yaml")
+    assert run.returncode == 0, run.stdout
+    (folder / "run.txt").write_text(run.stdout)
+    return folder
+
+
+def again(folder, *arguments, config=()):
+    """Call Snakemake in the folder of the cell with the cell's config, changed by `config`."""
+    changes = ["--config", *config] if config else []
+    return run_snakemake(folder, *arguments, "--configfile", "small.yaml", *changes)
+
+
+def test_the_product_is_whole(cell):
+    mesh = read_ply(cell / PRODUCT)
+    assert 100 < len(mesh.faces) <= 3000
+    assert mesh.texture.shape[:2] == (256, 256)
+    notes = json.loads((cell / PRODUCT).with_suffix(".json").read_text())
+    assert notes["scale"] == "known"
+    assert notes["quality"]["completeness_mm"] < 30
+    assert {"capture", "register", "nvs", "clean", "frame"} & set(notes["seconds"]), "the seconds of the stages are told"
+    for suffix in (".png", ".glb", ".preview.png"):
+        assert (cell / PRODUCT).with_suffix(suffix).stat().st_size > 1000
+    assert sorted(path.name for path in cell.iterdir() if not path.name.startswith(".")) == ["results", "run.txt", "small.yaml"]
+
+
+def test_every_step_left_a_log_and_a_benchmark(cell):
+    logs = {path.stem for path in cell.rglob("logs/*.log")}
+    assert logs == {path.stem for path in cell.rglob("benchmarks/*.tsv")}
+    assert {"model", "capture", "register", "train", "fuse", "clean", "texture", "publish.2dgs"} <= logs
+
+
+def test_a_second_run_does_nothing(cell):
+    assert "Nothing to be done" in again(cell, PRODUCT).stdout
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ("finish={texture_size_px: 128}", {"unwrap", "texture", "export", "preview", "quality", "publish"}),
+        ("finish={clean: {smooth: 2}}", {"clean", "frame", "unwrap", "texture", "export", "preview", "quality", "publish"}),
+        ("register={colmap: {max_features: 900}}", set()),
+        ("tables={scenes: [se]}", set()),
+    ],
+)
+def test_a_change_reruns_only_what_depends_on_it(cell, change, expected):
+    run = again(cell, "-n", PRODUCT, config=[change])
+    assert run.returncode == 0, run.stdout
+    assert set(planned(run.stdout)) == expected
+
+
+def test_the_table_has_the_failed_cell_with_its_reason(cell):
+    run = again(cell, "results/demo/tables/quality.csv", "results/demo/tables/cameras.csv")
+    assert run.returncode == 0, run.stdout
+    with (cell / "results/demo/tables/quality.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["measure"] for row in rows if row["registration"] == "truth"} >= {"accuracy_mm", "completeness_mm", "f_score_1_percent"}
+    [failed] = [row for row in rows if row["registration"] == "colmap"]
+    assert (failed["measure"], failed["value"]) == ("grade", "none")
+    assert "1000" in failed["reason"]
+
+
+def test_asked_for_directly_a_failed_cell_ends_with_its_reason(cell):
+    target = "results/demo/mustard_bottle/su_h/colmap/2dgs/mesh.ply"
+    run = again(cell, target)
+    assert run.returncode != 0
+    assert "could not be registered" in run.stdout
+    assert not list((cell / target).parent.glob("*.ply"))
+
+
+def test_an_interrupted_training_leaves_nothing_half_written_and_runs_again(cell):
+    long = "nvs={2dgs: {train: {iterations: 900000}}}"
+    command, environment = command_and_environment(cell, f"{CELL}/raw_mesh.ply", "--configfile", "small.yaml", "--config", long)
+    before = (cell / CELL / "raw_mesh.ply").read_bytes()
+    log = cell / CELL / "logs/train.log"
+    log.unlink()
+    run = subprocess.Popen(command, cwd=cell, env=environment, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    started_s = time.monotonic()
+    while not (log.exists() and log.stat().st_size) and run.poll() is None and time.monotonic() - started_s < 120:
+        time.sleep(0.5)
+    os.killpg(run.pid, signal.SIGINT)
+    output = run.communicate(timeout=60)[0].decode()
+    assert run.returncode != 0, output
+    splats = cell / CELL / "splats"
+    assert not (splats / "splats.ply").exists()
+    assert not list(splats.glob(".*.part*"))
+    finished = again(cell, f"{CELL}/raw_mesh.ply")
+    assert finished.returncode == 0, finished.stdout
+    assert (cell / CELL / "raw_mesh.ply").read_bytes() == before, "same inputs and parameters, same bytes"
+
+
+def test_a_bad_capture_fails_alone_and_says_why(cell, tmp_path):
+    rows = ["dataset\tobject\timages\tmasks\theight_m"]
+    capture = cell / "results/demo/mustard_bottle/su_h/capture"
+    for name in ("good", "bad"):
+        shutil.copytree(capture / "images", tmp_path / name / "images")
+        shutil.copytree(capture / "masks", tmp_path / name / "masks")
+        rows.append(f"photos\t{name}\t{tmp_path / name / 'images'}\t{tmp_path / name / 'masks'}\t0.19")
+    Image.new("L", (320, 240)).save(tmp_path / "bad/masks/000003.png")
+    (tmp_path / "objects.tsv").write_text("\n".join(rows) + "\n")
+    captures = {name: f"results/photos/{name}/video/capture" for name in ("bad", "good")}
+    run = run_snakemake(tmp_path, "--keep-going", *captures.values(), "--config", f"objects_table={tmp_path / 'objects.tsv'}")
+    assert run.returncode != 0
+    assert "error: " in run.stdout and "000003.png" in run.stdout
+    assert not (tmp_path / captures["bad"]).exists()
+    assert len(list((tmp_path / captures["good"] / "masks").iterdir())) == 20
