@@ -82,7 +82,8 @@ def clean_mesh(
     worker.meshing_repair_non_manifold_edges(method="Remove Faces")
     worker.meshing_repair_non_manifold_vertices(vertdispratio=0.0)
     if max_hole_edges > 0:
-        worker.meshing_close_holes(maxholesize=max_hole_edges, selfintersection=False)
+        worker.meshing_close_holes(maxholesize=max_hole_edges, selfintersection=False, newfaceselected=False)
+    worker.set_selection_none()  # where faces are selected, the filters below change only those
     if smooth > 0:
         worker.apply_coord_taubin_smoothing(lambda_=0.5, mu=-0.53, stepsmoothnum=smooth)
     if worker.current_mesh().face_number() > max_faces:

@@ -3,8 +3,9 @@
 The mesh is brought to the true frame by the cameras (similarity of registered to true camera centres), never by ICP,
 which would hide a bad pose. Accuracy: mean distance of the mesh to the true surface. Completeness: mean distance of
 the true surface that at least two cameras see to the mesh. F-score: both at a threshold. PSNR: over the bounding box
-of the mask in photos that were held out, background black on both sides, the mesh unlit. The scale error compares the
-known height's scale with the cameras'; the other figures are free of it, for they are aligned with scale.
+of the mask in photos that were held out, the mesh unlit, black outside the silhouette (the photo's mask, the mesh's
+own). The scale error compares the known height's scale with the cameras'; the other figures are free of it, because
+the alignment includes scale.
 """
 
 import argparse
@@ -133,11 +134,10 @@ def _appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View])
     psnr, iou = [], []
     for view in held_out:
         mask, camera = view.mask(), seen_from(view.camera, object_from_truth)
-        rendered = renderer.color(camera, (0, 0, 0), 3).astype(float)
-        photo = np.where(mask[..., None], view.image(), 0).astype(float)
+        rendered, silhouette = renderer.masked_color(camera, 3)
+        photo = np.where(mask[..., None], view.image(), 0)
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        psnr.append(10.0 * np.log10(255.0**2 / max(np.mean((rendered[box] - photo[box]) ** 2), 1e-9)))
-        silhouette = renderer.hits(camera).mask
+        psnr.append(10.0 * np.log10(255.0**2 / max(np.mean((rendered[box].astype(float) - photo[box]) ** 2), 1e-9)))
         iou.append((silhouette & mask).sum() / max((silhouette | mask).sum(), 1))
     return {"psnr_db": np.mean(psnr), "silhouette_iou": np.mean(iou), "psnr_db_views": [round(value, 3) for value in psnr]}

@@ -55,20 +55,32 @@ class MeshRenderer:
 
     def color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
         """Unlit textured render as (height, width, 3) uint8 sRGB, antialiased over `samples` x `samples` rays a pixel."""
-        return self._antialiased(camera, self._texture_color, background, samples)
+        return _over(background, *self._averaged(camera, self._texture_color, samples))
+
+    def masked_color(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
+        """Unlit textured render with a hard silhouette, as a photo cut out by its mask.
+
+        Returns:
+            image: (height, width, 3) uint8 sRGB, black where less than half of a pixel's rays hit the mesh.
+            mask: (height, width) bool.
+        """
+        color, coverage = self._averaged(camera, self._texture_color, samples)
+        mask = coverage >= 0.5
+        return np.clip(np.rint(np.where(mask[..., None], color, 0.0)), 0, 255).astype(np.uint8), mask
 
     def shaded(self, camera: Camera, background: tuple[int, int, int] = (255, 255, 255), samples: int = 2) -> np.ndarray:
         """Grey render lit from the camera, which shows the shape alone, as (height, width, 3) uint8."""
-        return self._antialiased(camera, self._shade, background, samples)
+        return _over(background, *self._averaged(camera, self._shade, samples))
 
-    def _antialiased(self, camera: Camera, shade, background: tuple[int, int, int], samples: int) -> np.ndarray:
+    def _averaged(self, camera: Camera, shade, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """(height, width, 3) mean colour of the rays of a pixel that hit, and (height, width) share of them."""
         fine = camera.resized(camera.width_px * samples, camera.height_px * samples)
         hits = self.hits(fine)
-        image = np.empty((fine.height_px, fine.width_px, 3), np.float32)
-        image[:] = background
+        image = np.zeros((fine.height_px, fine.width_px, 3), np.float32)
         image[hits.mask] = shade(fine, hits)
-        image = image.reshape(camera.height_px, samples, camera.width_px, samples, 3).mean((1, 3))
-        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+        shape = (camera.height_px, samples, camera.width_px, samples)
+        coverage = hits.mask.reshape(shape).mean((1, 3), dtype=np.float32)
+        return image.reshape(*shape, 3).mean((1, 3)) / np.maximum(coverage, 1e-6)[..., None], coverage
 
     def _texture_color(self, camera: Camera, hits: Hits) -> np.ndarray:
         if self.mesh.uv is None or self.mesh.texture is None:
@@ -89,6 +101,11 @@ class MeshRenderer:
         corners = values[self.mesh.faces[hits.face[hits.mask]]]
         second, third = hits.barycentric[hits.mask].T[:, :, None]
         return corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third
+
+
+def _over(background: tuple[int, int, int], color: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    image = color * coverage[..., None] + np.array(background, np.float32) * (1.0 - coverage[..., None])
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def sample_texture(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
