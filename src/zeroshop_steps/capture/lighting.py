@@ -23,6 +23,7 @@ CHANNELS = 7
 SURFACE_CELLS = 320
 SURFACE_BAKED_IN_SIZES = 2.6
 WHITE_LEVEL = 0.9
+SURFACE_BOUNCE, OWN_BOUNCE = 0.22, 0.12
 OBJECT_CELLS = 30
 BAKE_CHUNK = 8192
 
@@ -66,8 +67,8 @@ class BakedLight:
     surface_side_mm: float
 
 
-def place_lights(subject: Subject) -> Lights:
-    """Lights around the object, their strength chosen for the exposure."""
+def place_lights(subject: Subject, on_surface: bool) -> Lights:
+    """Lights around the object, their strength chosen for the exposure. On a surface the four at the sides stand on it."""
     directions = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
     angle = np.radians(subject.front_azimuth_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
@@ -75,6 +76,8 @@ def place_lights(subject: Subject) -> Lights:
     axes = np.stack([np.roll(directions, 2, 0), np.cross(directions, np.roll(directions, 2, 0)), -directions], 1)
     half_side_mm = LIGHT_HALF_SIDE_IN_SIZES * subject.largest_mm
     centres = subject.centre_mm + directions * LIGHT_DISTANCE_IN_SIZES * subject.largest_mm
+    if on_surface:
+        centres[:4, 2] = subject.bottom_mm + half_side_mm
     lights = Lights(centres, axes, half_side_mm, np.array(LIGHT_STRENGTHS), SKY)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     rays, weights = _light_rays(subject.centre_mm[None].astype(np.float32), up, centres, axes, half_side_mm, 16, 0)
@@ -90,7 +93,7 @@ def bake(scene: o3d.t.geometry.RaycastingScene, parts: list[Part], subject: Subj
     steps = np.clip(np.ceil(longest_mm * OBJECT_CELLS / subject.largest_mm), 1, 64).astype(np.int64)
     first = np.concatenate([[0], np.cumsum((steps + 1) * (steps + 2) // 2)])
     points, normals = _lattice(corners, part.corner_normals, first, steps, 2e-4 * subject.largest_mm)
-    bounce = 0.35 if len(parts) > 1 else 0.0
+    bounce = SURFACE_BOUNCE if len(parts) > 1 else 0.0
     object_light = _bake_points(scene, points, normals, lights, bounce, seed)
     cells = SURFACE_CELLS if len(parts) > 1 else 2
     side_mm = 2 * SURFACE_BAKED_IN_SIZES * subject.largest_mm
@@ -121,11 +124,10 @@ def _bake_points(scene, points: np.ndarray, normals: np.ndarray, lights: Lights,
         possible = weights.sum(2)
         sky_rays = _sky_rays(p, n, SKY_SAMPLES, seed + start)
         hit = scene.cast_rays(o3d.core.Tensor(sky_rays.reshape(-1, 6)))["geometry_ids"].numpy().reshape(len(p), SKY_SAMPLES)
-        open_share = (hit == scene.INVALID_ID).mean(1)
-        surface_share = (hit == 1).mean(1)
         own_share = (hit == 0).mean(1)
-        diffuse = (direct * lights.radiances).sum(1) / np.pi + lights.sky * open_share
-        out[start : start + len(p), 0] = diffuse + WHITE_LEVEL * bounce * surface_share * 0.7 + 0.12 * own_share
+        below_share = (1.0 - own_share) * (1.0 - n[:, 2]) / 2 if bounce > 0 else 0.0
+        diffuse = (direct * lights.radiances).sum(1) / np.pi + lights.sky * (1.0 - own_share - below_share)
+        out[start : start + len(p), 0] = diffuse + bounce * below_share + OWN_BOUNCE * own_share
         out[start : start + len(p), 1:] = direct / np.maximum(possible, 1e-9)
     return out
 
@@ -143,7 +145,10 @@ def _random(index, salt):
 
 @numba.njit(cache=True, parallel=True)
 def _light_rays(points, normals, centres, axes, half_side, a_side, seed):
-    """Stratified rays from every point to every light: (S, 6, n, 6) and their weights cos cos / d^2 dA, (S, 6, n)."""
+    """Stratified rays from every point to every light: (S, 6, n, 6) and their weights cos cos / d^2 dA, (S, 6, n).
+
+    The weights are those of the cells' middles, so that only what is partly in shadow carries the noise of the jitter.
+    """
     count, samples = points.shape[0], a_side * a_side
     rays = np.zeros((count, 6, samples, 6), np.float32)
     weights = np.zeros((count, 6, samples), np.float32)
@@ -152,13 +157,15 @@ def _light_rays(points, normals, centres, axes, half_side, a_side, seed):
         for light in range(6):
             for cell in range(samples):
                 number = (index * 6 + light) * samples + cell
-                a = ((cell % a_side + _random(number, 2 * seed)) / a_side * 2.0 - 1.0) * half_side
-                b = ((cell // a_side + _random(number, 2 * seed + 1)) / a_side * 2.0 - 1.0) * half_side
+                a = ((cell % a_side + 0.5) / a_side * 2.0 - 1.0) * half_side
+                b = ((cell // a_side + 0.5) / a_side * 2.0 - 1.0) * half_side
+                shift_a = (_random(number, 2 * seed) - 0.5) / a_side * 2.0 * half_side
+                shift_b = (_random(number, 2 * seed + 1) - 0.5) / a_side * 2.0 * half_side
                 squared, facing, leaving = 0.0, 0.0, 0.0
                 for k in range(3):
                     d = centres[light, k] + a * axes[light, 0, k] + b * axes[light, 1, k] - points[index, k]
                     rays[index, light, cell, k] = points[index, k]
-                    rays[index, light, cell, 3 + k] = d
+                    rays[index, light, cell, 3 + k] = d + shift_a * axes[light, 0, k] + shift_b * axes[light, 1, k]
                     squared += d * d
                     facing += d * normals[index, k]
                     leaving -= d * axes[light, 2, k]

@@ -40,7 +40,7 @@ class Renderer:
         self.scene = o3d.t.geometry.RaycastingScene()
         for part in parts:
             self.scene.add_triangles(o3d.core.Tensor(part.vertices), o3d.core.Tensor(part.faces))
-        lights = lighting.place_lights(subject)
+        lights = lighting.place_lights(subject, on_surface=len(parts) > 1)
         light = lighting.bake(self.scene, parts, subject, lights, seed)
         self._arrays = [
             shading.PartArrays(
