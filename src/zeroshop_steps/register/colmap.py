@@ -22,6 +22,7 @@ from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import map_incrementally, mapping_options
 from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, model_figures, write_registration
 from zeroshop_steps.register.sift import SiftOptions, extract, match
+from zeroshop_steps.register.tilted import add_stretched_features, weak_images
 from zeroshop_steps.register.undistort import undistort
 
 
@@ -32,12 +33,16 @@ class ColmapOptions:
     Attributes:
         sift: extraction and matching.
         object_only: features inside the masks only, for images without a surface.
+        weak_matches: views with fewer verified matches, over all pairs, get features of a stretched copy, too.
+        tilt: how much that copy is stretched (5 suits a surface seen under 8 to 20 degrees).
         min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
         max_unexplained_px: a view whose mask rays miss the other masks by more (95th percentile) is inconsistent; at 1000 px width.
     """
 
     sift: SiftOptions = field(default_factory=SiftOptions)
     object_only: bool = False
+    weak_matches: int = 1000
+    tilt: float = 5.0
     min_share: float = 0.8
     min_images: int = 8
     max_unexplained_px: float = 6.0
@@ -92,7 +97,12 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         lap("extract")
         match(database, options.sift)
         lap("match")
-        mapper = mapping_options(min(needed, count), options.sift.seed, options.sift.threads)
+        weak = [] if options.object_only else weak_images(database, options.weak_matches)
+        if weak:
+            add_stretched_features(database, image_set, weak, options.tilt, options.sift)
+        figures["stretched"] = weak
+        lap("stretch")
+        mapper = mapping_options(min(needed, count), options.sift.seed)
         model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
         lap("map")
     registered = model.num_reg_images() if model else 0

@@ -5,17 +5,17 @@ from pathlib import Path
 import pycolmap
 
 
-def mapping_options(min_registered: int, seed: int, threads: int) -> pycolmap.IncrementalPipelineOptions:
+def mapping_options(min_registered: int, seed: int) -> pycolmap.IncrementalPipelineOptions:
     """Options of the incremental mapper.
 
     Args:
         min_registered: a model with fewer images is given up and the next initial pair is tried.
         seed: of all RANSAC loops.
-        threads: worker threads; bundle adjustment itself stays on one thread below 50,000 residuals.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = min_registered
-    options.num_threads = options.mapper.num_threads = threads
+    # On several threads sums are formed in a changing order: not the same bytes, and at this size hardly faster.
+    options.num_threads = options.mapper.num_threads = 1
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = seed
     return options
 

@@ -94,11 +94,16 @@ def extract(
 
 def match(database: Path, options: SiftOptions) -> None:
     """Match all image pairs and keep what one epipolar geometry (or homography) explains."""
+    pycolmap.match_exhaustive(database, matching_options(options), verification_options=two_view_options(options.seed))
+
+
+def matching_options(options: SiftOptions) -> pycolmap.FeatureMatchingOptions:
+    """Options of the descriptor matching."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = options.threads
     matching.guided_matching = options.guided
     matching.sift.max_ratio = options.max_ratio
-    pycolmap.match_exhaustive(database, matching, verification_options=two_view_options(options.seed))
+    return matching
 
 
 def two_view_options(seed: int) -> pycolmap.TwoViewGeometryOptions:

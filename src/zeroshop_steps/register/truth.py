@@ -70,7 +70,7 @@ def triangulate(
         for image in sorted(opened.read_all_images(), key=lambda image: image.name):
             placed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
             model.add_image_with_trivial_frame(placed, camera_from_world[Path(image.name).stem])
-    mapper = mapping_options(len(image_set.images), options.seed, options.threads)
+    mapper = mapping_options(len(image_set.images), options.seed)
     output = database.parent / "triangulated"
     output.mkdir()
     return pycolmap.triangulate_points(model, database, image_set.images[0].parent, output, options=mapper)
