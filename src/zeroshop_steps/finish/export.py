@@ -48,7 +48,7 @@ def in_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: n
 
 def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict], quality: Path | None) -> dict:
     """The content of the product's JSON."""
-    seconds = {name: content["seconds"] for name, content in stages.items() if isinstance(content.get("seconds"), int | float)}
+    seconds = {name: _seconds(content) for name, content in stages.items() if _seconds(content) is not None}
     return {
         "ply_unit": "millimetre" if frame["scale"] == "known" else "unknown",
         "glb_unit": "metre" if frame["scale"] == "known" else "unknown",
@@ -97,6 +97,12 @@ def write_glb(path: Path, mesh: Mesh, scale: float) -> None:
     )
     with written_whole(path) as temporary:
         temporary.write_bytes(exported.export(file_type="glb", include_normals=True))
+
+
+def _seconds(content: dict) -> float | None:
+    """A stage's seconds: one number, or its steps' with their total."""
+    seconds = content.get("seconds")
+    return seconds.get("total") if isinstance(seconds, dict) else seconds
 
 
 def _stage_name(path: Path) -> str:

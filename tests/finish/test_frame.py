@@ -1,0 +1,127 @@
+import argparse
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from carton_scene import SIZE_MM, camera_at
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.finish import frame as frame_method
+from zeroshop_steps.finish.frame import known_height_m, object_frame
+from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.finish.support_plane import background_points, fit_support_plane, up_from_roll
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.meshes import Mesh, write_ply
+
+HEIGHT_M = SIZE_MM[2] / 1000
+
+
+@pytest.fixture(scope="module")
+def scene(carton):
+    views, model = read_views(carton.cameras)
+    return carton.mesh, views, model.points[background_points(model.points, views)]
+
+
+def moved(similarity: np.ndarray, mesh: Mesh, views: list[View], points: np.ndarray):
+    linear, shift = similarity[:3, :3], similarity[:3, 3]
+    turned = [replace(view, camera=seen_from(view.camera, similarity)) for view in views]
+    return Mesh(mesh.vertices @ linear.T + shift, mesh.faces), turned, points @ linear.T + shift
+
+
+def frame_of(mesh: Mesh, views: list[View], points: np.ndarray, height_m: float | None = HEIGHT_M) -> dict:
+    return object_frame(mesh, views, fit_support_plane(points, mesh.vertices, views), height_m)
+
+
+def test_the_frame_of_a_box_on_a_table(scene):
+    frame = frame_of(*scene)
+    object_from_registration = np.array(frame["object_from_registration"])
+    assert frame["up_source"] == "support_plane" and frame["scale"] == "known"
+    assert np.abs(object_from_registration - np.eye(4))[:3, :3].max() < 2e-3
+    assert np.abs(object_from_registration[:3, 3]).max() < 0.1
+    assert frame["up_uncertainty"]["deviation_deg"] < 0.05
+
+
+@given(
+    rotation=st.tuples(*[st.floats(-1, 1) for _ in range(4)]).filter(lambda q: np.linalg.norm(q) > 0.1),
+    log_scale=st.floats(-4, 4),
+    shift=st.tuples(*[st.floats(-50, 50) for _ in range(3)]),
+)
+@settings(max_examples=12, deadline=None)
+def test_the_object_frame_does_not_depend_on_the_registration_frame(scene, rotation, log_scale, shift):
+    similarity = np.eye(4)
+    similarity[:3, :3] = np.exp(log_scale) * Rotation.from_quat(rotation).as_matrix()
+    similarity[:3, 3] = shift
+    expected = np.array(frame_of(*scene)["object_from_registration"])
+    found = np.array(frame_of(*moved(similarity, *scene))["object_from_registration"]) @ similarity
+    assert np.abs(found - expected).max() < 1e-4
+
+
+def test_unevenly_spread_tilted_cameras_do_not_tilt_the_frame(scene):
+    mesh, views, points = scene
+    cameras = [camera_at(f"{k:06d}.png", 12.0 * k, 50.0 - 4.0 * k) for k in range(6)]  # one side only, mostly from above
+    uneven = [replace(view, camera=camera) for view, camera in zip(views, cameras, strict=False)]
+    z = np.array(frame_of(mesh, uneven, points)["object_from_registration"])[2, :3]
+    assert np.degrees(np.arccos(z[2] / np.linalg.norm(z))) < 0.1
+
+
+def test_a_wall_behind_the_object_is_not_its_support(scene):
+    mesh, views, points = scene
+    rng = np.random.default_rng(2)
+    wall = rng.uniform(-150.0, 150.0, (1500, 3))
+    wall[:, 1] = SIZE_MM[1] / 2 + 1.0  # it touches the object, and more points lie on it than on the table
+    front = [replace(view, camera=camera_at(f"{k:06d}.png", -120.0 + 10.0 * k, 25.0)) for k, view in enumerate(views[:7])]
+    plane = fit_support_plane(np.concatenate([points, wall]), mesh.vertices, front)
+    assert plane is not None and plane.normal[2] > 0.999
+
+
+def test_without_a_plane_up_comes_from_the_cameras_roll(scene):
+    mesh, views, _ = scene
+    frame = object_frame(mesh, views, None, HEIGHT_M)
+    assert frame["up_source"] == "camera_roll"
+    assert np.abs(np.array(frame["object_from_registration"]) - np.eye(4)).max() < 1e-6
+    up, certainty = up_from_roll(views)
+    assert up[2] > 0.9999 and certainty > 0.5
+
+
+def test_too_few_points_give_no_plane(scene):
+    mesh, views, points = scene
+    assert fit_support_plane(points[:10], mesh.vertices, views) is None
+    assert fit_support_plane(np.random.default_rng(0).uniform(-100, 100, (200, 3)), mesh.vertices, views) is None
+
+
+@pytest.mark.parametrize("height_m", [0.027, 0.09, 0.22])
+def test_a_known_height_gives_the_exact_scale(scene, height_m):
+    mesh, views, _ = scene
+    similarity = np.array(object_frame(mesh, views, None, height_m)["object_from_registration"])
+    assert np.ptp((mesh.vertices @ similarity[:3, :3].T)[:, 2]) == pytest.approx(height_m * 1000, rel=1e-9)
+
+
+def test_a_spike_on_top_does_not_change_the_scale(scene):
+    mesh, views, _ = scene
+    box = Mesh(mesh.vertices.copy(), mesh.faces)
+    tip = np.flatnonzero(box.vertices[:, 2] == box.vertices[:, 2].max())[:1]
+    vertices = np.concatenate([box.vertices, box.vertices[tip] + [[0, 0, 8.0], [0.05, 0, 8.0], [0, 0.05, 8.0]]])
+    spiked = Mesh(vertices, np.concatenate([box.faces, [[len(vertices) - 3, len(vertices) - 2, len(vertices) - 1]]]))
+    frame = object_frame(spiked, views, None, HEIGHT_M)
+    assert frame["height_in_registration"] == pytest.approx(SIZE_MM[2], rel=1e-6)
+
+
+def test_an_unknown_height_is_marked_and_warned_about(carton, tmp_path, capsys):
+    write_ply(tmp_path / "clean.ply", Mesh(carton.mesh.vertices, carton.mesh.faces))
+    write_json(tmp_path / "capture.json", {"scene": "video", "known_height_m": None})
+    frame_method.run(argparse.Namespace(mesh=tmp_path / "clean.ply", cameras=carton.cameras, capture=tmp_path, out=tmp_path / "frame.json"))
+    frame = read_json(tmp_path / "frame.json")
+    assert frame["scale"] == frame["scale_source"] == "unknown"
+    assert np.linalg.det(np.array(frame["object_from_registration"])) == pytest.approx(1.0)
+    assert "height_m" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("height", [-1.0, 0.0, 50.0, "tall"])
+def test_absurd_heights_are_refused(tmp_path, height):
+    write_json(tmp_path / "capture.json", {"known_height_m": height})
+    with pytest.raises(StepError, match="known_height_m"):
+        known_height_m(tmp_path / "capture.json")

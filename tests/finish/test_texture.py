@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+import trimesh
+from carton_scene import camera_at
+
+from zeroshop_steps.finish.atlas import rasterize
+from zeroshop_steps.finish.render import MeshRenderer, sample_texture
+from zeroshop_steps.finish.texture import bake
+from zeroshop_steps.finish.unwrap import atlas_use, unwrap_mesh
+from zeroshop_steps.finish.views import read_views
+from zeroshop_steps.images import read_image, write_image
+from zeroshop_steps.meshes import Mesh
+
+
+@pytest.fixture(scope="module")
+def unwrapped() -> Mesh:
+    ball = trimesh.creation.icosphere(4, 20.0)
+    return unwrap_mesh(Mesh(np.array(ball.vertices), np.array(ball.faces, np.int64)), 256)[0]
+
+
+@pytest.fixture(scope="module")
+def baked(carton):
+    views, _ = read_views(carton.cameras)
+    texture, figures = bake(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), views, 512)
+    return texture, figures
+
+
+def psnr_db(a: np.ndarray, b: np.ndarray) -> float:
+    return 10 * np.log10(255.0**2 / np.mean((a.astype(float) - b) ** 2))
+
+
+def test_the_atlas_lies_in_the_unit_square_and_keeps_the_surface(unwrapped):
+    assert unwrapped.uv.min() >= 0.0 and unwrapped.uv.max() <= 1.0
+    assert len(unwrapped.faces) == 20 * 4**4
+    assert unwrapped.as_trimesh().area == pytest.approx(4 * np.pi * 20.0**2, rel=0.01)
+    assert np.allclose(np.linalg.norm(unwrapped.normals, axis=1), 1.0)
+
+
+def test_charts_do_not_overlap(unwrapped):
+    size = 512
+    texels = rasterize(unwrapped, size)
+    # texels covered once, counted by texel, equal the triangles' summed area
+    assert len(texels.face) / size**2 == pytest.approx(atlas_use(unwrapped), rel=0.02)
+    assert atlas_use(unwrapped) > 0.4
+
+
+def test_texels_lie_at_their_uv(unwrapped):
+    size = 256
+    texels = rasterize(unwrapped, size)
+    uv = (unwrapped.uv[unwrapped.faces[texels.face]] * texels.barycentric[:, :, None]).sum(1)
+    assert np.abs(uv[:, 0] * size - (texels.column + 0.5)).max() < 1e-2
+    assert np.abs((1 - uv[:, 1]) * size - (texels.row + 0.5)).max() < 1e-2
+
+
+def test_texture_look_up_has_its_origin_at_the_lower_left():
+    texture = np.zeros((4, 8, 3), np.uint8)
+    texture[3, 0], texture[0, 7] = (255, 0, 0), (0, 0, 255)
+    found = sample_texture(texture, np.array([[0.5 / 8, 0.5 / 4], [7.5 / 8, 3.5 / 4]]))
+    assert np.array_equal(found, [[255, 0, 0], [0, 0, 255]])
+
+
+def test_a_baked_print_renders_as_it_was(carton, baked):
+    texture, figures = baked
+    product = MeshRenderer(Mesh(carton.mesh.vertices, carton.mesh.faces, None, carton.mesh.uv, texture))
+    truth = MeshRenderer(carton.mesh)
+    for azimuth_deg in (15.0, 130.0, 250.0):
+        camera = camera_at("new.png", azimuth_deg, 22.0)
+        expected, mask = truth.masked_color(camera, 3)
+        assert psnr_db(product.masked_color(camera, 3)[0][mask], expected[mask]) > 32.0
+    assert 0.75 < figures["seen_share"] <= 1.0
+
+
+def test_the_side_that_no_photo_sees_is_filled_from_its_surroundings(carton, baked):
+    texture, _ = baked
+    texels = rasterize(carton.mesh, 512)
+    under = (carton.mesh.vertices[carton.mesh.faces[texels.face]][:, :, 2] < carton.mesh.vertices[:, 2].min() + 0.1).all(1)
+    colors = texture[texels.row[under], texels.column[under]].astype(float)
+    assert colors.std(0).max() < 60.0
+    assert not (np.abs(colors - (90, 160, 90)).max(1) < 20).all(), "the table's colour must not come onto the object"
+    assert (colors.max(1) > 20).all(), "nothing is left black"
+
+
+def test_exposure_differences_leave_no_seams(carton, baked, tmp_path):
+    views, _ = read_views(carton.cameras)
+    from dataclasses import replace
+
+    changed = []
+    for k, view in enumerate(views):
+        path = tmp_path / view.image_path.name
+        write_image(path, np.clip(read_image(view.image_path) * (0.8 if k % 2 else 1.1), 0, 255).astype(np.uint8))
+        changed.append(replace(view, image_path=path))
+    texture, figures = bake(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), changed, 512)
+    texels = rasterize(carton.mesh, 512)
+    ratio = texture[texels.row, texels.column].astype(float).mean(1) / baked[0][texels.row, texels.column].astype(float).mean(1)
+    assert np.std(ratio) < 0.03
+    assert figures["gains"][1] / figures["gains"][0] == pytest.approx(1.1 / 0.8, rel=0.03)
+
+
+def test_gutters_continue_the_nearest_chart(baked):
+    texture, _ = baked
+    assert (texture.max(2) > 0).all()
+
+
+def test_the_same_photos_give_the_same_texture(carton, baked):
+    views, _ = read_views(carton.cameras)
+    again, _ = bake(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), views, 512)
+    assert np.array_equal(again, baked[0])
