@@ -36,7 +36,9 @@ def read_mask(path: Path, size_px: tuple[int, int] | None = None) -> np.ndarray:
     """
     mask = _decode(path, cv2.IMREAD_GRAYSCALE) >= 128
     if size_px is not None and mask.shape != (size_px[1], size_px[0]):
-        raise StepError(f"mask {path} is {mask.shape[1]} x {mask.shape[0]} px, its image is {size_px[0]} x {size_px[1]} px; they must be equal")
+        raise StepError(
+            f"mask {path} is {mask.shape[1]} x {mask.shape[0]} px, its image is {size_px[0]} x {size_px[1]} px; they must be equal"
+        )
     return mask
 
 

@@ -198,7 +198,7 @@ def chosen_quality(wildcards):
 def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
-    return [f"{folder}/{name}.json" for name in ("splats/training", "clean", "unwrapped", "texture")]
+    return [f"{folder}/{name}.json" for name in ("splats/training", "raw_mesh", "clean", "unwrapped", "texture")]
 
 
 def table_measurements(wildcards):

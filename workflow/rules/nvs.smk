@@ -35,6 +35,7 @@ rule fuse_2dgs:
         splats="results/{dataset}/{object}/{scene}/{registration}/2dgs/splats/splats.ply",
     output:
         mesh="results/{dataset}/{object}/{scene}/{registration}/2dgs/raw_mesh.ply",
+        facts="results/{dataset}/{object}/{scene}/{registration}/2dgs/raw_mesh.json",
     log:
         "results/{dataset}/{object}/{scene}/{registration}/2dgs/logs/fuse.log",
     benchmark:
