@@ -68,14 +68,10 @@ def sampled(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarra
 def seen_count(points: np.ndarray, normals: np.ndarray, truth: Mesh, cameras: list[Camera], support_z_mm: float | None) -> np.ndarray:
     """(N,) number of cameras that see each surface point: in the image, facing, and not hidden by the object or its support."""
     scene = _scene(truth)
-    if support_z_mm is not None:
-        reach = 100.0 * float(np.linalg.norm(np.ptp(truth.vertices, axis=0)))
-        x, y = np.array([-1.0, 1.0, 1.0, -1.0]) * reach, np.array([-1.0, -1.0, 1.0, 1.0]) * reach
-        # slightly below, so that the object's own lowest points are not hidden by rounding
-        corners = np.stack([x, y, np.full(4, support_z_mm - 0.01)], 1).astype(np.float32)
-        scene.add_triangles(o3d.core.Tensor(corners), o3d.core.Tensor(np.array([[0, 1, 2], [0, 2, 3]], np.uint32)))
     count = np.zeros(len(points), int)
     for camera in cameras:
+        if support_z_mm is not None and camera.centre_in_world[2] <= support_z_mm:
+            continue  # the support hides all that stands on it from below
         pixels, depth = camera.project(points)
         inside = (depth > 0) & (pixels >= 0).all(1) & (pixels < (camera.width_px, camera.height_px)).all(1)
         directions = points - camera.centre_in_world
