@@ -41,14 +41,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write the JSON and the CSV; a failed registration gives a record with its reason and no figures."""
+    """Write the JSON and the CSV; of a failed registration with its reason, and the figures of the rejected model if there is one."""
     truth = read_sparse_model(args.truth).cameras
     record: dict = {"images": len(truth), "registered": 0}
     registration = args.cameras / "registration.json"
     status = read_json(registration) if registration.is_file() else {"status": "ok"}
     record["status"] = status["status"]
-    if status["status"] == "ok":
-        error = camera_error(read_sparse_model(args.cameras / "sparse").cameras, truth)
+    if status["status"] != "ok":
+        record["reason"] = status["reason"]
+    model = args.cameras / ("sparse" if status["status"] == "ok" else "rejected")
+    if (model / "cameras.bin").is_file():
+        error = camera_error(read_sparse_model(model).cameras, truth)
         record |= {
             "registered": len(error.names),
             "mean_centre_error_mm": float(error.centre_mm.mean()),
@@ -59,8 +62,6 @@ def run(args: argparse.Namespace) -> None:
         }
         per_camera = zip(error.names, error.centre_mm, error.rotation_deg, strict=True)
         record["cameras"] = {name: {"centre_error_mm": float(c), "rotation_error_deg": float(r)} for name, c, r in per_camera}
-    else:
-        record["reason"] = status["reason"]
     write_json(args.out, record)
     with written_whole(args.out.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)

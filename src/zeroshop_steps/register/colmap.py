@@ -33,7 +33,8 @@ class ColmapOptions:
     Attributes:
         sift: extraction and matching.
         object_only: features inside the masks only, for images without a surface.
-        weak_matches: views with fewer verified matches, over all pairs, get features of a stretched copy, too.
+        weak_matches, weak_share: views with fewer verified matches, over all pairs, or less than this share of what a
+            well-matched view has, get features of a stretched copy, too.
         tilt: how much that copy is stretched (5 suits a surface seen under 8 to 20 degrees).
         min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
         max_unexplained_px: a view whose mask rays miss the other masks by more (95th percentile) is inconsistent; at 1000 px width.
@@ -42,6 +43,7 @@ class ColmapOptions:
     sift: SiftOptions = field(default_factory=SiftOptions)
     object_only: bool = False
     weak_matches: int = 1000
+    weak_share: float = 0.5
     tilt: float = 5.0
     min_share: float = 0.8
     min_images: int = 8
@@ -97,7 +99,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         lap("extract")
         match(database, options.sift)
         lap("match")
-        weak = [] if options.object_only else weak_images(database, options.weak_matches)
+        weak = [] if options.object_only else weak_images(database, options.weak_matches, options.weak_share)
         if weak:
             add_stretched_features(database, image_set, weak, options.tilt, options.sift)
         figures["stretched"] = weak
@@ -113,7 +115,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
             figures,
         )
     figures |= model_figures(model)
-    undistort(model, image_set, out)
+    pinhole_model = undistort(model, image_set, out)
     lap("undistort")
     cameras = list(read_sparse_model(out / "sparse").cameras)
     coherence = silhouette_coherence(cameras, {camera.name: read_mask(out / "masks" / camera.name) for camera in cameras})
@@ -128,6 +130,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
             f"the masks contradict the cameras: rays of one view pass the other masks by {coherence.unexplained_px.max():.1f} px; "
             "the reconstruction hangs together but is wrong (look-alike sides, too little texture) or the masks are",
             figures,
+            pinhole_model,
         )
     seconds["total"] = round(time.monotonic() - start_s, 3)
     return figures

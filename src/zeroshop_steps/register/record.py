@@ -2,7 +2,8 @@
 
 A registration that succeeded is a folder with images/, masks/, sparse/ and registration.json. One that failed raises,
 and nothing is written; in a table run (`--keep-going`) the folder is written with a registration.json that says
-`failed` and why, and with empty images/, masks/ and sparse/, so that the other objects go on.
+`failed` and why, and with empty images/, masks/ and sparse/, so that the other objects go on. A model that was found
+and rejected lies in rejected/, for those who want to see what went wrong.
 """
 
 import argparse
@@ -18,11 +19,11 @@ from zeroshop_steps.files import read_json, write_json, written_whole_dir
 
 
 class RegistrationFailed(StepError):
-    """The images could not be registered; `figures` says what was found."""
+    """The images could not be registered; `figures` says what was found, `rejected` is the model, if there is one."""
 
-    def __init__(self, reason: str, figures: dict[str, Any]) -> None:
+    def __init__(self, reason: str, figures: dict[str, Any], rejected: pycolmap.Reconstruction | None = None) -> None:
         super().__init__(reason)
-        self.figures = figures
+        self.figures, self.rejected = figures, rejected
 
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +50,9 @@ def write_registration(out: Path, keep_going: bool, register: Callable[[Path], d
         with written_whole_dir(out) as folder:
             for part in ("images", "masks", "sparse"):
                 (folder / part).mkdir()
+            if failure.rejected is not None:
+                (folder / "rejected").mkdir()
+                failure.rejected.write_binary(str(folder / "rejected"))
             write_json(folder / "registration.json", {"status": "failed", "reason": str(failure), **failure.figures})
         print(f"registration failed, recorded in {out / 'registration.json'}: {failure}", file=sys.stderr)
 

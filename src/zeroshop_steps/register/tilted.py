@@ -19,14 +19,22 @@ from zeroshop_steps.register.sift import SiftOptions, matching_options, two_view
 COPY_WIDTH = 0.5  # features must be as large across as along the view, where stretching cannot bring back detail
 
 
-def weak_images(database: Path, min_matches: int) -> list[str]:
-    """Names of the images that have fewer than `min_matches` verified matches with all others together."""
+def weak_images(database: Path, min_matches: int, min_share: float) -> list[str]:
+    """Names of the images with few verified matches, all pairs together.
+
+    Args:
+        database: with verified matches.
+        min_matches: fewer than these are few.
+        min_share: so are fewer than this share of what a well-matched image (upper quartile) of the same set has.
+    """
     with pycolmap.Database.open(database) as opened:
-        totals = {image.image_id: 0 for image in opened.read_all_images()}
+        names = {image.image_id: image.name for image in opened.read_all_images()}
+        totals = dict.fromkeys(names, 0)
         for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
             for image_id in pycolmap.pair_id_to_image_pair(pair_id):
                 totals[image_id] += len(geometry.inlier_matches)
-        return sorted(image.name for image in opened.read_all_images() if totals[image.image_id] < min_matches)
+    few = max(min_matches, min_share * float(np.percentile(list(totals.values()), 75)))
+    return sorted(name for image_id, name in names.items() if totals[image_id] < few)
 
 
 def add_stretched_features(database: Path, image_set: ImageSet, names: list[str], tilt: float, options: SiftOptions) -> None:
