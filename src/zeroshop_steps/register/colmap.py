@@ -12,18 +12,16 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pycolmap
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.images import read_mask
-from zeroshop_steps.register.consistency import silhouette_coherence
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import map_incrementally, mapping_options
 from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, model_figures, write_registration
+from zeroshop_steps.register.repair import place_again, refine_robustly, repaired, without_images
 from zeroshop_steps.register.sift import SiftOptions, extract, match
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
 from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.verdict import Limits, Verdict, judge
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,8 @@ class ColmapOptions:
             well-matched view has, get features of a stretched copy, too.
         tilt: how much that copy is stretched (5 suits a surface seen under 8 to 20 degrees).
         min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
-        max_unexplained_px: a view whose mask rays miss the other masks by more (95th percentile) is inconsistent; at 1000 px width.
+        max_dropped: rounds in which one image that the masks contradict is placed again or left out.
+        limits: from where on a model counts as wrong.
     """
 
     sift: SiftOptions = field(default_factory=SiftOptions)
@@ -47,7 +46,8 @@ class ColmapOptions:
     tilt: float = 5.0
     min_share: float = 0.8
     min_images: int = 8
-    max_unexplained_px: float = 6.0
+    max_dropped: int = 4
+    limits: Limits = field(default_factory=Limits)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,6 +107,9 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         mapper = mapping_options(min(needed, count), options.sift.seed)
         model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
         lap("map")
+        if model is not None:
+            model, verdict = _settled(model, image_set, database, scratch, options, figures)
+            lap("repair")
     registered = model.num_reg_images() if model else 0
     if model is None or registered < needed:
         raise RegistrationFailed(
@@ -114,23 +117,34 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
             "or put the object on a strongly textured surface",
             figures,
         )
-    figures |= model_figures(model)
     pinhole_model = undistort(model, image_set, out)
     lap("undistort")
-    cameras = list(read_sparse_model(out / "sparse").cameras)
-    coherence = silhouette_coherence(cameras, {camera.name: read_mask(out / "masks" / camera.name) for camera in cameras})
-    lap("check")
-    scale = 1000 / image_set.size_px[0]
-    figures["silhouette"] = {
-        "unexplained_px": dict(zip(coherence.names, np.round(coherence.unexplained_px, 2).tolist(), strict=True)),
-        "worst_px": float(coherence.unexplained_px.max()),
-    }
-    if coherence.unexplained_px.max() * scale > options.max_unexplained_px:
-        raise RegistrationFailed(
-            f"the masks contradict the cameras: rays of one view pass the other masks by {coherence.unexplained_px.max():.1f} px; "
-            "the reconstruction hangs together but is wrong (look-alike sides, too little texture) or the masks are",
-            figures,
-            pinhole_model,
-        )
+    figures |= model_figures(pinhole_model) | {"consistency": verdict.figures()}
     seconds["total"] = round(time.monotonic() - start_s, 3)
+    if verdict.reason:
+        raise RegistrationFailed(verdict.reason, figures, pinhole_model)
     return figures
+
+
+def _settled(
+    model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: ColmapOptions, figures: dict[str, Any]
+) -> tuple[pycolmap.Reconstruction, Verdict]:
+    """Refine, place suspicious images again, and leave out those that the masks contradict even then."""
+    images = image_set.images[0].parent
+    model, again = repaired(model, database, images, scratch, options.sift.seed)
+    verdict = judge(model, image_set, database, options.limits)
+    dropped: list[str] = []
+    for _ in range(options.max_dropped):
+        if verdict.silhouettes_agree or model.num_reg_images() <= options.min_images:
+            break
+        name = verdict.coherence.culprit()
+        if name in again:
+            dropped.append(name)
+            model = without_images(model, [name])
+        else:
+            again.append(name)
+            model = place_again(model, [name], database, images, scratch, options.sift.seed)
+        refine_robustly(model)
+        verdict = judge(model, image_set, database, options.limits)
+    figures |= {"placed_again": again, "left_out": dropped}
+    return model, verdict

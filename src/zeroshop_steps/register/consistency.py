@@ -29,9 +29,13 @@ class SilhouetteCoherence:
     unexplained_px: np.ndarray
     disagreement_px: np.ndarray
 
+    def culprit(self) -> str:
+        """The view that disagrees most with the others, over both directions of its pairs."""
+        return self.names[int((self.disagreement_px + self.disagreement_px.T).sum(1).argmax())]
+
 
 def silhouette_coherence(
-    cameras: list[Camera], masks: dict[str, np.ndarray], rays_per_view: int = 300, steps: int = 192
+    cameras: list[Camera], masks: dict[str, np.ndarray], rays_per_view: int = 200, steps: int = 160
 ) -> SilhouetteCoherence:
     """Walk along mask rays of every view and measure how far outside the other masks they stay.
 

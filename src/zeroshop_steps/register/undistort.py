@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.cameras import Camera
 from zeroshop_steps.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.image_set import ImageSet
 
@@ -35,9 +36,8 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         pinhole, (map_x, map_y) = maps[image.camera_id]
         image_file, mask_file = files[image.name]
         pixels = cv2.remap(read_image(image_file), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        mask = cv2.remap(read_mask(mask_file).astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
         write_image(out / "images" / f"{image_file.stem}.png", pixels)
-        write_mask(out / "masks" / f"{image_file.stem}.png", mask > 0)
+        write_mask(out / "masks" / f"{image_file.stem}.png", _remapped_mask(mask_file, map_x, map_y))
         points = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
         rays = model.cameras[image.camera_id].cam_from_img(points)
         points = rays * [pinhole.focal_length_x, pinhole.focal_length_y] + [pinhole.principal_point_x, pinhole.principal_point_y]
@@ -53,6 +53,24 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
     (out / "sparse").mkdir(parents=True, exist_ok=True)
     pinhole_model.write_binary(str(out / "sparse"))
     return pinhole_model
+
+
+def pinhole_views(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[list[Camera], dict[str, np.ndarray]]:
+    """Registered cameras as `undistort` would write them, under their images' names, with their undistorted masks; writes nothing."""
+    maps = {camera_id: undistortion_map(camera) for camera_id, camera in model.cameras.items()}
+    masks = dict(zip(image_set.names, image_set.masks, strict=True))
+    cameras, undistorted = [], {}
+    for image in sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name):
+        pinhole, (map_x, map_y) = maps[image.camera_id]
+        camera_from_world = np.eye(4)
+        camera_from_world[:3] = image.cam_from_world().matrix()
+        cameras.append(Camera(image.name, pinhole.width, pinhole.height, np.array(pinhole.calibration_matrix()), camera_from_world))
+        undistorted[image.name] = _remapped_mask(masks[image.name], map_x, map_y)
+    return cameras, undistorted
+
+
+def _remapped_mask(path: Path, map_x: np.ndarray, map_y: np.ndarray) -> np.ndarray:
+    return cv2.remap(read_mask(path).astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
 
 
 def undistortion_map(camera: pycolmap.Camera) -> tuple[pycolmap.Camera, tuple[np.ndarray, np.ndarray]]:
