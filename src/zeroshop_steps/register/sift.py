@@ -22,7 +22,7 @@ class SiftOptions:
         max_features: features an image, the largest scales first.
         first_octave: 0 starts at the image's own resolution, -1 at twice that (four times the work).
         peak_threshold: smallest contrast of a feature.
-        enough_features: extraction is repeated at octave -1 when the median image has fewer features.
+        enough_features: extraction is repeated at octave -1 when the median image has fewer features (and less than half the most).
         max_ratio: largest ratio of best to second-best descriptor distance.
         guided: search again along the epipolar lines of each verified pair.
         focal_px: known focal length; None reads EXIF, else estimates.
@@ -87,7 +87,7 @@ def extract(
         pycolmap.extract_features(database, folder, image_set.names, pycolmap.CameraMode.SINGLE, reader, extraction)
         with pycolmap.Database.open(database) as opened:
             median = float(np.median([opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()]))
-        if median >= options.enough_features:
+        if median >= min(options.enough_features, options.max_features // 2):
             break
     return median
 

@@ -31,11 +31,14 @@ def run(args: argparse.Namespace) -> None:
     if not (truth / "cameras.bin").is_file() and not (truth / "cameras.txt").is_file():
         raise StepError(f"{truth} holds no COLMAP model of true cameras; only virtual captures have one, use --method colmap for photos")
     image_set = read_image_set(args.capture)
-    options = sift.SiftOptions(threads=args.threads)
-    write_registration(args.out, args.keep_going, lambda folder: _register(image_set, truth, args.scene, options, folder))
+    write_registration(
+        args.out, args.keep_going, lambda folder: register(image_set, truth, args.scene, folder, sift.SiftOptions(threads=args.threads))
+    )
 
 
-def _register(image_set: ImageSet, truth: Path, scene: str, options: sift.SiftOptions, out: Path) -> dict[str, Any]:
+def register(image_set: ImageSet, truth: Path, scene: str, out: Path, options: sift.SiftOptions) -> dict[str, Any]:
+    """Write images/, masks/ and sparse/ with the cameras of the COLMAP model `truth`; returns the record for registration.json."""
+    out.mkdir(parents=True, exist_ok=True)
     start_s = time.monotonic()
     true_model = pycolmap.Reconstruction(str(truth))
     true_images = {Path(image.name).stem: image for image in true_model.images.values() if image.has_pose}

@@ -1,0 +1,79 @@
+"""Camera errors of a known disturbance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.cli import stage_main
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.register.__main__ import METHODS
+from zeroshop_steps.register.camera_error import camera_error
+
+
+@pytest.fixture(scope="module")
+def truth(carton_capture):
+    return read_sparse_model(carton_capture / "truth").cameras
+
+
+def in_another_frame(cameras):
+    """The same cameras in a frame that is turned, moved and scaled."""
+    turn = Rotation.from_euler("xyz", [20, -50, 130], degrees=True).as_matrix()
+    result = []
+    for camera in cameras:
+        centre = 0.01 * turn @ camera.centre_in_world + [3.0, -2.0, 1.0]
+        pose = np.eye(4)
+        pose[:3, :3] = camera.camera_from_world[:3, :3] @ turn.T
+        pose[:3, 3] = -pose[:3, :3] @ centre
+        result.append(replace(camera, camera_from_world=pose))
+    return tuple(result)
+
+
+def test_frame_and_scale_do_not_count(truth):
+    error = camera_error(in_another_frame(truth), truth)
+    assert error.centre_mm.max() < 1e-6 and error.rotation_deg.max() < 1e-6 and error.focal_ratio == 1.0
+
+
+def test_a_turned_camera_is_measured(truth):
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("x", 0.5, degrees=True).as_matrix()
+    turned = (replace(truth[0], camera_from_world=turn @ truth[0].camera_from_world), *truth[1:])
+    error = camera_error(in_another_frame(turned), truth)
+    assert error.rotation_deg[0] == pytest.approx(0.5, abs=1e-6)
+    assert error.rotation_deg[1:].max() < 1e-6 and error.centre_mm.max() < 1e-6
+
+
+def test_a_moved_camera_is_measured(truth):
+    moved = truth[0].camera_from_world.copy()
+    moved[:3, 3] += [0.0, 0.0, 5.0]
+    error = camera_error((replace(truth[0], camera_from_world=moved), *truth[1:]), truth)
+    assert 3.5 < error.centre_mm[0] < 5.0  # the alignment takes a part
+    assert error.centre_mm[1:].max() < 1.5
+
+
+def test_two_cameras_cannot_be_aligned(truth):
+    with pytest.raises(StepError, match="only 2 registered"):
+        camera_error(truth[:2], truth)
+
+
+def test_command_writes_json_and_table(truth, carton_capture, tmp_path):
+    write_cameras(tmp_path / "cameras" / "sparse", in_another_frame(truth))
+    write_json(tmp_path / "cameras" / "registration.json", {"status": "ok", "reason": None})
+    words = [
+        "--method",
+        "camera_error",
+        "--cameras",
+        tmp_path / "cameras",
+        "--truth",
+        carton_capture / "truth",
+        "--out",
+        tmp_path / "error.json",
+    ]
+    assert stage_main("zeroshop_steps.register", METHODS, [str(word) for word in words]) == 0
+    record = read_json(tmp_path / "error.json")
+    assert record["registered"] == record["images"] == 10 and record["mean_centre_error_mm"] < 1e-6
+    lines = (tmp_path / "error.csv").read_text().splitlines()
+    assert lines[0] == "camera,measure,value" and len(lines) == 1 + 7 + 20

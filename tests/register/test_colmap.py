@@ -1,0 +1,101 @@
+"""Registration with COLMAP on a small virtual capture with true cameras."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.cameras import read_sparse_model
+from zeroshop_steps.cli import stage_main
+from zeroshop_steps.files import read_json
+from zeroshop_steps.images import list_images, read_image, read_mask
+from zeroshop_steps.register.__main__ import METHODS
+from zeroshop_steps.register.camera_error import camera_error
+
+FEWER = ("--max-features", 1000)
+
+
+def register(*words) -> int:
+    return stage_main("zeroshop_steps.register", METHODS, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def registered(carton_capture, tmp_path_factory):
+    out = tmp_path_factory.mktemp("colmap") / "cameras"
+    assert register("--method", "colmap", "--capture", carton_capture, "--scene", "su_h", "--out", out, *FEWER) == 0
+    return out
+
+
+def test_cameras_are_right(registered, carton_capture):
+    error = camera_error(read_sparse_model(registered / "sparse").cameras, read_sparse_model(carton_capture / "truth").cameras)
+    assert len(error.names) == 10
+    assert error.centre_mm.mean() < 0.5
+    assert error.rotation_deg.max() < 0.1
+
+
+def test_folder_is_complete_and_consistent(registered):
+    model = read_sparse_model(registered / "sparse")
+    record = read_json(registered / "registration.json")
+    assert record["status"] == "ok" and record["registered"] == 10 and record["reprojection_error_px"] < 1.0
+    assert record["points"] == len(model.points) > 200
+    assert [path.name for path in list_images(registered / "images")] == [camera.name for camera in model.cameras]
+    for camera in model.cameras:
+        assert read_image(registered / "images" / camera.name).shape == (camera.height_px, camera.width_px, 3)
+        mask = read_mask(registered / "masks" / camera.name, (camera.width_px, camera.height_px))
+        # The points inside the silhouettes are the object's: they start the surface, so there must be some in every view.
+        pixels, depth = camera.project(model.points)
+        columns, rows = np.floor(pixels).astype(int).T
+        seen = (depth > 0) & (columns >= 0) & (rows >= 0) & (columns < camera.width_px) & (rows < camera.height_px)
+        assert mask[rows[seen], columns[seen]].sum() > 20
+
+
+def test_same_input_gives_the_same_bytes(registered, carton_capture, tmp_path):
+    assert register("--method", "colmap", "--capture", carton_capture, "--scene", "su_h", "--out", tmp_path / "again", *FEWER) == 0
+    files = [path.relative_to(registered) for path in sorted(registered.rglob("*")) if path.is_file() and path.suffix != ".json"]
+    assert len(files) >= 23
+    for file in files:
+        assert (registered / file).read_bytes() == (tmp_path / "again" / file).read_bytes(), file
+
+
+def test_images_without_texture_fail_with_a_reason(blank_capture, tmp_path, capsys):
+    out = tmp_path / "cell" / "cameras"
+    assert register("--method", "colmap", "--capture", blank_capture, "--scene", "su_h", "--out", out) == 1
+    assert "0 of 10 images registered, at least 8 are needed" in capsys.readouterr().err
+    assert list(out.parent.iterdir()) == []
+
+
+def test_failure_is_a_result_when_going_on(blank_capture, tmp_path):
+    out = tmp_path / "cell" / "cameras"
+    assert register("--method", "colmap", "--capture", blank_capture, "--scene", "su_h", "--out", out, "--keep-going") == 0
+    record = read_json(out / "registration.json")
+    assert record["status"] == "failed" and "0 of 10 images" in record["reason"]
+    assert {path.name for path in out.iterdir()} == {"images", "masks", "sparse", "registration.json"}
+
+
+@pytest.mark.parametrize("damage", ["two images", "no mask", "empty mask", "damaged image", "alike", "small mask"])
+def test_bad_captures_are_refused_by_name(blank_capture, tmp_path, capsys, damage):
+    images, masks = list_images(blank_capture / "images"), list_images(blank_capture / "masks")
+    if damage == "two images":
+        for path in images[2:]:
+            path.unlink()
+    elif damage == "no mask":
+        masks[3].unlink()
+    elif damage == "empty mask":
+        from zeroshop_steps.images import write_mask
+
+        write_mask(masks[3], np.zeros((120, 160), bool))
+    elif damage == "small mask":
+        from zeroshop_steps.images import write_mask
+
+        write_mask(masks[3], np.ones((12, 16), bool))
+    elif damage == "damaged image":
+        images[3].write_bytes(images[3].read_bytes()[:60])
+    else:
+        for path in images[1:]:
+            shutil.copy(images[0], path)
+    out = tmp_path / "cell" / "cameras"
+    assert register("--method", "colmap", "--capture", blank_capture, "--scene", "su_h", "--out", out) == 1
+    message = capsys.readouterr().err
+    expected = {"two images": "holds 2 image(s)", "alike": "are alike"}.get(damage, "000003.png")
+    assert expected in message
+    assert not out.exists()

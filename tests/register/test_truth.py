@@ -1,0 +1,44 @@
+"""Registration with the true cameras."""
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.cameras import read_sparse_model
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
+from zeroshop_steps.images import list_images, read_image
+from zeroshop_steps.register.camera_error import camera_error
+from zeroshop_steps.register.image_set import read_image_set
+from zeroshop_steps.register.record import RegistrationFailed, read_registration, write_registration
+from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.truth import register
+
+
+def test_true_cameras_and_pictures_stay_as_they_are(carton_capture, tmp_path):
+    register(read_image_set(carton_capture), carton_capture / "truth", "su_h", tmp_path / "cameras", SiftOptions(max_features=1000))
+    model, truth = read_sparse_model(tmp_path / "cameras" / "sparse"), read_sparse_model(carton_capture / "truth")
+    error = camera_error(model.cameras, truth.cameras)
+    assert error.centre_mm.max() < 1e-6 and error.rotation_deg.max() < 1e-6
+    assert len(model.points) > 200
+    for path in list_images(carton_capture / "images"):
+        assert np.array_equal(read_image(path), read_image(tmp_path / "cameras" / "images" / path.name))
+
+
+def test_a_picture_without_a_true_camera_is_named(carton_capture, tmp_path):
+    image_set = read_image_set(carton_capture)
+    (tmp_path / "truth").mkdir()
+    from zeroshop_steps.cameras import write_cameras
+
+    write_cameras(tmp_path / "truth", read_sparse_model(carton_capture / "truth").cameras[:5])
+    with pytest.raises(StepError, match="no camera for image 000015.png"):
+        register(image_set, tmp_path / "truth", "su_h", tmp_path / "cameras", SiftOptions(max_features=1000))
+
+
+def test_a_failed_record_is_refused_by_later_stages(tmp_path):
+    def fail(folder):
+        raise RegistrationFailed("3 of 20 images registered", {"registered": 3})
+
+    write_registration(tmp_path / "cameras", True, fail)
+    assert read_json(tmp_path / "cameras" / "registration.json")["registered"] == 3
+    with pytest.raises(StepError, match="3 of 20 images registered"):
+        read_registration(tmp_path / "cameras")
