@@ -41,7 +41,8 @@ def scene(kind: str, seed: int) -> list[np.ndarray]:
     if kind == "opaque":
         opacity_logits += 6.0
     if kind == "grazing":
-        # The disk's normal at right angles to the ray to its centre, up to 5 thousandths of a radian; nearer still, a pixel position in single precision is too coarse.
+        # The disk's normal at right angles to the ray to its centre, up to 5 thousandths of a radian;
+        # nearer still, a pixel position in single precision is too coarse.
         for i in range(count):
             ray = view.camera_from_world[:3, :3].T @ in_camera[i] / np.linalg.norm(in_camera[i])
             side = np.cross(ray, rng.normal(size=3))

@@ -16,7 +16,24 @@ import numba
 import numpy as np
 
 from zeroshop_steps.nvs.twodgs.project import (
-    A1, A2, ALPHA_MIN, BLUE, CX, CY, GREEN, NX, NY, NZ, OPACITY, RED, SPLAT_WIDTH, U1, U2, V1, V2, ZC,
+    A1,
+    A2,
+    ALPHA_MIN,
+    BLUE,
+    CX,
+    CY,
+    GREEN,
+    NX,
+    NY,
+    NZ,
+    OPACITY,
+    RED,
+    SPLAT_WIDTH,
+    U1,
+    U2,
+    V1,
+    V2,
+    ZC,
 )  # fmt: skip
 from zeroshop_steps.nvs.twodgs.tiles import TILE_PX
 

@@ -1,0 +1,180 @@
+"""Training and fusion on a small ball with a checkered surface, drawn without the renderer under test."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.nvs.fuse import fuse, view_depth
+from zeroshop_steps.nvs.hull import VisualHull
+from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
+from zeroshop_steps.nvs.sweep import SeenThrough, sweep_seeds
+from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
+from zeroshop_steps.nvs.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
+from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings, Views
+from zeroshop_steps.nvs.views import ObjectSphere, TrainingView, object_sphere
+
+SIZE_PX, FOCAL_PX, RADIUS = 64, 90.0, 0.6
+
+
+def look_at(centre: np.ndarray) -> np.ndarray:
+    forward = -centre / np.linalg.norm(centre)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ centre
+    return pose
+
+
+def ball_view(azimuth_deg: float, elevation_deg: float) -> tuple[TrainingView, np.ndarray]:
+    """A view of the ball and its exact depth (0 outside)."""
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    centre = 2.5 * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    k = np.array([[FOCAL_PX, 0, SIZE_PX / 2], [0, FOCAL_PX, SIZE_PX / 2], [0, 0, 1]])
+    camera = Camera(f"{azimuth_deg}_{elevation_deg}.png", SIZE_PX, SIZE_PX, k, look_at(centre))
+    y, x = np.mgrid[:SIZE_PX, :SIZE_PX] + 0.5
+    rays = np.stack([(x - k[0, 2]) / FOCAL_PX, (y - k[1, 2]) / FOCAL_PX, np.ones_like(x)], -1) @ camera.camera_from_world[:3, :3]
+    b, c, n = rays @ centre, centre @ centre - RADIUS**2, (rays**2).sum(-1)
+    inside = b**2 - n * c
+    depth = np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0))) / n, 0.0)
+    points = centre + depth[..., None] * rays
+    smooth = 0.5 + 0.4 * np.sin(9.0 * points) * np.cos(7.0 * points[..., [1, 2, 0]])
+    mask = (inside > 0).astype(np.float32)
+    color = (smooth * mask[..., None]).astype(np.float32).transpose(2, 0, 1).copy()
+    active = np.ones((SIZE_PX, SIZE_PX), bool)
+    return TrainingView(camera, torch.from_numpy(color), torch.from_numpy(mask), torch.from_numpy(active), np.ones((4, 4), bool)), depth
+
+
+@pytest.fixture(scope="module")
+def ball() -> tuple[list[TrainingView], list[np.ndarray]]:
+    pairs = [ball_view(azimuth, elevation) for elevation in (-25.0, 25.0) for azimuth in range(0, 360, 36)]
+    return [view for view, _ in pairs], [depth for _, depth in pairs]
+
+
+def ball_start(views: list[TrainingView]) -> Start:
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(600, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cameras, masks = [view.camera for view in views], [view.mask.numpy() > 0 for view in views]
+    seen_through = SeenThrough.by(cameras, [np.zeros((SIZE_PX, SIZE_PX)) for _ in views])
+    nothing = {camera.name: np.zeros((0, 2)) for camera in cameras}
+    none = {camera.name: np.zeros(0) for camera in cameras}
+    points = normals * RADIUS * rng.uniform(0.9, 1.0, (600, 1))
+    return Start(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, seen_through), nothing, none)
+
+
+def trainer_for(views: list[TrainingView], settings: TrainingSettings) -> Trainer:
+    start = ball_start(views)
+    return Trainer(start_surfels(start.points, start.colors, start.normals, settings.seed), Views(views, views), start, settings)
+
+
+def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
+    views, _ = ball
+    trainer = trainer_for(views, TrainingSettings(iterations=300, densify_every=50))
+    before = trainer.psnr_db(0)
+    trainer.run(300)
+    after = np.mean([trainer.psnr_db(index) for index in range(len(views))])
+    assert after > before + 8.0 and after > 24.0
+    surfels = trainer.surfels
+    for name, tensor in surfels.tensors().items():
+        setattr(surfels, name, tensor.detach())
+    mesh = fuse([view_depth(surfels, view, "expected") for view in views], views, surfels, voxels=48, min_views=2)
+    distance = np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS)
+    assert np.mean(distance) < 0.03 * RADIUS
+    corners = mesh.vertices[mesh.faces]
+    outward = np.einsum("fi,fi->f", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners.mean(1))
+    assert (outward > 0).mean() > 0.95
+
+
+def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> None:
+    views, _ = ball
+    settings = TrainingSettings(iterations=60, densify_every=20, densify_from_share=0.2)
+    whole = trainer_for(views, settings)
+    whole.run(60)
+    first = trainer_for(views, settings)
+    first.run(35)
+    first.save(tmp_path / "checkpoint.pt", {"run": "ball"})
+    assert Trainer.resume(tmp_path / "checkpoint.pt", Views(views, views), ball_start(views), settings, {"run": "other"}) is None
+    second = Trainer.resume(tmp_path / "checkpoint.pt", Views(views, views), ball_start(views), settings, {"run": "ball"})
+    assert second is not None and second.iteration == 35
+    second.run(60)
+    for name, tensor in whole.surfels.tensors().items():
+        assert torch.equal(tensor, getattr(second.surfels, name)), name
+
+
+def test_damaged_checkpoint_is_named(ball: tuple, tmp_path: Path) -> None:
+    (tmp_path / "checkpoint.pt").write_bytes(b"not a checkpoint")
+    with pytest.raises(StepError, match="checkpoint.pt is damaged"):
+        Trainer.resume(tmp_path / "checkpoint.pt", Views(ball[0], ball[0]), ball_start(ball[0]), TrainingSettings(), {})
+
+
+def test_splat_ply_keeps_everything(ball: tuple, tmp_path: Path) -> None:
+    start = ball_start(ball[0])
+    surfels = start_surfels(start.points, start.colors, start.normals, 3)
+    surfels.sh_rest += torch.randn(surfels.sh_rest.shape, generator=torch.Generator().manual_seed(0))
+    sphere = ObjectSphere(np.array([10.0, -20.0, 5.0]), 80.0)
+    write_splat_ply(tmp_path / "splats.ply", surfels, sphere)
+    back, sphere_back = read_splat_ply(tmp_path / "splats.ply")
+    assert sphere_back.radius == 80.0 and np.array_equal(sphere_back.centre, sphere.centre)
+    for name, tensor in surfels.tensors().items():
+        assert torch.allclose(tensor, getattr(back, name), atol=2e-5), name
+
+
+def test_a_truncated_splat_ply_is_refused(ball: tuple, tmp_path: Path) -> None:
+    start = ball_start(ball[0])
+    write_splat_ply(tmp_path / "s.ply", start_surfels(start.points, start.colors, start.normals, 3), ObjectSphere(np.zeros(3), 1.0))
+    (tmp_path / "s.ply").write_bytes((tmp_path / "s.ply").read_bytes()[:-100])
+    with pytest.raises(StepError, match="s.ply is not a whole splat PLY"):
+        read_splat_ply(tmp_path / "s.ply")
+
+
+def test_plane_sweep_finds_the_surface_and_sees_through_a_shell(ball: tuple) -> None:
+    views, depths = ball
+    cameras, masks = [view.camera for view in views], [view.mask.numpy() > 0 for view in views]
+    hull = VisualHull.carve(cameras, masks, 1.0, 48, misses_allowed=1)
+    seeds = sweep_seeds(views, hull.occupied, 1.0)
+    assert len(seeds.positions) > 500
+    assert np.median(np.abs(np.linalg.norm(seeds.positions, axis=1) - RADIUS)) < 0.02
+    seen_through = SeenThrough.by(cameras, [depth.astype(np.float32) for depth in depths])
+    surface = np.array([view.camera.centre_in_world for view in views])
+    surface /= np.linalg.norm(surface, axis=1, keepdims=True)
+    assert seen_through.free(surface * (RADIUS + 0.15)).all()
+    assert not seen_through.free(surface * RADIUS).any()
+    assert not seen_through.free(surface * (RADIUS - 0.15)).any()
+
+
+def test_hull_holds_the_ball_and_little_more(ball: tuple) -> None:
+    views, _ = ball
+    hull = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 64)
+    points, normals = hull.surface()
+    radius = np.linalg.norm(points, axis=1)
+    assert radius.min() > RADIUS - 0.06 and np.median(radius) < RADIUS * 1.25
+    assert ((points / radius[:, None]) * normals).sum(1).mean() > 0.9
+
+
+def test_object_sphere_is_around_the_ball(ball: tuple) -> None:
+    views, _ = ball
+    sphere = object_sphere(tuple(view.camera for view in views), tuple(view.mask.numpy() > 0 for view in views))
+    assert np.linalg.norm(sphere.centre) < 0.02 and 1.0 < sphere.radius / RADIUS < 1.6
+
+
+def test_normals_from_depth_are_those_of_the_ball(ball: tuple) -> None:
+    views, depths = ball
+    camera, depth = views[3].camera, torch.from_numpy(depths[3])
+    normals = normals_from_depth(depth, FOCAL_PX, FOCAL_PX, SIZE_PX / 2, SIZE_PX / 2).numpy()
+    centre = camera.camera_from_world[:3, 3]
+    for y, x in ((32, 32), (25, 40), (40, 28)):
+        ray = np.array([(x + 0.5 - 32) / FOCAL_PX, (y + 0.5 - 32) / FOCAL_PX, 1.0])
+        truth = (ray * depths[3][y, x] - centre) / RADIUS
+        assert normals[:, y, x] @ truth > 0.995
+
+
+def test_ssim_is_one_for_equal_images_and_falls_with_noise() -> None:
+    image = torch.rand(3, 40, 50, generator=torch.Generator().manual_seed(0))
+    assert torch.allclose(ssim_map(image, image), torch.ones(3, 40, 50), atol=1e-5)
+    little, much = (ssim_map(image, image + s * torch.randn(3, 40, 50, generator=torch.Generator().manual_seed(1))).mean() for s in (0.05, 0.3))
+    assert much < little < 1.0
