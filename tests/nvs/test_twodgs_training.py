@@ -176,5 +176,7 @@ def test_normals_from_depth_are_those_of_the_ball(ball: tuple) -> None:
 def test_ssim_is_one_for_equal_images_and_falls_with_noise() -> None:
     image = torch.rand(3, 40, 50, generator=torch.Generator().manual_seed(0))
     assert torch.allclose(ssim_map(image, image), torch.ones(3, 40, 50), atol=1e-5)
-    little, much = (ssim_map(image, image + s * torch.randn(3, 40, 50, generator=torch.Generator().manual_seed(1))).mean() for s in (0.05, 0.3))
+    little, much = (
+        ssim_map(image, image + s * torch.randn(3, 40, 50, generator=torch.Generator().manual_seed(1))).mean() for s in (0.05, 0.3)
+    )
     assert much < little < 1.0
