@@ -35,7 +35,7 @@ class ColmapOptions:
             well-matched view has, get features of a stretched copy, too.
         tilt: how much that copy is stretched (5 suits a surface seen under 8 to 20 degrees).
         min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
-        max_dropped: rounds in which one image that the masks contradict is placed again or left out.
+        max_dropped: rounds in which images that the pictures contradict are placed again or left out.
         limits: from where on a model counts as wrong.
     """
 
@@ -46,7 +46,7 @@ class ColmapOptions:
     tilt: float = 5.0
     min_share: float = 0.8
     min_images: int = 8
-    max_dropped: int = 4
+    max_dropped: int = 6
     limits: Limits = field(default_factory=Limits)
 
 
@@ -69,6 +69,7 @@ def run(args: argparse.Namespace) -> None:
     features = replace(options.sift, max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
     options = replace(options, sift=features)
     image_set = read_image_set(args.capture)
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     write_registration(args.out, args.keep_going, lambda folder: register(image_set, folder, options))
 
 
@@ -129,21 +130,21 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
 def _settled(
     model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: ColmapOptions, figures: dict[str, Any]
 ) -> tuple[pycolmap.Reconstruction, Verdict]:
-    """Refine, place suspicious images again, and leave out those that the masks contradict even then."""
+    """Refine, place suspicious images again, and leave out those that the pictures contradict even then."""
     images = image_set.images[0].parent
     model, again = repaired(model, database, images, scratch, options.sift.seed)
     verdict = judge(model, image_set, database, options.limits)
     dropped: list[str] = []
     for _ in range(options.max_dropped):
-        if verdict.silhouettes_agree or model.num_reg_images() <= options.min_images:
+        if verdict.reason is None or model.num_reg_images() - len(verdict.culprits) < options.min_images:
             break
-        name = verdict.coherence.culprit()
-        if name in again:
-            dropped.append(name)
-            model = without_images(model, [name])
+        names = list(verdict.culprits)
+        if set(names) <= set(again):
+            dropped += names
+            model = without_images(model, names)
         else:
-            again.append(name)
-            model = place_again(model, [name], database, images, scratch, options.sift.seed)
+            again += names
+            model = place_again(model, names, database, images, scratch, options.sift.seed)
         refine_robustly(model)
         verdict = judge(model, image_set, database, options.limits)
     figures |= {"placed_again": again, "left_out": dropped}

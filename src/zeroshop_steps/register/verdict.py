@@ -10,6 +10,7 @@ import pycolmap
 from zeroshop_steps.register.consistency import SilhouetteCoherence, silhouette_coherence
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.pair_evidence import PairEvidence, pair_evidence
+from zeroshop_steps.register.repair import reprojection_errors_px
 from zeroshop_steps.register.undistort import pinhole_views
 
 
@@ -19,9 +20,18 @@ class Limits:
 
     Attributes:
         unexplained_px: mask rays of one view may miss the other masks by this much (95th percentile), per 1000 px of width.
+        contradicted_share: this share of an image's verified matches may contradict the model. A box with faces that look
+            alike reaches 0.5 in a right model, an image on the wrong side of it 0.7.
+        error_ratio: an image's median reprojection error may be this many times that of the median image, ...
+        error_px: ... or this large.
+        cut_matches: any two groups of images must be held together by this many matches.
     """
 
     unexplained_px: float = 6.0
+    contradicted_share: float = 0.6
+    error_ratio: float = 2.5
+    error_px: float = 0.5
+    cut_matches: int = 60
 
 
 @dataclass(frozen=True)
@@ -31,14 +41,16 @@ class Verdict:
     Attributes:
         coherence: of the masks.
         evidence: of the image pairs.
+        errors_px: {image name: median reprojection error}.
         reason: why the model is wrong, for the user; None when it is borne out.
-        silhouettes_agree: whether the masks bear it out.
+        culprits: the images to blame, if single ones are.
     """
 
     coherence: SilhouetteCoherence
     evidence: PairEvidence
+    errors_px: dict[str, float]
     reason: str | None
-    silhouettes_agree: bool
+    culprits: tuple[str, ...]
 
     def figures(self) -> dict[str, Any]:
         """The figures as they stand in registration.json."""
@@ -46,6 +58,8 @@ class Verdict:
         return {
             "silhouette_px": dict(zip(self.coherence.names, np.round(self.coherence.unexplained_px, 2).tolist(), strict=True)),
             "silhouette_worst_px": round(float(self.coherence.unexplained_px.max()), 2),
+            "error_px": {name: round(error, 3) for name, error in self.errors_px.items()},
+            "error_worst_ratio": round(max(self.errors_px.values()) / float(np.median(list(self.errors_px.values()))), 2),
             "contradicted_share": dict(zip(self.evidence.names, np.round(self.evidence.contradicted_share, 3).tolist(), strict=True)),
             "contradicted_worst_share": round(float(self.evidence.contradicted_share.max()), 3),
             "weakest_cut_matches": cut,
@@ -57,13 +71,30 @@ def judge(model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, l
     """Check a model against the masks and against each image pair's own matches."""
     coherence = silhouette_coherence(*pinhole_views(model, image_set))
     evidence = pair_evidence(model, database)
+    errors_px = reprojection_errors_px(model)
+    reason, culprits = _first_fault(coherence, evidence, errors_px, limits, image_set.size_px[0] / 1000)
+    return Verdict(coherence, evidence, errors_px, reason, culprits)
+
+
+def _first_fault(
+    coherence: SilhouetteCoherence, evidence: PairEvidence, errors_px: dict[str, float], limits: Limits, scale: float
+) -> tuple[str | None, tuple[str, ...]]:
+    wrong = "the reconstruction hangs together but is wrong"
+    remedy = "add pictures in between, or put the object on a strongly textured surface"
     worst_px = float(coherence.unexplained_px.max())
-    agree = worst_px <= limits.unexplained_px * image_set.size_px[0] / 1000
-    reason = None
-    if not agree:
-        reason = (
-            f"the masks contradict the cameras: rays through the mask of {coherence.names[int(coherence.unexplained_px.argmax())]} miss "
-            f"the other masks by {worst_px:.1f} px; the reconstruction hangs together but is wrong (sides that look alike, too little "
-            "texture), or masks are wrong; add pictures in between or put the object on a strongly textured surface"
-        )
-    return Verdict(coherence, evidence, reason, agree)
+    if worst_px > limits.unexplained_px * scale:
+        name = coherence.names[int(coherence.unexplained_px.argmax())]
+        found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
+        return f"{wrong}, or masks are: {found}; check the masks, {remedy}", (coherence.culprit(),)
+    share = evidence.contradicted_share
+    if share.max() > limits.contradicted_share:
+        name = evidence.names[int(share.argmax())]
+        return f"{wrong}: {share.max():.0%} of the matches of {name} contradict it (sides that look alike?); {remedy}", (name,)
+    limit_px = max(limits.error_px * scale, limits.error_ratio * float(np.median(list(errors_px.values()))))
+    name = max(errors_px, key=errors_px.__getitem__)
+    if errors_px[name] > limit_px:
+        return f"{wrong}: {name} fits with {errors_px[name]:.2f} px, the others much better; {remedy}", (name,)
+    matches, group = evidence.weakest_cut()
+    if matches < limits.cut_matches:
+        return f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed; {remedy}", group
+    return None, ()
