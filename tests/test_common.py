@@ -1,0 +1,162 @@
+"""What every step builds on: whole files or none, named errors, cameras, meshes."""
+
+import errno
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from zeroshop_steps import capture, finish, nvs, register
+from zeroshop_steps.cameras import Camera, read_sparse_model, similarity_between, write_cameras
+from zeroshop_steps.cli import stage_main, stage_methods
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json, written_whole, written_whole_dir
+from zeroshop_steps.images import list_images, read_depth_mm, read_image, read_mask, write_depth_mm, write_image, write_mask
+from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+
+
+def square(texture: bool = True) -> Mesh:
+    vertices = np.array([[0.0, 0, 0], [10, 0, 0], [10, 20, 0], [0, 20, 0]])
+    uv = vertices[:, :2] / [10, 20] if texture else None
+    return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), uv=uv).with_normals()
+
+
+def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_else(tmp_path: Path) -> None:
+    target = tmp_path / "product.json"
+    write_json(target, {"a": 1})
+    with pytest.raises(ValueError, match="boom"), written_whole(target) as temporary:
+        temporary.write_text("half")
+        raise ValueError("boom")
+    assert read_json(target) == {"a": 1} and [path.name for path in tmp_path.iterdir()] == ["product.json"]
+
+
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
+    with pytest.raises(StepError, match=r"mesh.ply: No space left on device. Check free disk space"), written_whole(tmp_path / "mesh.ply"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    with pytest.raises(StepError, match="No space left"), written_whole_dir(tmp_path / "folder") as folder:
+        (folder / "image.png").write_bytes(b"x")
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "stale").touch()
+    with written_whole_dir(tmp_path / "out") as folder:
+        (folder / "fresh").touch()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["fresh"]
+
+
+def test_damaged_json_is_named(tmp_path: Path) -> None:
+    (tmp_path / "frame.json").write_text('{"a": ')
+    with pytest.raises(StepError, match="frame.json is not valid JSON"):
+        read_json(tmp_path / "frame.json")
+    with pytest.raises(StepError, match="absent.json does not exist"):
+        read_json(tmp_path / "absent.json")
+
+
+@pytest.mark.parametrize(("stage", "name"), [(capture, "capture"), (register, "register"), (nvs, "nvs"), (finish, "finish")])
+def test_every_listed_method_is_a_module(stage: object, name: str) -> None:
+    import importlib
+
+    methods = importlib.import_module(f"zeroshop_steps.{name}.__main__").METHODS
+    assert set(methods) <= set(stage_methods(stage.__path__))
+    for method in methods:
+        module = importlib.import_module(f"zeroshop_steps.{name}.{method}")
+        assert callable(module.add_arguments) and callable(module.run) and module.__doc__
+
+
+def test_an_unknown_method_lists_those_that_exist(capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(SystemExit) as stop:
+        stage_main("zeroshop_steps.nvs", ("twodgs", "fuse"), ["--method", "nerf"])
+    assert stop.value.code == 2 and "twodgs" in capsys.readouterr().err
+
+
+def test_a_step_error_is_one_line_and_status_one(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    arguments = ["--method", "fuse", "--splats", str(tmp_path / "none.ply"), "--cameras", str(tmp_path), "--out", str(tmp_path / "mesh.ply")]
+    assert stage_main("zeroshop_steps.nvs", ("twodgs", "fuse"), arguments) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and "none.ply does not exist" in error and "Traceback" not in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_images_and_masks_say_what_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(StepError, match="does not exist"):
+        list_images(tmp_path / "nowhere")
+    with pytest.raises(StepError, match="holds no images"):
+        list_images(tmp_path)
+    (tmp_path / "broken.png").write_bytes(b"\x89PNG broken")
+    with pytest.raises(StepError, match="broken.png cannot be read"):
+        read_image(tmp_path / "broken.png")
+    write_mask(tmp_path / "mask.png", np.eye(4, 6, dtype=bool))
+    assert np.array_equal(read_mask(tmp_path / "mask.png", (6, 4)), np.eye(4, 6, dtype=bool))
+    with pytest.raises(StepError, match="mask.png is 6 x 4 px, its image is 8 x 4 px"):
+        read_mask(tmp_path / "mask.png", (8, 4))
+
+
+def test_color_and_depth_survive_the_disk(tmp_path: Path) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
+    write_image(tmp_path / "a.png", image)
+    assert np.array_equal(read_image(tmp_path / "a.png"), image)
+    depth_mm = np.array([[0.0, 123.4], [999.9, 6000.0]])
+    write_depth_mm(tmp_path / "d.png", depth_mm)
+    assert np.allclose(read_depth_mm(tmp_path / "d.png"), depth_mm, atol=0.051)
+
+
+def test_a_mesh_survives_the_disk_and_other_readers(tmp_path: Path) -> None:
+    import trimesh
+
+    mesh = square()
+    write_image(tmp_path / "t.png", np.full((4, 4, 3), 200, np.uint8))
+    write_ply(tmp_path / "m.ply", mesh, "t.png")
+    back = read_ply(tmp_path / "m.ply")
+    assert np.array_equal(back.vertices, mesh.vertices) and np.array_equal(back.faces, mesh.faces)
+    assert np.allclose(back.uv, mesh.uv) and np.allclose(back.normals, [[0, 0, 1]] * 4) and back.texture.shape == (4, 4, 3)
+    assert len(trimesh.load(tmp_path / "m.ply", process=False).vertices) == 4
+
+
+@pytest.mark.parametrize("damage", ["truncated", "text", "empty", "faces"])
+def test_a_corrupted_ply_is_named(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "bad.ply"
+    mesh = square(texture=False)
+    write_ply(path, Mesh(mesh.vertices, mesh.faces + 7) if damage == "faces" else mesh)
+    content = path.read_bytes()
+    if damage != "faces":
+        path.write_bytes({"truncated": content[:-9], "text": b"hello", "empty": b""}[damage])
+    with pytest.raises(StepError, match="bad.ply"):
+        read_ply(path)
+
+
+def test_cameras_survive_the_disk(tmp_path: Path) -> None:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1.0, 2.0, 3.0]
+    camera = Camera("b.png", 640, 480, np.array([[500.0, 0, 320.5], [0, 510.0, 240.25], [0, 0, 1]]), pose)
+    write_cameras(tmp_path / "sparse", [camera])
+    back = read_sparse_model(tmp_path / "sparse").cameras[0]
+    assert back.name == "b.png" and np.allclose(back.intrinsics, camera.intrinsics) and np.allclose(back.camera_from_world, pose)
+    with pytest.raises(StepError, match="holds no readable COLMAP model"):
+        read_sparse_model(tmp_path / "absent")
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.01, 100.0))
+def test_similarity_is_recovered_exactly(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    rotation *= np.sign(np.linalg.det(rotation))
+    source, shift = rng.normal(size=(8, 3)), rng.normal(size=3) * 10
+    found = similarity_between(source, scale * source @ rotation.T + shift)
+    assert np.allclose(found[:3, :3], scale * rotation, atol=1e-9 * scale + 1e-12) and np.allclose(found[:3, 3], shift, atol=1e-8 * (1 + scale))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_resized_cameras_see_the_same_rays(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    camera = Camera("a", 800, 600, np.array([[700.0, 0, 390], [0, 705, 310], [0, 0, 1]]), np.eye(4))
+    points = np.concatenate([rng.uniform(-1, 1, (5, 2)), rng.uniform(2, 4, (5, 1))], 1)
+    pixels, depths = camera.project(points)
+    small, small_depths = camera.resized(400, 150).project(points)
+    assert np.allclose(small, pixels * [0.5, 0.25]) and np.allclose(depths, small_depths)
