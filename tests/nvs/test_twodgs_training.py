@@ -12,6 +12,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.nvs.fuse import fuse, view_depth
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
+from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.sweep import SeenThrough, sweep_seeds
 from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
 from zeroshop_steps.nvs.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
@@ -188,3 +189,18 @@ def test_ssim_is_one_for_equal_images_and_falls_with_noise() -> None:
         ssim_map(image, image + s * torch.randn(3, 40, 50, generator=torch.Generator().manual_seed(1))).mean() for s in (0.05, 0.3)
     )
     assert much < little < 1.0
+
+
+@pytest.mark.parametrize("shape", [(3, 40, 50), (1, 7, 9), (3, 33, 16)])
+def test_fast_dissimilarity_matches_its_twin(shape: tuple[int, int, int]) -> None:
+    generator = torch.Generator().manual_seed(2)
+    image, target = torch.rand(shape, generator=generator), torch.rand(shape, generator=generator)
+    target[:, :5] = image[:, :5] * 0.9
+    weight = (torch.rand(shape[1:], generator=generator) > 0.3).float()
+    fast, slow = image.clone().requires_grad_(), image.double().requires_grad_()
+    loss = dissimilarity(fast, target, weight)
+    twin = ((1 - ssim_map(slow, target.double())) * weight).sum()
+    (3.0 * loss).backward()
+    (3.0 * twin).backward()
+    assert abs(float(loss) - float(twin)) < 1e-4 * float(twin)
+    assert (fast.grad.double() - slow.grad).norm() < 1e-4 * slow.grad.norm()

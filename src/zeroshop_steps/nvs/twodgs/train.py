@@ -10,7 +10,8 @@ import torch
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
-from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
+from zeroshop_steps.nvs.losses import normals_from_depth
+from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.twodgs.densify import AdamWithSurgery, GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.nvs.twodgs.render import Rendering, RenderView, render
 from zeroshop_steps.nvs.twodgs.start import Start
@@ -74,7 +75,7 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettin
     pixels = active.sum()
     terms = {
         "l1": (1 - settings.lambda_dssim) * ((rendering.color - view.color).abs().sum(0) * active).sum() / (3 * pixels),
-        "dssim": settings.lambda_dssim * ((1 - ssim_map(rendering.color, view.color)).sum(0) * active).sum() / (3 * pixels),
+        "dssim": settings.lambda_dssim * dissimilarity(rendering.color, view.color, active.float()) / (3 * pixels),
         "mask": settings.lambda_mask * ((rendering.alpha - view.mask).abs() * active).sum() / pixels,
     }
     if with_normals:
