@@ -41,7 +41,7 @@ def test_charts_do_not_overlap(unwrapped):
     texels = rasterize(unwrapped, size)
     # texels covered once, counted by texel, equal the triangles' summed area
     assert len(texels.face) / size**2 == pytest.approx(atlas_use(unwrapped), rel=0.02)
-    assert atlas_use(unwrapped) > 0.4
+    assert atlas_use(unwrapped) > 0.3
 
 
 def test_texels_lie_at_their_uv(unwrapped):
@@ -105,3 +105,17 @@ def test_the_same_photos_give_the_same_texture(carton, baked):
     views, _ = read_views(carton.cameras)
     again, _ = bake(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), views, 512)
     assert np.array_equal(again, baked[0])
+
+
+def test_charts_are_never_mirrored(unwrapped):
+    a, b, c = (unwrapped.uv[unwrapped.faces[:, corner]] for corner in range(3))
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    assert (area > 0).all()
+
+
+def test_a_rough_surface_still_gives_few_charts():
+    ball = trimesh.creation.icosphere(5, 20.0)
+    rough = np.array(ball.vertices) + np.random.default_rng(0).normal(0.0, 0.15, ball.vertices.shape)
+    mesh, charts = unwrap_mesh(Mesh(rough, np.array(ball.faces, np.int64)), 512)
+    assert charts < 60
+    assert len(rasterize(mesh, 1024).face) / 1024**2 == pytest.approx(atlas_use(mesh), rel=0.05)

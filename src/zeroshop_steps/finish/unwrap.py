@@ -1,4 +1,4 @@
-"""Unwrap the surface into a texture atlas with xatlas; vertices are split where a seam runs."""
+"""Unwrap the surface into a texture atlas: cut it into charts, pack them with xatlas; vertices are split where a seam runs."""
 
 import argparse
 import sys
@@ -10,6 +10,8 @@ import xatlas
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json
+from zeroshop_steps.finish.charts import cut
+from zeroshop_steps.finish.surface_fields import welded
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
 
 PADDING_TEXELS = 6
@@ -46,26 +48,41 @@ def unwrap_mesh(mesh: Mesh, texture_size: int) -> tuple[Mesh, int]:
         mesh: seam-split mesh with `uv` in [0, 1] and normals that are shared across seams.
         charts: number of charts.
     """
-    mesh = mesh.with_normals()
-    extent = np.ptp(mesh.vertices, axis=0).max()
-    atlas = xatlas.Atlas()
-    atlas.add_mesh(
-        ((mesh.vertices - mesh.vertices.min(0)) / extent).astype(np.float32), mesh.faces.astype(np.uint32), mesh.normals.astype(np.float32)
-    )
-    charts = xatlas.ChartOptions()
-    charts.max_cost = 8.0  # grow large charts: every seam is a place where print can break
-    charts.normal_seam_weight = 1.0
-    charts.max_iterations = 1
-    pack = xatlas.PackOptions()
-    pack.resolution, pack.padding = texture_size, PADDING_TEXELS
-    pack.bilinear, pack.bruteForce = True, False
-    atlas.generate(charts, pack)
-    if atlas.atlas_count < 1:
-        raise StepError("the mesh could not be unwrapped: it has no face with an area; clean it first")
-    source, faces, uv = atlas.get_mesh(0)
+    mesh, _ = welded(mesh)
+    chart, flat = cut(mesh)
+    # one vertex for each pair of place and chart
+    keys, split = np.unique(chart[:, None] * len(mesh.vertices) + mesh.faces, return_inverse=True)
+    faces, place = split.reshape(-1, 3), keys % len(mesh.vertices)
+    uv = np.zeros((len(keys), 2))
+    uv[faces.reshape(-1)] = flat.reshape(-1, 2)
+    atlas = _packed(uv, faces, chart, texture_size)
+    source, packed_faces, packed_uv = atlas.get_mesh(0)
     longest = max(atlas.width, atlas.height)  # xatlas scales each axis to [0, 1]; keep texels square
-    uv = uv.astype(float) * np.array([atlas.width, atlas.height]) / longest
-    return Mesh(mesh.vertices[source], faces.astype(np.int64), mesh.normals[source], uv), atlas.chart_count
+    packed_uv = packed_uv.astype(float) * np.array([atlas.width, atlas.height]) / longest
+    place = place[source]
+    return Mesh(mesh.vertices[place], packed_faces.astype(np.int64), mesh.normals[place], packed_uv), int(chart.max()) + 1
+
+
+def _packed(uv: np.ndarray, faces: np.ndarray, chart: np.ndarray, texture_size: int) -> xatlas.Atlas:
+    """Pack charts so that the longer side of the atlas comes out close to `texture_size` texels, which keeps the padding as asked."""
+    a, b, c = (uv[faces[:, corner]] for corner in range(3))
+    area = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() / 2
+    if area <= 0:
+        raise StepError("the mesh could not be unwrapped: it has no face with an area; clean it first")
+    density = texture_size * np.sqrt(0.6 / area)
+    for _ in range(3):
+        atlas = xatlas.Atlas()
+        atlas.add_uv_mesh((uv * density).astype(np.float32), faces.astype(np.uint32), chart.astype(np.uint32)[:, None])
+        pack = xatlas.PackOptions()
+        pack.resolution, pack.texels_per_unit, pack.padding = 0, 1.0, PADDING_TEXELS  # one page, however large
+        pack.bilinear, pack.bruteForce = True, False
+        pack.rotate_charts = False  # xatlas turns charts by swapping u and v, which mirrors the print
+        atlas.generate(xatlas.ChartOptions(), pack)
+        ratio = texture_size / max(atlas.width, atlas.height)
+        if 0.97 < ratio < 1.1:
+            break
+        density *= 0.98 * ratio
+    return atlas
 
 
 def atlas_use(mesh: Mesh) -> float:
