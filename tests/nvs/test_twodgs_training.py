@@ -6,12 +6,15 @@ import numba
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.nvs.fuse import fuse, view_depth
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
+from zeroshop_steps.nvs.silhouettes import fitted_to_masks
 from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.sweep import SeenThrough, sweep_seeds
 from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
@@ -204,3 +207,12 @@ def test_fast_dissimilarity_matches_its_twin(shape: tuple[int, int, int]) -> Non
     (3.0 * twin).backward()
     assert abs(float(loss) - float(twin)) < 1e-4 * float(twin)
     assert (fast.grad.double() - slow.grad).norm() < 1e-4 * slow.grad.norm()
+
+
+@pytest.mark.parametrize("wrong_by", [-0.03, 0.02])
+def test_silhouettes_are_brought_onto_the_masks(ball: tuple, wrong_by: float) -> None:
+    views, _ = ball
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS + wrong_by)
+    fitted, offset = fitted_to_masks(Mesh(np.asarray(sphere.vertices), np.asarray(sphere.faces)), views, limit=0.1)
+    assert offset == pytest.approx(-wrong_by, abs=0.008), "within a quarter of a pixel"
+    assert np.linalg.norm(fitted.vertices, axis=1).mean() == pytest.approx(RADIUS, abs=0.008)

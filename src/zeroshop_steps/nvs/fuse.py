@@ -1,7 +1,7 @@
 """Fuse the depth maps of trained splats into a raw mesh (truncated signed distances; Curless & Levoy 1996).
 
 Each registered camera renders its depth; depths outside its mask or where the splats are translucent are left out.
-Open3D's voxel blocks integrate them, and marching cubes takes the surface.
+Open3D's voxel blocks integrate them, marching cubes takes the surface, and a small offset brings its silhouettes onto the masks.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import torch
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json
 from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.nvs.silhouettes import fitted_to_masks
 from zeroshop_steps.nvs.twodgs.render import RenderView, render
 from zeroshop_steps.nvs.twodgs.surfels import Surfels, read_splat_ply
 from zeroshop_steps.nvs.views import TrainingView, read_camera_set, training_views
@@ -21,6 +22,8 @@ from zeroshop_steps.o3d import o3d
 
 TRUNCATION_VOXELS = 5.0
 """Half width of the band in which distances are kept (2DGS: five voxels)."""
+OFFSET_VOXELS = 4.0
+"""Most that the surface is moved to meet the masks."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +45,8 @@ def run(args: argparse.Namespace) -> None:
     mesh = fuse(depths, views, surfels, args.voxels, args.min_views)
     if mesh is None:
         raise StepError(f"{args.splats} has no surface that {args.min_views} views see; train longer or check masks and cameras")
+    voxel = np.ptp(mesh.vertices, axis=0).max() / args.voxels
+    mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_VOXELS * voxel)
     world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
     write_ply(args.out, world)
     figures = {
@@ -49,6 +54,7 @@ def run(args: argparse.Namespace) -> None:
         "vertices": len(world.vertices),
         "faces": len(world.faces),
         "voxels": args.voxels,
+        "offset_voxels": round(offset / voxel, 3),
     }
     write_json(args.out.with_suffix(".json"), figures)
 

@@ -1,0 +1,60 @@
+"""Bring a mesh's silhouettes onto the masks by one small offset along its normals.
+
+Disks have soft edges, and several of them in a row look opaque before the first one's centre is reached: the images are
+explained best by disks a fraction of a pixel behind the true surface, everywhere alike. The masks say by how much.
+"""
+
+import numpy as np
+from scipy.ndimage import binary_erosion, distance_transform_edt
+from scipy.stats import trim_mean
+
+from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.o3d import o3d
+
+ROUNDS = 2
+TRIM = 0.25
+"""Share of the contour that is left out at either end: the open rim on the ground, parts that are missing."""
+
+
+def gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
+    """How far the mesh's silhouettes lie inside the masks, in the unit of the mesh; negative where they reach beyond.
+
+    The trimmed mean, over the contours in all views, of the distance in pixels to the mask's edge, times depth by focal length.
+    """
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    gaps = []
+    for view in views:
+        camera = view.camera
+        k, pose = o3d.core.Tensor(camera.intrinsics), o3d.core.Tensor(camera.camera_from_world)
+        # These rays have unit depth, so the hit distance is the depth along the optical axis.
+        rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(k, pose, camera.width_px, camera.height_px)
+        depth = scene.cast_rays(rays)["t_hit"].numpy()
+        silhouette, mask = np.isfinite(depth), np.pad(view.mask.numpy() > 0.5, 1)
+        contour = silhouette & ~binary_erosion(silhouette, border_value=1)
+        # On the mask's own contour the distance to the outside is one.
+        inside = (distance_transform_edt(mask) - distance_transform_edt(~mask))[1:-1, 1:-1] - np.where(view.mask.numpy() > 0.5, 1.0, 0.0)
+        gaps.append(inside[contour] * depth[contour] / camera.intrinsics[0, 0])
+    gaps = np.concatenate(gaps)
+    return float(trim_mean(gaps, TRIM)) if len(gaps) else 0.0
+
+
+def fitted_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[Mesh, float]:
+    """The mesh moved along its vertex normals until its silhouettes meet the masks, by at most `limit`; and by how much.
+
+    Normals are those of a smoothed copy, so that roughness is carried along rather than enlarged.
+    """
+    offset = 0.0
+    normals = _smooth_normals(mesh)
+    for _ in range(ROUNDS):
+        moved = Mesh(mesh.vertices + offset * normals, mesh.faces)
+        offset = float(np.clip(offset + gap_to_masks(moved, views), -limit, limit))
+    return Mesh(mesh.vertices + offset * normals, mesh.faces), offset
+
+
+def _smooth_normals(mesh: Mesh) -> np.ndarray:
+    surface = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces))
+    surface = surface.filter_smooth_taubin(10)
+    surface.compute_vertex_normals()
+    return np.asarray(surface.vertex_normals)
