@@ -119,3 +119,22 @@ def test_a_rough_surface_still_gives_few_charts():
     mesh, charts = unwrap_mesh(Mesh(rough, np.array(ball.faces, np.int64)), 512)
     assert charts < 60
     assert len(rasterize(mesh, 1024).face) / 1024**2 == pytest.approx(atlas_use(mesh), rel=0.05)
+
+
+def test_no_face_runs_across_the_atlas(unwrapped):
+    in_atlas, on_surface = (
+        np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        for corners in (unwrapped.uv[unwrapped.faces], unwrapped.vertices[unwrapped.faces])
+    )
+    ratio = in_atlas / on_surface
+    assert ratio.max() < 1.5 * np.median(ratio)
+
+
+def test_faces_without_area_do_not_run_across_the_atlas():
+    ball = trimesh.creation.icosphere(3, 20.0)
+    faces = np.concatenate([np.array(ball.faces, np.int64), [[0, 1, len(ball.vertices)]]])
+    vertices = np.concatenate([ball.vertices, [ball.vertices[[0, 1]].mean(0)]])
+    mesh, _ = unwrap_mesh(Mesh(vertices, faces), 256)
+    assert len(mesh.faces) == len(faces)
+    corners = mesh.uv[mesh.faces]
+    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() < 0.2

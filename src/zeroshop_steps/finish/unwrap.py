@@ -59,8 +59,28 @@ def unwrap_mesh(mesh: Mesh, texture_size: int) -> tuple[Mesh, int]:
     source, packed_faces, packed_uv = atlas.get_mesh(0)
     longest = max(atlas.width, atlas.height)  # xatlas scales each axis to [0, 1]; keep texels square
     packed_uv = packed_uv.astype(float) * np.array([atlas.width, atlas.height]) / longest
-    place = place[source]
-    return Mesh(mesh.vertices[place], packed_faces.astype(np.int64), mesh.normals[place], packed_uv), int(chart.max()) + 1
+    faces, place, packed_uv = _without_stretched(packed_faces.astype(np.int64), place[source], packed_uv, flat)
+    return Mesh(mesh.vertices[place], faces, mesh.normals[place], packed_uv), int(chart.max()) + 1
+
+
+def _without_stretched(faces: np.ndarray, place: np.ndarray, uv: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shrink faces to a point of the atlas that packing did not move as a whole: xatlas leaves faces without area where they were.
+
+    Such a face would run across other charts; it is a line in its own, so one colour is enough for it.
+    """
+    lengths, wanted = (np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2) for corners in (uv[faces], flat))
+    density = np.median(lengths[wanted > 0] / wanted[wanted > 0])
+    bad = (lengths > 1.2 * density * wanted + 1e-3).any(1)
+    sound = np.zeros(len(place), bool)
+    sound[faces[~bad]] = True
+    anchor = np.where(sound[faces[bad]], faces[bad], -1).max(1)
+    anchor = np.where(anchor < 0, faces[bad][:, 0], anchor)
+    fresh = len(place) + np.arange(3 * len(anchor))
+    place, uv = np.r_[place, place[faces[bad].reshape(-1)]], np.concatenate([uv, np.repeat(uv[anchor], 3, axis=0)])
+    faces = faces.copy()
+    faces[bad] = fresh.reshape(-1, 3)
+    used, index = np.unique(faces, return_inverse=True)
+    return index.reshape(faces.shape), place[used], uv[used]
 
 
 def _packed(uv: np.ndarray, faces: np.ndarray, chart: np.ndarray, texture_size: int) -> xatlas.Atlas:
