@@ -70,6 +70,27 @@ def _exp_small(x):
     return y * y * _SIXTEENTH
 
 
+@numba.njit(inline="always", fastmath=True)
+def _meet(dx, dy, zc, u1, u2, v1, v2, a1, a2):
+    """Where the ray of a pixel, (dx, dy) from the projected centre, meets the disk, or its low-pass filter if that is nearer.
+
+    Returns:
+        r = 1 / a, u, v; whether the disk counts; depth and its inverse; and the Gaussian's value.
+    """
+    a = _ONE + a1 * dx + a2 * dy
+    ahead = a > _A_MIN
+    r = _ONE / (a if ahead else _ONE)
+    u = (u1 * dx + u2 * dy) * r
+    v = (v1 * dx + v2 * dy) * r
+    rho_disk = u * u + v * v if ahead else _FAR
+    rho_pixel = _TWO * (dx * dx + dy * dy)
+    on_disk = rho_disk <= rho_pixel
+    rho = rho_disk if on_disk else rho_pixel
+    z = zc * r if on_disk else zc
+    inverse_z = (a if on_disk else _ONE) / zc
+    return r, u, v, on_disk, z, inverse_z, _exp_small(-_HALF * rho)
+
+
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _load_pixels(buffer, tile_x, tile_y):
     for i in range(AREA):
@@ -82,22 +103,11 @@ def _forward_splat(s, b, first, last, k1, k2):
     """Blend one splat into pixels first..last of the tile buffer; planes: x, y, T, then the outputs."""
     cx, cy, zc, u1, u2, v1, v2, a1, a2 = s[CX], s[CY], s[ZC], s[U1], s[U2], s[V1], s[V2], s[A1], s[A2]
     opacity, red, green, blue, nx, ny, nz = s[OPACITY], s[RED], s[GREEN], s[BLUE], s[NX], s[NY], s[NZ]
-    inverse_zc = _ONE / zc
     for i in range(np.uint64(first), np.uint64(last)):
         dx = b[i] - cx
         dy = b[i + _PLANE[1]] - cy
-        a = _ONE + a1 * dx + a2 * dy
-        ahead = a > _A_MIN
-        r = _ONE / (a if ahead else _ONE)
-        u = (u1 * dx + u2 * dy) * r
-        v = (v1 * dx + v2 * dy) * r
-        rho_disk = u * u + v * v if ahead else _FAR
-        rho_pixel = _TWO * (dx * dx + dy * dy)
-        on_disk = rho_disk <= rho_pixel
-        rho = rho_disk if on_disk else rho_pixel
-        z = zc * r if on_disk else zc
-        inverse_z = inverse_zc * a if on_disk else inverse_zc
-        alpha = min(opacity * _exp_small(-_HALF * rho), _ALPHA_MAX)
+        r, u, v, on_disk, z, inverse_z, e = _meet(dx, dy, zc, u1, u2, v1, v2, a1, a2)
+        alpha = min(opacity * e, _ALPHA_MAX)
         t = b[i + _PLANE[2]]
         visible = (alpha >= _CUT) & (t >= _STOP)
         w = t * alpha if visible else _ZERO
@@ -171,24 +181,12 @@ def _backward_splat(s, b, first, last, k1, k2, out):
     """Gradients of one splat over pixels first..last of a tile, into out (16,)."""
     cx, cy, zc, u1, u2, v1, v2, a1, a2 = s[CX], s[CY], s[ZC], s[U1], s[U2], s[V1], s[V2], s[A1], s[A2]
     opacity, red, green, blue, nx, ny, nz = s[OPACITY], s[RED], s[GREEN], s[BLUE], s[NX], s[NY], s[NZ]
-    inverse_zc = _ONE / zc
     g_cx = g_cy = g_zc = g_u1 = g_u2 = g_v1 = g_v2 = g_a1 = g_a2 = g_op = _ZERO
     g_red = g_green = g_blue = g_nx = g_ny = g_nz = _ZERO
     for i in range(np.uint64(first), np.uint64(last)):
         dx = b[i] - cx
         dy = b[i + _PLANE[1]] - cy
-        a = _ONE + a1 * dx + a2 * dy
-        ahead = a > _A_MIN
-        r = _ONE / (a if ahead else _ONE)
-        u = (u1 * dx + u2 * dy) * r
-        v = (v1 * dx + v2 * dy) * r
-        rho_disk = u * u + v * v if ahead else _FAR
-        rho_pixel = _TWO * (dx * dx + dy * dy)
-        on_disk = rho_disk <= rho_pixel
-        rho = rho_disk if on_disk else rho_pixel
-        z = zc * r if on_disk else zc
-        inverse_z = inverse_zc * a if on_disk else inverse_zc
-        e = _exp_small(-_HALF * rho)
+        r, u, v, on_disk, z, inverse_z, e = _meet(dx, dy, zc, u1, u2, v1, v2, a1, a2)
         full = opacity * e
         alpha = min(full, _ALPHA_MAX)
         t = b[i + _PLANE[_T]]
