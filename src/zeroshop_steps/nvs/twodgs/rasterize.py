@@ -94,8 +94,8 @@ def _meet(dx, dy, zc, u1, u2, v1, v2, a1, a2):
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _load_pixels(buffer, tile_x, tile_y):
     for i in range(AREA):
-        buffer[i] = np.float32(tile_x * TILE_PX + (i & 15)) + _HALF
-        buffer[AREA + i] = np.float32(tile_y * TILE_PX + (i >> 4)) + _HALF
+        buffer[i] = np.float32(tile_x * TILE_PX + i % TILE_PX) + _HALF
+        buffer[AREA + i] = np.float32(tile_y * TILE_PX + i // TILE_PX) + _HALF
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
