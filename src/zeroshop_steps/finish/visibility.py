@@ -11,6 +11,7 @@ from zeroshop_steps.finish.views import View
 from zeroshop_steps.meshes import Mesh
 
 ERODE_PX = 2.5  # this close to a silhouette or an occlusion edge a photo may show something else
+MIXED_PX = 1.5  # this close, pixels mix what lies on both sides of the edge
 FEATHER_PX = 12.0  # trust grows back over this distance
 MIN_COSINE = 0.15  # more grazing views are not used
 
@@ -44,7 +45,7 @@ def view_maps(view: View, renderer: MeshRenderer, extent: float) -> ViewMaps:
     inner[[0, -1]] = inner[:, [0, -1]] = False
     distance = cv2.distanceTransform(inner.astype(np.uint8), cv2.DIST_L2, 5)
     trust = np.clip((distance - ERODE_PX) / FEATHER_PX, 0.0, 1.0)
-    trust[(distance > 0.0) & (trust <= 0.0)] = 1e-3  # thin parts are all edge: better than no colour
+    trust[(distance > MIXED_PX) & (trust <= 0.0)] = 1e-3  # thin parts are all edge: better than no colour
     return ViewMaps(view.camera, hits.depth, trust.astype(np.float32))
 
 
