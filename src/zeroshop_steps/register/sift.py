@@ -21,10 +21,7 @@ class SiftOptions:
     Attributes:
         max_features: features an image, the largest scales first.
         first_octave: 0 starts at the image's own resolution, -1 at twice that (four times the work).
-        peak_threshold: smallest contrast of a feature.
         enough_features: extraction is repeated at octave -1 when the median image has fewer features (and less than half the most).
-        max_ratio: largest ratio of best to second-best descriptor distance.
-        guided: search again along the epipolar lines of each verified pair.
         focal_px: known focal length; None reads EXIF, else estimates.
         threads: worker threads.
         seed: of RANSAC.
@@ -32,10 +29,7 @@ class SiftOptions:
 
     max_features: int = 4000
     first_octave: int = 0
-    peak_threshold: float = 0.02 / 3
     enough_features: int = 1500
-    max_ratio: float = 0.8
-    guided: bool = False
     focal_px: float | None = None
     threads: int = 2
     seed: int = 0
@@ -71,7 +65,6 @@ def extract(
     extraction.num_threads = options.threads
     extraction.sift.estimate_affine_shape = True
     extraction.sift.max_num_features = options.max_features
-    extraction.sift.peak_threshold = options.peak_threshold
     folder = image_set.images[0].parent
     distinct = {tuple(camera.params) for camera in (known_cameras or {}).values()}
     mode = pycolmap.CameraMode.PER_IMAGE if len(distinct) > 1 else pycolmap.CameraMode.SINGLE
@@ -101,8 +94,6 @@ def matching_options(options: SiftOptions) -> pycolmap.FeatureMatchingOptions:
     """Options of the descriptor matching."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = options.threads
-    matching.guided_matching = options.guided
-    matching.sift.max_ratio = options.max_ratio
     return matching
 
 

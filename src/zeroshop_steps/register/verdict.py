@@ -72,13 +72,14 @@ def judge(model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, l
     coherence = silhouette_coherence(*pinhole_views(model, image_set))
     evidence = pair_evidence(model, database)
     errors_px = reprojection_errors_px(model)
-    reason, culprits = _first_fault(coherence, evidence, errors_px, limits, image_set.size_px[0] / 1000)
+    reason, culprits = first_fault(coherence, evidence, errors_px, limits, image_set.size_px[0] / 1000)
     return Verdict(coherence, evidence, errors_px, reason, culprits)
 
 
-def _first_fault(
+def first_fault(
     coherence: SilhouetteCoherence, evidence: PairEvidence, errors_px: dict[str, float], limits: Limits, scale: float
 ) -> tuple[str | None, tuple[str, ...]]:
+    """The first check that fails: its reason for the user, and the images to blame. `scale` is the image width over 1000 px."""
     wrong = "the reconstruction hangs together but is wrong"
     remedy = "add pictures in between, or put the object on a strongly textured surface"
     worst_px = float(coherence.unexplained_px.max())
