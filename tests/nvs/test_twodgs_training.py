@@ -94,7 +94,7 @@ def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
     surfels = trainer.surfels
     for name, tensor in surfels.tensors().items():
         setattr(surfels, name, tensor.detach())
-    mesh = fuse([view_depth(surfels, view, "expected") for view in views], views, surfels, voxels=48, min_views=2)
+    mesh = fuse([view_depth(surfels, view) for view in views], views, surfels, voxels=48, min_views=2)
     distance = np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS)
     assert np.mean(distance) < 0.03 * RADIUS
     corners = mesh.vertices[mesh.faces]

@@ -9,20 +9,21 @@ import time
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json
 from zeroshop_steps.meshes import Mesh, write_ply
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
-from zeroshop_steps.nvs.twodgs.render import RenderView, render
+from zeroshop_steps.nvs.twodgs.render import RenderView, render_surface_depth
 from zeroshop_steps.nvs.twodgs.surfels import Surfels, read_splat_ply
 from zeroshop_steps.nvs.views import TrainingView, read_camera_set, training_views
 from zeroshop_steps.o3d import o3d
 
 TRUNCATION_VOXELS = 5.0
 """Half width of the band in which distances are kept (2DGS: five voxels)."""
-OFFSET_VOXELS = 4.0
+SURFACE_REACH = 0.04
+"""Disks within this of a pixel's median depth, in normalized units, are one surface with it."""
+OFFSET_VOXELS = 2.0
 """Most that the surface is moved to meet the masks."""
 
 
@@ -32,7 +33,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
     parser.add_argument("--voxels", type=int, default=256, help="voxels along the longest side of the object's box")
     parser.add_argument("--image-width-px", type=int, default=1000, help="width at which depth is rendered, at most that of the images")
-    parser.add_argument("--depth", choices=("median", "expected"), default="expected", help="which depth of a pixel's splats counts")
     parser.add_argument("--min-views", type=int, default=2, help="surface that fewer views have seen is left out")
     parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
 
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     surfels, sphere = read_splat_ply(args.splats)
     views = training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
-    depths = [view_depth(surfels, view, args.depth) for view in views]
+    depths = [view_depth(surfels, view) for view in views]
     mesh = fuse(depths, views, surfels, args.voxels, args.min_views)
     if mesh is None:
         raise StepError(f"{args.splats} has no surface that {args.min_views} views see; train longer or check masks and cameras")
@@ -59,15 +59,14 @@ def run(args: argparse.Namespace) -> None:
     write_json(args.out.with_suffix(".json"), figures)
 
 
-def view_depth(surfels: Surfels, view: TrainingView, kind: str) -> np.ndarray:
+def view_depth(surfels: Surfels, view: TrainingView) -> np.ndarray:
     """(H, W) float32 depth of one view in normalized units; 0 outside the mask and where less than half of the light is stopped."""
     distance = float(np.linalg.norm(view.camera.camera_from_world[:3, 3]))
     render_view = RenderView.of(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
-    sh = torch.cat([surfels.sh_constant, surfels.sh_rest], dim=1)
-    with torch.no_grad():
-        drawn = render(surfels.positions, surfels.log_scales, surfels.quaternions, surfels.opacity_logits, sh, 0, render_view)
-    depth = drawn.median_depth if kind == "median" else drawn.depth / drawn.alpha.clamp(min=1e-3)
-    return torch.where((drawn.alpha > 0.5) & (view.mask > 0.5), depth, 0.0).numpy().astype(np.float32)
+    depth, alpha = render_surface_depth(
+        surfels.positions, surfels.log_scales, surfels.quaternions, surfels.opacity_logits, render_view, SURFACE_REACH
+    )
+    return np.where((alpha > 0.5) & (view.mask.numpy() > 0.5), depth, np.float32(0.0))
 
 
 def fuse(depths: list[np.ndarray], views: list[TrainingView], surfels: Surfels, voxels: int, min_views: int) -> Mesh | None:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.twodgs import project, rasterize, tiles
+from zeroshop_steps.nvs.twodgs import project, rasterize, surface_depth, tiles
 
 
 @dataclass(frozen=True)
@@ -80,15 +80,7 @@ class _Splat(torch.autograd.Function):
     @staticmethod
     def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, footprint):
         arrays = [tensor.detach().contiguous().numpy() for tensor in (positions, log_scales, quaternions, opacity_logits, sh)]
-        count = len(positions)
-        splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.zeros((count, 4), np.int32)
-        project.project_forward(*arrays, degree, view.camera, view.width_px, view.height_px, view.near, splats, boxes)
-        lists = tiles.list_tiles(splats, boxes, view.tile_active)
-        tiles_y, tiles_x = view.tile_active.shape
-        image = np.zeros((rasterize.OUT_PLANES, tiles_y * tiles.TILE_PX, tiles_x * tiles.TILE_PX), np.float32)
-        k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
-        workers = project.numba.get_num_threads()
-        rasterize.blend_forward(splats, boxes, lists.tiles, lists.starts, lists.splat_of, tiles_x, k1, k2, workers, image)
+        splats, boxes, lists, image = _drawn(arrays, degree, view)
         footprint.visible = np.diff(lists.slot_starts) > 0
         context.kept = (arrays, degree, view, footprint, splats, boxes, lists, image)
         return torch.from_numpy(image[: rasterize.GRAD_PLANES, : view.height_px, : view.width_px])
@@ -110,6 +102,44 @@ class _Splat(torch.autograd.Function):
         project.project_backward(positions, log_scales, quaternions, sh, degree, view.camera, splats, boxes, by_splat, *outputs)
         footprint.centre_gradient = np.linalg.norm(by_splat[:, :2], axis=1)
         return *(torch.from_numpy(output) for output in outputs), None, None, None
+
+
+def _drawn(arrays, degree: int, view: RenderView):
+    """Splat rows, boxes, tile lists and the padded (12, H, W) image of a view."""
+    count = len(arrays[0])
+    splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.zeros((count, 4), np.int32)
+    project.project_forward(*arrays, degree, view.camera, view.width_px, view.height_px, view.near, splats, boxes)
+    lists = tiles.list_tiles(splats, boxes, view.tile_active)
+    tiles_y, tiles_x = view.tile_active.shape
+    image = np.zeros((rasterize.OUT_PLANES, tiles_y * tiles.TILE_PX, tiles_x * tiles.TILE_PX), np.float32)
+    k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
+    workers = project.numba.get_num_threads()
+    rasterize.blend_forward(splats, boxes, lists.tiles, lists.starts, lists.splat_of, tiles_x, k1, k2, workers, image)
+    return splats, boxes, lists, image
+
+
+def render_surface_depth(
+    positions: torch.Tensor,
+    log_scales: torch.Tensor,
+    quaternions: torch.Tensor,
+    opacity_logits: torch.Tensor,
+    view: RenderView,
+    reach: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depth of the surface, (H, W) float32, 0 where nothing is hit, and the accumulated opacity, (H, W); not differentiable.
+
+    Args:
+        reach: disks within this of a pixel's median depth are averaged. The others as in `render`.
+    """
+    tensors = (positions, log_scales, quaternions, opacity_logits, torch.zeros(len(positions), 16, 3))
+    splats, boxes, lists, image = _drawn([tensor.detach().contiguous().numpy() for tensor in tensors], 0, view)
+    depth, median = np.zeros(image.shape[1:], np.float32), image[rasterize.OUT_MEDIAN]
+    tiles_x = view.tile_active.shape[1]
+    surface_depth.mean_near_median(
+        splats, boxes, lists.tiles, lists.starts, lists.splat_of, tiles_x, median, np.float32(reach), depth
+    )  # fmt: skip
+    crop = (slice(view.height_px), slice(view.width_px))
+    return depth[crop], image[rasterize.OUT_ALPHA][crop]
 
 
 def render(

@@ -30,7 +30,7 @@ class TrainingSettings:
     lambda_dssim: float = 0.2
     lambda_mask: float = 0.5
     lambda_normal: float = 0.05
-    lambda_distortion: float = 10.0
+    lambda_distortion: float = 0.0
     normal_from_share: float = 0.25
     densify_from_share: float = 0.05
     densify_until_share: float = 0.6
@@ -90,11 +90,16 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettin
     return terms
 
 
-def depth_loss(rendering: Rendering, pixels: torch.Tensor, depths: torch.Tensor) -> torch.Tensor:
-    """Mean absolute difference of the expected depth from confirmed ones: (K,) flat pixel indices and (K,) depths."""
+def depth_loss(rendering: Rendering, pixels: torch.Tensor, depths: torch.Tensor, active_pixels: torch.Tensor) -> torch.Tensor:
+    """Absolute differences of the expected depth from confirmed ones: (K,) flat pixel indices and (K,) depths.
+
+    Their sum is divided by the number of active pixels, not of confirmed ones: a confirmed depth then weighs about as much
+    as its pixel's colour, and decides between surfaces far apart without tying a fine one to its own error.
+    """
     if len(pixels) == 0:
         return rendering.depth.sum() * 0.0
-    return (rendering.depth.reshape(-1)[pixels] / rendering.alpha.reshape(-1)[pixels].clamp(min=1e-2) - depths).abs().mean()
+    depth = rendering.depth.reshape(-1)[pixels] / rendering.alpha.reshape(-1)[pixels].clamp(min=1e-2)
+    return (depth - depths).abs().sum() / active_pixels
 
 
 def _anchors(view: TrainingView, start: Start) -> tuple[torch.Tensor, torch.Tensor]:
@@ -158,7 +163,7 @@ class Trainer:
         rendering = self.render(index, degree)
         terms = view_loss(rendering, self.views[index], settings, share >= settings.normal_from_share)
         if share < settings.depth_until_share:
-            terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index])
+            terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], self.views[index].active.sum())
         loss = sum(terms.values())
         loss.backward()
         active = float(self.views[index].active.sum())
