@@ -109,7 +109,16 @@ def test_an_interrupted_training_leaves_nothing_half_written_and_runs_again(cell
     before = (cell / CELL / "raw_mesh.ply").read_bytes()
     log = cell / CELL / "logs/train.log"
     log.unlink()
-    run = subprocess.Popen(command, cwd=cell, env=environment, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    run = subprocess.Popen(
+        command,
+        cwd=cell,
+        env=environment,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        # A shell that starts the tests in the background has them ignore Ctrl-C, and children inherit that.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
     started_s = time.monotonic()
     while not (log.exists() and log.stat().st_size) and run.poll() is None and time.monotonic() - started_s < 120:
         time.sleep(0.5)
