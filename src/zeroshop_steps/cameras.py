@@ -35,6 +35,12 @@ class Camera:
         """(3,) camera centre."""
         return -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
 
+    @property
+    def row(self) -> np.ndarray:
+        """(16,) numbers for compiled code: rotation (9) and translation (3) of camera_from_world, then fx, fy, cx, cy."""
+        pose, k = self.camera_from_world, self.intrinsics
+        return np.array([*pose[:3, :3].ravel(), *pose[:3, 3], k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+
     def project(self, points_in_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project (N, 3) points to (N, 2) pixel positions and (N,) depths along the optical axis."""
         points = points_in_world @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]

@@ -11,12 +11,13 @@ import trimesh
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.nvs.free_space import SeenThrough
 from zeroshop_steps.nvs.fuse import fuse, view_depth
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
 from zeroshop_steps.nvs.ssim import dissimilarity
-from zeroshop_steps.nvs.sweep import SeenThrough, sweep_seeds
+from zeroshop_steps.nvs.sweep import sweep_seeds
 from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
 from zeroshop_steps.nvs.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
 from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings, Views

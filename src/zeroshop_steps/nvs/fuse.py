@@ -61,8 +61,7 @@ def run(args: argparse.Namespace) -> None:
 
 def view_depth(surfels: Surfels, view: TrainingView) -> np.ndarray:
     """(H, W) float32 depth of one view in normalized units; 0 outside the mask and where less than half of the light is stopped."""
-    distance = float(np.linalg.norm(view.camera.camera_from_world[:3, 3]))
-    render_view = RenderView.of(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
+    render_view = RenderView.around_object(view)
     depth, alpha = render_surface_depth(
         surfels.positions, surfels.log_scales, surfels.quaternions, surfels.opacity_logits, render_view, SURFACE_REACH
     )

@@ -3,8 +3,7 @@
 The visual hull closes every hollow with a lid. Photographs know better wherever the surface has any shading or print:
 each reference pixel is swept through its interval of the hull, and patches of the neighbouring views are compared
 with its own by normalized cross-correlation and colour (Collins 1996; Goesele et al. 2007 for the choice of the best
-views). Depths that several views confirm become seeds. What lies before a seed, as seen by the view that found it, is
-free space.
+views). Depths that several views confirm become seeds.
 """
 
 from dataclasses import dataclass
@@ -12,7 +11,6 @@ from dataclasses import dataclass
 import cv2
 import numba
 import numpy as np
-from scipy.ndimage import distance_transform_edt, minimum_filter
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.views import TrainingView
@@ -47,13 +45,6 @@ class Seeds:
     depth_maps: list[np.ndarray]
 
 
-def camera_rows(cameras: list[Camera]) -> np.ndarray:
-    """(V, 16) rotation (9), translation (3), fx, fy, cx, cy of each camera."""
-    return np.array(
-        [[*c.camera_from_world[:3, :3].ravel(), *c.camera_from_world[:3, 3], *c.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]]] for c in cameras]
-    )
-
-
 def neighbours_of(cameras: list[Camera], count: int = NEIGHBOURS) -> np.ndarray:
     """(V, count) indices of the views whose directions to the origin are nearest."""
     directions = np.array([camera.centre_in_world for camera in cameras])
@@ -71,7 +62,7 @@ def sweep_seeds(views: list[TrainingView], occupied: np.ndarray, half_extent: fl
         cost_max: depths with a higher cost are not confirmed.
     """
     cameras = [view.camera for view in views]
-    rows = camera_rows(cameras)
+    rows = np.array([camera.row for camera in cameras])
     neighbours = neighbours_of(cameras, min(NEIGHBOURS, len(views) - 1))
     height, width = max(c.height_px for c in cameras), max(c.width_px for c in cameras)
     stack = np.zeros((len(views), height, width, 4), np.float32)
@@ -100,52 +91,6 @@ def sweep_seeds(views: list[TrainingView], occupied: np.ndarray, half_extent: fl
         colors.append(view.color.numpy()[:, y, x].T)
         normals.append(towards / np.linalg.norm(towards, axis=1, keepdims=True))
     return Seeds(np.concatenate(positions), np.concatenate(colors), np.concatenate(normals), maps)
-
-
-FILL_PX = 12.0
-"""Gaps of the confirmed depths are filled from the nearest one within this reach."""
-CAUTION_PX = 9
-FREE_MARGIN = 0.05
-
-
-@dataclass(frozen=True)
-class SeenThrough:
-    """What confirmed depths say of a point: views that see through it, and views that see it.
-
-    Attributes:
-        cameras: the views. depths: (H, W) confirmed depth of each, gaps filled, 0 where unknown.
-        nearest: (H, W) the least of these depths within a few pixels, so that a slanted surface does not vote against itself.
-    """
-
-    cameras: list[Camera]
-    depths: list[np.ndarray]
-    nearest: list[np.ndarray]
-
-    @staticmethod
-    def by(cameras: list[Camera], depth_maps: list[np.ndarray]) -> "SeenThrough":
-        """From confirmed depth maps, 0 where nothing was confirmed."""
-        depths = [_filled(depth, FILL_PX) for depth in depth_maps]
-        nearest = [minimum_filter(np.where(depth > 0, depth, np.inf), CAUTION_PX) for depth in depths]
-        return SeenThrough(cameras, depths, nearest)
-
-    def free(self, points: np.ndarray) -> np.ndarray:
-        """(P,) bool: points that two views or more see through, and more than see them as surface."""
-        against, in_favour = np.zeros(len(points), int), np.zeros(len(points), int)
-        for camera, depth, nearest in zip(self.cameras, self.depths, self.nearest, strict=True):
-            pixels, z = camera.project(points)
-            x, y = np.floor(pixels).astype(int).T
-            framed = np.flatnonzero((x >= 0) & (x < camera.width_px) & (y >= 0) & (y < camera.height_px))
-            known = framed[depth[y[framed], x[framed]] > 0]
-            against[known] += nearest[y[known], x[known]] > z[known] + FREE_MARGIN
-            in_favour[known] += np.abs(depth[y[known], x[known]] - z[known]) <= FREE_MARGIN
-        return (against >= 2) & (against > in_favour)
-
-
-def _filled(depth: np.ndarray, reach_px: float) -> np.ndarray:
-    if not depth.any():
-        return depth
-    distance, (y, x) = distance_transform_edt(depth == 0, return_indices=True)
-    return np.where(distance <= reach_px, depth[y, x], 0.0)
 
 
 @numba.njit(cache=True)

@@ -12,6 +12,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.views import read_views
 
 TILE_PX = 16
+"""Width and height of a tile: a row of it fills one 512-bit register in single precision."""
 
 
 @dataclass(frozen=True)

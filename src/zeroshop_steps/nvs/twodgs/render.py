@@ -7,6 +7,7 @@ import torch
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.twodgs import project, rasterize, surface_depth, tiles
+from zeroshop_steps.nvs.views import TrainingView
 
 
 @dataclass(frozen=True)
@@ -36,13 +37,17 @@ class RenderView:
             far (z - near) / (z (far - near)) as in the paper, less that of the middle, which changes no difference of
             depths and keeps its sums of squares precise in single precision.
         """
-        k = camera.intrinsics
-        numbers = [*camera.camera_from_world[:3, :3].ravel(), *camera.camera_from_world[:3, 3], k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
         if tile_active is None:
             tile_active = np.ones((-(-camera.height_px // tiles.TILE_PX), -(-camera.width_px // tiles.TILE_PX)), bool)
         stretch = near * far / (far - near)
         middle = 2.0 * near * far / (near + far)
-        return RenderView(np.array(numbers), camera.width_px, camera.height_px, tile_active, near, (stretch / middle, stretch))
+        return RenderView(camera.row, camera.width_px, camera.height_px, tile_active, near, (stretch / middle, stretch))
+
+    @staticmethod
+    def around_object(view: TrainingView) -> "RenderView":
+        """A training view, near and far two units from the origin: the normalized object lies within one."""
+        distance = float(np.linalg.norm(view.camera.camera_from_world[:3, 3]))
+        return RenderView.of(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.cameras import Camera, SparseModel
+from zeroshop_steps.nvs.free_space import SeenThrough
 from zeroshop_steps.nvs.hull import VisualHull, inside_all_masks
-from zeroshop_steps.nvs.sweep import SeenThrough, sweep_seeds
+from zeroshop_steps.nvs.sweep import sweep_seeds
 from zeroshop_steps.nvs.views import ObjectSphere, TrainingView
 
 HULL_RESOLUTION = 96

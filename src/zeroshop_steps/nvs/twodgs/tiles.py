@@ -6,9 +6,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.nvs.twodgs.project import ZC
-
-TILE_PX = 16
-"""Width and height of a tile: a row of it fills one 512-bit register in single precision."""
+from zeroshop_steps.nvs.views import TILE_PX
 
 
 @dataclass(frozen=True)

@@ -127,12 +127,7 @@ class Trainer:
     def _take(self, views: list[TrainingView]) -> None:
         """Train on these views from now on."""
         self.views = views
-        # Near and far of the distortion term: the normalized object lies within one unit of the origin.
-        distances = [float(np.linalg.norm(view.camera.camera_from_world[:3, 3])) for view in views]
-        self.render_views = [
-            RenderView.of(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
-            for view, distance in zip(views, distances, strict=True)
-        ]
+        self.render_views = [RenderView.around_object(view) for view in views]
         self.anchors = [_anchors(view, self.start) for view in views]
 
     def render(self, index: int, degree: int) -> Rendering:
