@@ -11,13 +11,15 @@ import trimesh
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.nvs.free_space import SeenThrough
+from zeroshop_steps.nvs.carve import Volume
 from zeroshop_steps.nvs.fuse import fuse, view_depth
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
+from zeroshop_steps.nvs.patch_cost import STRIDE_PX
+from zeroshop_steps.nvs.patchmatch import grid_view, match
+from zeroshop_steps.nvs.seeds import find_seeds
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
 from zeroshop_steps.nvs.ssim import dissimilarity
-from zeroshop_steps.nvs.sweep import sweep_seeds
 from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
 from zeroshop_steps.nvs.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
 from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings, Views
@@ -73,11 +75,11 @@ def ball_start(views: list[TrainingView]) -> Start:
     normals = rng.normal(size=(600, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     cameras, masks = [view.camera for view in views], [view.mask.numpy() > 0 for view in views]
-    seen_through = SeenThrough.by(cameras, [np.zeros((SIZE_PX, SIZE_PX)) for _ in views])
+    volume = Volume.of(VisualHull.carve(cameras, masks, 1.0, 48, misses_allowed=1))
     nothing = {camera.name: np.zeros((0, 2)) for camera in cameras}
     none = {camera.name: np.zeros(0) for camera in cameras}
     points = normals * RADIUS * rng.uniform(0.9, 1.0, (600, 1))
-    return Start(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, seen_through), nothing, none)
+    return Start(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, volume), nothing, none)
 
 
 def trainer_for(views: list[TrainingView], settings: TrainingSettings) -> Trainer:
@@ -145,19 +147,46 @@ def test_a_truncated_splat_ply_is_refused(ball: tuple, tmp_path: Path) -> None:
         read_splat_ply(tmp_path / "s.ply")
 
 
-def test_plane_sweep_finds_the_surface_and_sees_through_a_shell(ball: tuple) -> None:
+def test_stereo_finds_the_surface_and_its_normals(ball: tuple) -> None:
     views, depths = ball
-    cameras, masks = [view.camera for view in views], [view.mask.numpy() > 0 for view in views]
-    hull = VisualHull.carve(cameras, masks, 1.0, 48, misses_allowed=1)
-    seeds = sweep_seeds(views, hull.occupied, 1.0)
+    hull = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48, misses_allowed=1)
+    seeds, volume = find_seeds(views, hull, seed=0)
+    radius = np.linalg.norm(seeds.positions, axis=1)
     assert len(seeds.positions) > 500
-    assert np.median(np.abs(np.linalg.norm(seeds.positions, axis=1) - RADIUS)) < 0.02
-    seen_through = SeenThrough.by(cameras, [depth.astype(np.float32) for depth in depths])
-    surface = np.array([view.camera.centre_in_world for view in views])
-    surface /= np.linalg.norm(surface, axis=1, keepdims=True)
-    assert seen_through.free(surface * (RADIUS + 0.15)).all()
-    assert not seen_through.free(surface * RADIUS).any()
-    assert not seen_through.free(surface * (RADIUS - 0.15)).any()
+    # Half a pixel at the ball's distance; its patches span a third of the ball, which blurs the normals.
+    exact = 0.5 * 2.5 / FOCAL_PX
+    assert np.median(np.abs(radius - RADIUS)) < exact
+    assert np.quantile(((seeds.positions / radius[:, None]) * seeds.normals).sum(1), 0.1) > 0.8
+    errors = []
+    for view, found, true_depth in zip(views, seeds.depth_maps, depths, strict=True):
+        expected = true_depth[::STRIDE_PX, ::STRIDE_PX]
+        assert found.shape == grid_view(view).mask.shape
+        errors.append(np.abs(found - expected)[(found > 0) & (expected > 0)])
+    assert np.median(np.concatenate(errors)) < exact, "depths belong to the pixels of the grid view"
+    assert volume.occupied.sum() <= hull.occupied.sum()
+
+
+def test_stereo_gives_the_same_whatever_the_number_of_threads(ball: tuple) -> None:
+    views, _ = ball
+    occupied = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48).occupied
+    one = match(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
+    numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+    try:
+        two = match(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
+    finally:
+        numba.set_num_threads(1)
+    for first, second in zip(one, two, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def test_grid_view_sees_what_every_third_pixel_sees(ball: tuple) -> None:
+    view = ball[0][3]
+    small = grid_view(view)
+    point = np.array([[0.1, -0.2, 0.3]])
+    pixel, small_pixel = view.camera.project(point)[0][0], small.camera.project(point)[0][0]
+    # The centre of the grid's pixel i is the centre of the image's pixel STRIDE_PX * i.
+    assert np.allclose((pixel - 0.5) / STRIDE_PX, small_pixel - 0.5)
+    assert torch.equal(small.color, view.color[:, ::STRIDE_PX, ::STRIDE_PX])
 
 
 def test_hull_holds_the_ball_and_little_more(ball: tuple) -> None:

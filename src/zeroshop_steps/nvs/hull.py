@@ -35,8 +35,7 @@ class VisualHull:
     @staticmethod
     def carve(cameras: list[Camera], masks: list[np.ndarray], half_extent: float, resolution: int, misses_allowed: int = 0) -> "VisualHull":
         """Keep the voxels, `resolution` along each edge, whose centres lie inside the masks."""
-        axis = _axis(half_extent, resolution)
-        grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+        grid = voxel_centres(half_extent, resolution)
         return VisualHull(inside_all_masks(grid, cameras, masks, misses_allowed).reshape((resolution,) * 3), half_extent)
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
@@ -52,6 +51,12 @@ class VisualHull:
         normals = -np.stack(gradient, 1)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
         return _axis(self.half_extent, len(self.occupied))[index], normals
+
+
+def voxel_centres(half_extent: float, resolution: int) -> np.ndarray:
+    """(resolution^3, 3) centres of the voxels of the cube [-half_extent, half_extent]^3, the last coordinate fastest."""
+    axis = _axis(half_extent, resolution)
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
 
 
 def _axis(half_extent: float, resolution: int) -> np.ndarray:

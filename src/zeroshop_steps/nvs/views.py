@@ -123,13 +123,14 @@ def training_views(
                 torch.from_numpy(np.ascontiguousarray(color[crop].transpose(2, 0, 1))),
                 torch.from_numpy(np.ascontiguousarray(coverage[crop])),
                 torch.from_numpy(np.ascontiguousarray(active[crop])),
-                _tiles_with(active[crop]),
+                tiles_with(active[crop]),
             )
         )
     return views
 
 
-def _tiles_with(active: np.ndarray) -> np.ndarray:
+def tiles_with(active: np.ndarray) -> np.ndarray:
+    """(ceil(H / 16), ceil(W / 16)) bool: tiles of an (H, W) bool array that hold any."""
     height, width = active.shape
     padded = np.zeros((-(-height // TILE_PX) * TILE_PX, -(-width // TILE_PX) * TILE_PX), bool)
     padded[:height, :width] = active

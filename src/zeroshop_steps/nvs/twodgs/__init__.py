@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-SEED_WIDTH_PX = 300
+SEED_WIDTH_PX = 1000
 """Width of the images on which the starting points are found."""
 HULL_POINTS = 4000
 
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> None:
     checkpoint = args.out / "checkpoint.pt"
     # A checkpoint belongs to its images and cameras as much as to its settings.
     identity = {"image_width_px": args.image_width_px, "cameras": [view.camera.camera_from_world.ravel().tolist() for view in views.fine]}
-    start = find_start(camera_set.model, sphere, training_views(camera_set, sphere, SEED_WIDTH_PX, border_px=4), HULL_POINTS, args.seed)
+    start = find_start(camera_set.model, sphere, training_views(camera_set, sphere, SEED_WIDTH_PX, border_px=10), HULL_POINTS, args.seed)
     trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:

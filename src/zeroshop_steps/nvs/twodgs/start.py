@@ -6,32 +6,35 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.cameras import Camera, SparseModel
-from zeroshop_steps.nvs.free_space import SeenThrough
+from zeroshop_steps.nvs.carve import Volume
 from zeroshop_steps.nvs.hull import VisualHull, inside_all_masks
-from zeroshop_steps.nvs.sweep import sweep_seeds
+from zeroshop_steps.nvs.patchmatch import grid_view
+from zeroshop_steps.nvs.seeds import find_seeds
 from zeroshop_steps.nvs.views import ObjectSphere, TrainingView
 
-HULL_RESOLUTION = 96
+HULL_RESOLUTION = 128
+OUTSIDE_VOXELS = 2.5
+"""Disks farther than this from the carved volume are in free space."""
 NORMAL_NEIGHBOURS = 12
 
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """Where no surface can be: outside the masks, and before depths that plane sweep has confirmed.
+    """Where no surface can be: outside the masks, and away from the carved volume.
 
     Attributes:
         cameras, masks: the views that judge and their (H, W) bool masks.
-        seen_through: what plane sweep's confirmed depths say.
+        volume: where stereo leaves room for the object.
     """
 
     cameras: list[Camera]
     masks: list[np.ndarray]
-    seen_through: SeenThrough
+    volume: Volume
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(P,) bool for (P, 3) points."""
         outside = ~inside_all_masks(points, self.cameras, self.masks, misses_allowed=1)
-        return outside | self.seen_through.free(points)
+        return outside | self.volume.farther_than(points, OUTSIDE_VOXELS)
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Start:
     Attributes:
         points, colors, normals: (N, 3) starting points, RGB in [0, 1], unit normals.
         free_space: where no disk may be.
-        rays, depths: for each view's name, (K, 2) ray slopes x / z and y / z in its camera and (K,) depths that plane sweep confirmed.
+        rays, depths: for each view's name, (K, 2) ray slopes x / z and y / z in its camera and (K,) depths that stereo confirmed.
     """
 
     points: np.ndarray
@@ -53,18 +56,19 @@ class Start:
 
 
 def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingView], hull_points: int, seed: int) -> Start:
-    """Join three sources of points: the sparse model's, plane sweep's, and the visual hull where neither has any.
+    """Join three sources of points: the sparse model's, stereo's, and the carved hull where neither has any.
 
     Args:
         model: sparse points of the registration, in its world frame.
-        views: small training views (about 300 px wide images), in normalized coordinates.
-        hull_points: how many of the hull's points, at most; those in free space, such as the lid of a bowl, are left out.
+        views: training views in normalized coordinates, of the images' full size if it is moderate.
+        hull_points: how many of the hull's points, at most.
     """
-    cameras = [view.camera for view in views]
-    masks = [view.mask.numpy() > 0 for view in views]
+    grid = [grid_view(view) for view in views]
+    cameras = [view.camera for view in grid]
+    masks = [view.mask.numpy() > 0 for view in grid]
     hull = VisualHull.carve(cameras, masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
-    seeds = sweep_seeds(views, hull.occupied, 1.0)
-    free_space = FreeSpace(cameras, masks, SeenThrough.by(cameras, seeds.depth_maps))
+    seeds, volume = find_seeds(views, hull, seed)
+    free_space = FreeSpace(cameras, masks, Volume.of(volume))
     seed_normals = _plane_normals(seeds.positions, seeds.normals)
 
     sparse = (model.points - sphere.centre) / sphere.radius
@@ -72,9 +76,7 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
     trusted[trusted] = inside_all_masks(sparse[trusted], cameras, masks, misses_allowed=1)
     sparse = sparse[trusted]
 
-    surface, surface_normals = hull.surface()
-    kept = ~free_space.holds(surface)
-    surface, surface_normals = surface[kept], surface_normals[kept]
+    surface, surface_normals = volume.surface()
     confirmed = np.concatenate([seeds.positions, sparse])
     if len(confirmed) and len(surface):
         lone = cKDTree(confirmed).query(surface)[0] > 2.0 / HULL_RESOLUTION
@@ -88,10 +90,10 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
         sparse_normals = np.concatenate([seed_normals, surface_normals])[cKDTree(others).query(sparse)[1]]
     return Start(
         np.concatenate([sparse, seeds.positions, surface]),
-        np.concatenate([model.colors[trusted] / 255.0, seeds.colors, mean_colors(surface, surface_normals, views)]),
+        np.concatenate([model.colors[trusted] / 255.0, seeds.colors, mean_colors(surface, surface_normals, grid)]),
         np.concatenate([sparse_normals, seed_normals, surface_normals]),
         free_space,
-        *_confirmed_rays(views, seeds.depth_maps),
+        *_confirmed_rays(grid, seeds.depth_maps),
     )
 
 

@@ -40,8 +40,7 @@ class TrainingSettings:
     opacity_min: float = 0.05
     count_max: int = 40_000
     coarse_share: float = 0.5
-    lambda_depth: float = 0.5
-    depth_until_share: float = 0.7
+    lambda_depth: float = 5.0
 
 
 SPLIT_SCALE = 0.03
@@ -93,8 +92,8 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettin
 def depth_loss(rendering: Rendering, pixels: torch.Tensor, depths: torch.Tensor, active_pixels: torch.Tensor) -> torch.Tensor:
     """Absolute differences of the expected depth from confirmed ones: (K,) flat pixel indices and (K,) depths.
 
-    Their sum is divided by the number of active pixels, not of confirmed ones: a confirmed depth then weighs about as much
-    as its pixel's colour, and decides between surfaces far apart without tying a fine one to its own error.
+    Their sum is divided by the number of active pixels, so that a single confirmed depth weighs the same however many there
+    are. Confirmed depths are more exact than what colour alone finds where there is little print: they weigh much more than it.
     """
     if len(pixels) == 0:
         return rendering.depth.sum() * 0.0
@@ -157,8 +156,7 @@ class Trainer:
         self.optimizer.set_learning_rate("positions", LEARNING_RATES["positions"] * POSITION_RATE_FALL**share)
         rendering = self.render(index, degree)
         terms = view_loss(rendering, self.views[index], settings, share >= settings.normal_from_share)
-        if share < settings.depth_until_share:
-            terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], self.views[index].active.sum())
+        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], self.views[index].active.sum())
         loss = sum(terms.values())
         loss.backward()
         active = float(self.views[index].active.sum())

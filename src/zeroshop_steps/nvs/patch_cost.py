@@ -1,0 +1,170 @@
+"""What a slanted patch of surface costs: how well the views that see it agree (kernels of the stereo)."""
+
+import math
+
+import numba
+import numpy as np
+
+BEST_VIEWS = 2
+"""The cost of a plane is the mean over this many of its best neighbours: some are always occluded."""
+PATCH_STEPS = 3
+PATCH_SPACING_PX = 3
+"""A patch is sampled at (2 * 3 + 1)^2 points, three pixels apart."""
+NOISE = 0.003
+"""Noise of the luminance, added to the patches' variances: patches without contrast correlate with nothing."""
+SIMILAR_LUMINANCE = 0.06
+"""Standard deviation of the bilateral weights."""
+COLOR_WEIGHT = 3.0
+COLOR_DIFFERENCE_MAX = 0.1
+GEOMETRIC_WEIGHT = 0.2
+GEOMETRIC_ERROR_MAX_PX = 3.0
+BAD = 2.0
+STRIDE_PX = 3
+"""Every third pixel of every third row holds a plane; patches are compared at the images' own resolution."""
+
+
+@numba.njit(cache=True)
+def random_number(a, b, c, d):
+    """A number in [0, 1) that depends on four integers only, whatever the thread (xorshift-multiply mixing)."""
+    x = np.uint64(a) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(b) * np.uint64(0xC2B2AE3D27D4EB4F)
+    x += np.uint64(c) * np.uint64(0x165667B19E3779F9) + np.uint64(d) * np.uint64(0x27D4EB2F165667C5)
+    x ^= x >> np.uint64(30)
+    x *= np.uint64(0xBF58476D1CE4E5B9)
+    x ^= x >> np.uint64(27)
+    x *= np.uint64(0x94D049BB133111EB)
+    x ^= x >> np.uint64(31)
+    return float(x >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@numba.njit(cache=True)
+def project(row, x, y, z):
+    px = row[0] * x + row[1] * y + row[2] * z + row[9]
+    py = row[3] * x + row[4] * y + row[5] * z + row[10]
+    pz = row[6] * x + row[7] * y + row[8] * z + row[11]
+    return row[12] * px / pz + row[14] - 0.5, row[13] * py / pz + row[15] - 0.5, pz
+
+
+@numba.njit(cache=True)
+def world_point(row, dx, dy, z):
+    """The point at depth z on the ray of slopes dx and dy."""
+    a, b, c = z * dx - row[9], z * dy - row[10], z - row[11]
+    return row[0] * a + row[3] * b + row[6] * c, row[1] * a + row[4] * b + row[7] * c, row[2] * a + row[5] * b + row[8] * c
+
+
+@numba.njit(cache=True)
+def random_normal(dx, dy, a, b):
+    """A unit normal within about 75 degrees of the direction to the camera, from two numbers in [0, 1)."""
+    slant, turn = math.sqrt(a) * 3.0, 2 * math.pi * b
+    return facing_normal(dx, dy, -dx + slant * math.cos(turn), -dy + slant * math.sin(turn), -1.0)
+
+
+@numba.njit(cache=True)
+def facing_normal(dx, dy, nx, ny, nz):
+    """The unit normal along (nx, ny, nz), bent towards the camera where it would look away or graze."""
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / length, ny / length, nz / length
+    ray = math.sqrt(dx * dx + dy * dy + 1)
+    cosine = -(nx * dx + ny * dy + nz) / ray
+    if cosine < 0.2:
+        lack = (0.25 - cosine) / ray
+        nx, ny, nz = nx - lack * dx, ny - lack * dy, nz - lack
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / length, ny / length, nz / length
+    return nx, ny, nz
+
+
+@numba.njit(cache=True)
+def reference_patch(luminance, mask, y, x, patch, weight):
+    """Fill (side, side) luminance and normalized bilateral weight; returns the weighted mean and variance."""
+    side = 2 * PATCH_STEPS + 1
+    height, width = mask.shape
+    total = mean = square = 0.0
+    for j in range(side):
+        for i in range(side):
+            v = min(max(y + (j - PATCH_STEPS) * PATCH_SPACING_PX, 0), height - 1)
+            u = min(max(x + (i - PATCH_STEPS) * PATCH_SPACING_PX, 0), width - 1)
+            value = luminance[v, u]
+            difference = (value - luminance[y, x]) / SIMILAR_LUMINANCE
+            w = math.exp(-0.5 * difference * difference) if mask[v, u] else 0.0
+            patch[j, i], weight[j, i] = value, w
+            total += w
+            mean += w * value
+            square += w * value * value
+    for j in range(side):
+        for i in range(side):
+            weight[j, i] /= total
+    mean /= total
+    return mean, max(square / total - mean * mean, 0.0)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _view_cost(row, other, luminance, size, patch, weight, mean, variance, dx, dy, z, nx, ny, nz):
+    """Half of one less a plane's patch's correlation with its picture in another view, and where its centre lands; BAD outside."""
+    offset = z * (nx * dx + ny * dy + nz)
+    ex, ey = dx + 1.0 / row[12], dy + 1.0 / row[13]
+    wx, wy, wz = world_point(row, dx, dy, z)
+    u0, v0, pz = project(other, wx, wy, wz)
+    below_x, below_y = nx * ex + ny * dy + nz, nx * dx + ny * ey + nz
+    if pz <= 0 or below_x >= -1e-6 or below_y >= -1e-6:
+        return BAD, u0, v0
+    wx, wy, wz = world_point(row, ex, dy, offset / below_x)
+    ux, vx, _ = project(other, wx, wy, wz)
+    wx, wy, wz = world_point(row, dx, ey, offset / below_y)
+    uy, vy, _ = project(other, wx, wy, wz)
+    dux, dvx, duy, dvy = ux - u0, vx - v0, uy - u0, vy - v0
+    reach = PATCH_STEPS * PATCH_SPACING_PX
+    reach_u, reach_v = reach * (abs(dux) + abs(duy)), reach * (abs(dvx) + abs(dvy))
+    if not (u0 - reach_u >= 0 and v0 - reach_v >= 0 and u0 + reach_u < size[1] - 1 and v0 + reach_v < size[0] - 1):
+        return BAD, u0, v0
+    sum_b = sum_bb = sum_ab = np.float32(0.0)
+    for j in range(2 * PATCH_STEPS + 1):
+        t = float((j - PATCH_STEPS) * PATCH_SPACING_PX)
+        for i in range(2 * PATCH_STEPS + 1):
+            s = float((i - PATCH_STEPS) * PATCH_SPACING_PX)
+            u, v = u0 + s * dux + t * duy, v0 + s * dvx + t * dvy
+            x, y = int(u), int(v)
+            fx, fy = np.float32(u - x), np.float32(v - y)
+            top = luminance[y, x] + (luminance[y, x + 1] - luminance[y, x]) * fx
+            bottom = luminance[y + 1, x] + (luminance[y + 1, x + 1] - luminance[y + 1, x]) * fx
+            b = top + (bottom - top) * fy
+            w = weight[j, i]
+            sum_b += w * b
+            sum_bb += w * b * b
+            sum_ab += w * b * patch[j, i]
+    covariance = sum_ab - sum_b * mean
+    spread = math.sqrt((variance + NOISE**2) * (max(sum_bb - sum_b * sum_b, np.float32(0.0)) + NOISE**2))
+    return 0.5 * (1.0 - covariance / spread), u0, v0
+
+
+@numba.njit(cache=True, fastmath=True)
+def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, best, dx, dy, z, nx, ny, nz):
+    """The mean cost of a plane over its best neighbouring views."""
+    rows, neighbours, color, luminance, _, sizes = scene
+    row = rows[index]
+    for k in range(neighbours.shape[1]):
+        n = neighbours[index, k]
+        cost, u, v = _view_cost(row, rows[n], luminance[n], sizes[n], patch, weight, mean, variance, dx, dy, z, nx, ny, nz)
+        if cost < BAD:
+            i, j = int(u + 0.5), int(v + 0.5)
+            difference = 0.0
+            for c in range(3):
+                difference += abs(color[index, y, x, c] - color[n, j, i, c]) / 3
+            cost += COLOR_WEIGHT * min(difference, COLOR_DIFFERENCE_MAX)
+            if found_depth.shape[0] > 1:
+                error = GEOMETRIC_ERROR_MAX_PX
+                other, gy, gx = rows[n], int(v / STRIDE_PX + 0.5), int(u / STRIDE_PX + 0.5)
+                if gy < found_depth.shape[1] and gx < found_depth.shape[2] and found_depth[n, gy, gx] > 0:
+                    # Where the plane that the other view has found there meets its ray through the projected point.
+                    fx, fy, fz = found_normal[n, gy, gx]
+                    ox, oy = (u + 0.5 - other[14]) / other[12], (v + 0.5 - other[15]) / other[13]
+                    ahead = fx * ox + fy * oy + fz
+                    if ahead < -0.05:
+                        px, py = (gx * STRIDE_PX + 0.5 - other[14]) / other[12], (gy * STRIDE_PX + 0.5 - other[15]) / other[13]
+                        wx, wy, wz = world_point(other, ox, oy, found_depth[n, gy, gx] * (fx * px + fy * py + fz) / ahead)
+                        back_u, back_v, _ = project(row, wx, wy, wz)
+                        error = min(math.sqrt((back_u - x) ** 2 + (back_v - y) ** 2), error)
+                cost += GEOMETRIC_WEIGHT * error
+        best[k] = min(cost, BAD)
+    best.sort()
+    count = min(BEST_VIEWS, neighbours.shape[1])
+    return best[:count].mean()
