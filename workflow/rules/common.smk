@@ -19,7 +19,12 @@ PHOTO_SCENES = ["video"]
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
-shell.prefix('export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; ')
+shell.prefix(
+    'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
+    # A killed step cannot say so itself.
+    "trap '[ $? -ne 137 ] || echo \"error: the step was killed, most often because memory ran out;"
+    " give it more (--set-resources RULE:mem_mb=N) or fewer neighbours (--resources mem_mb=N)\" >&2' EXIT; "
+)
 
 try:
     cache_folder()

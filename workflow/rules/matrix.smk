@@ -16,6 +16,15 @@ from snakemake.logging import logger
 
 from zeroshop_steps import failures
 
+
+# On a cluster, what takes a second is done where Snakemake runs.
+localrules:
+    outcome,
+    cell,
+    object_table,
+    column_table,
+
+
 CELL = "results/{dataset}/{object}/{scene}/{registration}/{nvs}"
 
 

@@ -1,6 +1,11 @@
 """Report: the tidy tables of a dataset, one row a measurement, with the coordinates of its cell."""
 
 
+localrules:
+    quality_table,
+    camera_table,
+
+
 rule quality_table:
     input:
         cells=figures_of(cells_of_table),
