@@ -20,7 +20,7 @@ CONFIG = [
 def checkout(folder):
     """A copy of the project in a folder of its own, and a call of Snakemake there that makes the splats."""
     for part in ("workflow", "config", "src"):
-        shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+        shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("*.egg-info"))
 
     def make(shared):
         command = [sys.executable, "-m", "snakemake", "--cores", "2", SPLATS, "--config", *CONFIG]
