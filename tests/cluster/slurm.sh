@@ -64,7 +64,7 @@ CONFIG
 run() {
   "$project/.venv/bin/snakemake" --snakefile "$project/workflow/Snakefile" --directory "$folder" \
     --workflow-profile "$project/workflow/profiles/slurm" --configfile "$folder/small.yaml" \
-    --slurm-status-command squeue --slurm-init-seconds-before-status-checks 5 --seconds-between-status-checks 5 "$@"
+    --max-threads "$(nproc)" --slurm-status-command squeue --slurm-init-seconds-before-status-checks 5 --seconds-between-status-checks 5 "$@"
 }
 
 echo "== one cell"
@@ -83,6 +83,10 @@ killer() {
     sleep 0.5
   done
 }
+
+echo "== a cell that fails in a table run is a row"
+run "$cell/cell.csv" --config 'nvs={2dgs: {fuse: {min_views: 1000}}}' 2>&1 | tee "$folder/row.txt"
+grep 'none.*nvs.fuse: .*no surface that 1000 views see' "$folder/$cell/cell.csv"
 
 long='nvs={2dgs: {train: {iterations: 300}}}'
 echo "== a training that is killed once runs again"
