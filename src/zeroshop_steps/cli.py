@@ -8,26 +8,36 @@ import argparse
 import importlib
 import pkgutil
 import sys
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
 
+from zeroshop_steps import failures
+from zeroshop_steps.cache import run_cached
 from zeroshop_steps.errors import StepError
 
 
-def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None = None) -> int:
+def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None = None, reads_failures: bool = False) -> int:
     """Run one method of a stage and return the exit status.
 
     Args:
         package: the stage's package, e.g. "zeroshop_steps.register".
         methods: the names of its modules (or sub-packages) that are methods.
         argv: the command line without the program's name; the process's own by default.
+        reads_failures: whether the stage's inputs may be records of failures (failures.py); others pass them on unread.
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     choose = argparse.ArgumentParser(prog=f"python -m {package}", add_help=False)
     choose.add_argument("--method", choices=methods, required=len(methods) > 1, default=methods[0])
+    choose.add_argument("--record-failure", type=Path, nargs="+", default=[], metavar="OUTPUT")
     if not any(word == "--method" or word.startswith("--method=") for word in argv) and {"-h", "--help"} & set(argv):
         choose.print_help()
         return 0
     known, rest = choose.parse_known_args(argv)
+    step = f"{package.rpartition('.')[2]}.{known.method}"
+    earlier = None if reads_failures else failures.failure_among(rest)
+    if earlier:
+        return _give_up(earlier, known.record_failure)
     module = importlib.import_module(f"{package}.{known.method}")
     parser = argparse.ArgumentParser(
         prog=f"python -m {package} --method {known.method}",
@@ -37,14 +47,26 @@ def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None 
     module.add_arguments(parser)
     args = parser.parse_args(rest)
     try:
-        module.run(args)
-    except StepError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+        run_cached(step, module, args)
     except KeyboardInterrupt:
         print("interrupted; nothing half-written was left behind", file=sys.stderr)
         return 130
+    except Exception as error:
+        if not isinstance(error, StepError):
+            traceback.print_exc()
+        failure = failures.Failure(step, failures.reason_of(error))
+        return _give_up(failure, known.record_failure if failures.is_result(error) else [])
     return 0
+
+
+def _give_up(failure: failures.Failure, outputs: Sequence[Path]) -> int:
+    """End with a failure's reason; in a table run, leave its record in place of `outputs` and let the others go on."""
+    if outputs and failures.recording():
+        failures.write_failure(outputs, failure)
+        print(f"failed, recorded in {outputs[0]}: {failure}", file=sys.stderr)
+        return 0
+    print(f"error: {failure.reason}", file=sys.stderr)
+    return 1
 
 
 def stage_methods(package_path: Sequence[str]) -> list[str]:

@@ -131,7 +131,7 @@ def _explain(error: jsonschema.ValidationError) -> list[str]:
         allowed = list(error.schema.get("properties", {}))
         where = f" in {key}" if key else ""
         return [name_error(f"key{where}", name, allowed) for name in error.instance if name not in allowed]
-    if error.validator == "oneOf" or error.validator == "if":
+    if error.validator in ("oneOf", "if"):
         return [line for cause in error.context or () for line in _explain(cause)]
     about = error.schema.get("description", "").split(". ")[0].rstrip(".")
     return [f"{key or 'the file'}: {error.message}" + (f" ({about})" if about else "")]

@@ -1,11 +1,11 @@
 """The table keeps every measurement with its cell's coordinates, and a failed cell as a row with its reason."""
 
 import csv
-import json
 
 import pytest
 
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.failures import Failure, write_failure
 from zeroshop_steps.report.table import gather, write_table
 
 
@@ -14,16 +14,15 @@ def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
     good = root / "demo/mug/su_h/colmap/2dgs/quality.csv"
     good.parent.mkdir(parents=True)
     good.write_text("measure,value,unit\naccuracy,0.5,mm\nf_score,0.9,\n")
-    failed = root / "demo/bowl/su_h/colmap/cameras/registration.json"
-    failed.parent.mkdir(parents=True)
-    failed.write_text(json.dumps({"status": "failed", "reason": "3 of 20 images registered, 16 are needed"}))
+    failed = root / "demo/bowl/su_h/colmap/2dgs/outcome.json"
+    write_failure([failed], Failure("nvs.twodgs", "3 of 20 images registered"))
     write_table(gather([good, failed], root), tmp_path / "table.csv")
     with (tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["object"], row["nvs"], row["measure"], row["value"], row["reason"]) for row in rows] == [
         ("mug", "2dgs", "accuracy", "0.5", ""),
         ("mug", "2dgs", "f_score", "0.9", ""),
-        ("bowl", "", "grade", "none", "3 of 20 images registered, 16 are needed"),
+        ("bowl", "2dgs", "grade", "none", "nvs.twodgs: 3 of 20 images registered"),
     ]
     assert list(rows[0]) == ["dataset", "object", "scene", "registration", "nvs", "measure", "value", "unit", "reason"]
 

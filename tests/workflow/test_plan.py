@@ -5,6 +5,8 @@ import re
 import pytest
 from running import REPOSITORY, planned
 
+from zeroshop_steps import methods
+
 CELL = ["train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture", "export", "preview", "publish"]
 
 
@@ -54,9 +56,42 @@ def test_every_cell_of_the_matrix_has_a_path(snakemake):
 
 
 def test_tables_cover_every_object(snakemake):
-    run = snakemake("-n", "results/ycbv/tables/cameras.csv", "--config", "tables={scenes: [su_h, su_l, se]}")
+    run = snakemake("-n", "results/ycbv/tables/cameras.csv", "--config", "tables={registrations: [colmap]}")
     assert run.returncode == 0, run.stdout
     assert planned(run.stdout)["camera_error"] == 63
+
+
+def able(table):
+    """How many methods of a table can run here."""
+    return sum(not methods.lacks(method, REPOSITORY) for method in table.values())
+
+
+@pytest.mark.parametrize(
+    ("target", "objects", "columns"),
+    [
+        ("results/demo/mug/su_l/truth/2dgs/cell.csv", 1, 1),
+        ("results/demo/mug/cells.csv", 1, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
+        ("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1),
+        ("results/demo/tables/quality.csv", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
+    ],
+)
+def test_a_slice_of_the_matrix_plans_exactly_its_cells(snakemake, target, objects, columns):
+    run = snakemake("-n", target)
+    assert run.returncode == 0, run.stdout
+    jobs = planned(run.stdout)
+    assert (jobs["cell"], jobs["outcome"]) == (objects * columns,) * 2
+    assert jobs["demo_model" if "demo" in target else "bop_model"] == objects
+
+
+def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(snakemake):
+    run = snakemake("-n", "results/demo/mug/cells.csv")
+    lines = [line for line in run.stdout.splitlines() if "Left out of tables" in line]
+    assert len(lines) == 1 and "mast3r lacks" in lines[0] and "vggt lacks" in lines[0]
+    assert "/mast3r/" not in run.stdout
+    named = snakemake("-n", "results/demo/mug/cells.csv", "--config", "tables={registrations: [colmap, mast3r]}")
+    assert named.returncode != 0
+    assert "mast3r cannot run here, it lacks" in named.stdout and "Those that can: colmap, truth." in named.stdout
+    assert "Left out of tables: svraster" in named.stdout or "Left out" not in named.stdout
 
 
 @pytest.mark.parametrize(
@@ -71,6 +106,11 @@ def test_tables_cover_every_object(snakemake):
         ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video"),
         ("results/photos/cup/2dgs.ply", "the folder of its images, photos/of/nothing, does not exist"),
         ("results/photos/tables/quality.csv", "unknown virtual dataset: photos"),
+        ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),
+        ("results/demo/tables/su_q/colmap/2dgs.csv", "unknown scene of a virtual dataset: su_q. Did you mean su_"),
+        ("results/demo/tables/su_h/colmop/2dgs.csv", "unknown registration of a virtual dataset: colmop. Did you mean colmap"),
+        ("results/demo/tables/su_h/colmap/nerf.csv", "unknown nvs method: nerf. Known: 2dgs"),
+        ("results/demo/mug/su_h/vggt/2dgs/mesh.ply", "registration of a virtual dataset vggt cannot run here, it lacks"),
     ],
 )
 def test_an_unknown_name_in_a_target_lists_what_exists(snakemake, tmp_path, target, message):
@@ -90,6 +130,8 @@ def test_an_unknown_name_in_a_target_lists_what_exists(snakemake, tmp_path, targ
         ("datasets={mine: {kind: bob}}", "datasets.mine.kind: 'bob' is not one of"),
         ("datasets={mine: {kind: bop}}", "datasets.mine: 'models_folder' is a required property"),
         ("objects_table=no/such.tsv", "such.tsv does not exist"),
+        ("tables={scenes: every}", "tables.scenes: 'all' was expected"),
+        ("tables={nvs: [nerf]}", "tables.nvs.0: 'nerf' is not one of"),
     ],
 )
 def test_a_bad_config_names_the_key(snakemake, config, message):

@@ -25,7 +25,7 @@ register: {colmap: {min_images: 1000}}
 nvs: {2dgs: {train: {iterations: 60, image_width_px: 160, sh_degree: 0}, fuse: {voxels: 64, image_width_px: 160}}}
 finish: {texture_size_px: 256, clean: {max_faces: 3000}}
 datasets: {demo: {objects: [mustard_bottle]}}
-tables: {registrations: [truth, colmap]}
+tables: {scenes: [su_h], registrations: [truth, colmap], nvs: [2dgs]}
 """
 
 
@@ -84,6 +84,14 @@ def test_a_change_reruns_only_what_depends_on_it(cell, change, expected):
     assert set(planned(run.stdout)) == expected
 
 
+def test_asked_for_directly_a_failed_cell_ends_with_its_reason(cell):
+    target = "results/demo/mustard_bottle/su_h/colmap/2dgs/mesh.ply"
+    run = again(cell, target)
+    assert run.returncode != 0
+    assert "could not be registered" in run.stdout
+    assert not list((cell / target).parent.glob("*.ply"))
+
+
 def test_the_table_has_the_failed_cell_with_its_reason(cell):
     run = again(cell, "results/demo/tables/quality.csv", "results/demo/tables/cameras.csv")
     assert run.returncode == 0, run.stdout
@@ -91,16 +99,26 @@ def test_the_table_has_the_failed_cell_with_its_reason(cell):
         rows = list(csv.DictReader(file))
     assert {row["measure"] for row in rows if row["registration"] == "truth"} >= {"accuracy_mm", "completeness_mm", "f_score_1_percent"}
     [failed] = [row for row in rows if row["registration"] == "colmap"]
+    assert (failed["nvs"], failed["measure"], failed["value"]) == ("2dgs", "grade", "none")
+    assert failed["reason"].startswith("nvs.twodgs: ") and "1000" in failed["reason"]
+
+
+def test_a_failure_after_the_registration_is_a_row_too(cell, tmp_path):
+    shutil.copytree(cell, tmp_path / "cell", symlinks=True)
+    folder, no_surface = tmp_path / "cell", "nvs={2dgs: {fuse: {min_views: 1000}}}"
+    run = again(folder, "results/demo/mustard_bottle/cells.csv", config=[no_surface])
+    assert run.returncode == 0, run.stdout
+    with (folder / "results/demo/mustard_bottle/cells.csv").open() as file:
+        [failed] = [row for row in csv.DictReader(file) if row["registration"] == "truth"]
     assert (failed["measure"], failed["value"]) == ("grade", "none")
-    assert "1000" in failed["reason"]
-
-
-def test_asked_for_directly_a_failed_cell_ends_with_its_reason(cell):
-    target = "results/demo/mustard_bottle/su_h/colmap/2dgs/mesh.ply"
-    run = again(cell, target)
-    assert run.returncode != 0
-    assert "could not be registered" in run.stdout
-    assert not list((cell / target).parent.glob("*.ply"))
+    assert failed["reason"].startswith("nvs.fuse: ") and "no surface that 1000 views see" in failed["reason"]
+    direct = again(folder, f"{CELL}/mesh.ply", config=[no_surface])
+    assert direct.returncode != 0
+    assert "no surface that 1000 views see" in direct.stdout
+    assert not (folder / CELL / "mesh.ply").exists()
+    repaired = again(folder, "results/demo/mustard_bottle/cells.csv")
+    assert repaired.returncode == 0, repaired.stdout
+    assert "no surface" not in (folder / "results/demo/mustard_bottle/cells.csv").read_text()
 
 
 def test_an_interrupted_training_leaves_nothing_half_written_and_runs_again(cell):

@@ -1,7 +1,5 @@
 """What the rules share: the checked config, the known names, and errors that list them."""
 
-import itertools
-import json
 import os
 import shlex
 import sys
@@ -9,22 +7,27 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-from zeroshop_steps.settings import check_config, name_error, read_objects
+from zeroshop_steps import methods
+from zeroshop_steps.cache import cache_folder
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.settings import check_config, name_error, read_objects
 
 ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 PHOTO_SCENES = ["video"]
-REGISTRATIONS = ["colmap", "truth"]
-NVS_METHODS = ["2dgs"]
-AXES = ["dataset", "object", "scene", "registration", "nvs"]
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
-shell.prefix('export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; ')
+shell.prefix(
+    'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
+    # A killed step cannot say so itself.
+    "trap '[ $? -ne 137 ] || echo \"error: the step was killed, most often because memory ran out;"
+    " give it more (--set-resources RULE:mem_mb=N) or fewer neighbours (--resources mem_mb=N)\" >&2' EXIT; "
+)
 
 try:
+    cache_folder()
     check_config(config, ROOT / "workflow/schemas/config.schema.yaml")
     PHOTOS = read_objects(ROOT / config["objects_table"], ROOT / "workflow/schemas/objects.schema.yaml")
 except StepError as error:
@@ -64,6 +67,19 @@ def is_virtual(dataset):
     return config["datasets"][dataset]["kind"] != "photos"
 
 
+def usable(what, name, table, remedy):
+    """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods."""
+    reason = methods.refusal(what, known(what, name, table, remedy), table, ROOT)
+    if reason:
+        raise WorkflowError(reason)
+    return name
+
+
+def registrations_of(dataset):
+    """The registrations that make sense for a dataset: photos have no true cameras."""
+    return {name: method for name, method in methods.REGISTRATIONS.items() if is_virtual(dataset) or not method.truth}
+
+
 def check_object(wildcards):
     """Raise an error that lists what exists where a path names an unknown dataset or object."""
     names = objects_of(wildcards.dataset)
@@ -74,7 +90,7 @@ def check_object(wildcards):
 def chosen_cell(wildcards):
     """The folder of the cell that the config chooses for an object."""
     check_object(wildcards)
-    known("nvs method", wildcards.nvs, NVS_METHODS, "The file is named after the method.")
+    usable("nvs method", wildcards.nvs, methods.NVS, "The file is named after the method.")
     cell = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
     return f"results/{wildcards.dataset}/{wildcards.object}/{cell['scene']}/{cell['registration']}/{wildcards.nvs}"
 
@@ -85,10 +101,10 @@ def capture_of(wildcards):
     virtual = is_virtual(wildcards.dataset)
     kind = "virtual" if virtual else "photo"
     known(f"scene of a {kind} dataset", wildcards.scene, VIRTUAL_SCENES if virtual else PHOTO_SCENES, "")
-    known(
+    usable(
         f"registration of a {kind} dataset",
         wildcards.registration,
-        REGISTRATIONS if virtual else [name for name in REGISTRATIONS if name != "truth"],
+        registrations_of(wildcards.dataset),
         "" if virtual else "Photos have no true cameras.",
     )
     return f"results/{wildcards.dataset}/{wildcards.object}/{wildcards.scene}/capture"
@@ -96,7 +112,7 @@ def capture_of(wildcards):
 
 def raw_mesh_of(wildcards):
     """The mesh that the nvs method of the path makes."""
-    known("nvs method", wildcards.nvs, NVS_METHODS, "The folder is named after the method.")
+    usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
     return f"{folder}/raw_mesh.ply"
 
@@ -161,14 +177,6 @@ def checked_object(wildcards):
     return wildcards.object
 
 
-def table_cells(wildcards):
-    """The cells that the config wants in a dataset's tables, each a dictionary of the matrix's coordinates."""
-    virtual = [name for name in config["datasets"] if is_virtual(name)]
-    known("virtual dataset", wildcards.dataset, virtual, "Tables compare with the truth, which photos lack.")
-    axes = [objects_of(wildcards.dataset), *(config["tables"][axis] for axis in ("scenes", "registrations", "nvs"))]
-    return [dict(zip(AXES, (wildcards.dataset, *values))) for values in itertools.product(*axes)]
-
-
 def chosen_mesh(wildcards):
     """The finished mesh of the chosen cell."""
     return f"{chosen_cell(wildcards)}/mesh.ply"
@@ -199,26 +207,3 @@ def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
     return [f"{folder}/{name}.json" for name in ("splats/training", "raw_mesh", "clean", "unwrapped", "texture")]
-
-
-def table_measurements(wildcards):
-    """The measurements of every cell of a table; of a cell whose registration failed, the record of the failure."""
-    files = []
-    for cell in table_cells(wildcards):
-        cameras = checkpoints.register.get(**{key: cell[key] for key in ("dataset", "object", "scene", "registration")}).output.cameras
-        record = Path(cameras, "registration.json")
-        failed = json.loads(record.read_text())["status"] != "ok"
-        files.append(str(record) if failed else "results/{dataset}/{object}/{scene}/{registration}/{nvs}/quality.csv".format(**cell))
-    return files
-
-
-def table_cameras(wildcards):
-    """All cameras of a table, so that registrations need not wait for one another."""
-    path = "results/{dataset}/{object}/{scene}/{registration}/cameras"
-    return list(dict.fromkeys(path.format(**cell) for cell in table_cells(wildcards)))
-
-
-def table_camera_errors(wildcards):
-    """The camera errors of every registration of a table."""
-    path = "results/{dataset}/{object}/{scene}/{registration}/camera_error.csv"
-    return list(dict.fromkeys(path.format(**cell) for cell in table_cells(wildcards)))

@@ -24,7 +24,8 @@ rule clean:
         "Cleaning the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method clean --mesh {input.mesh} --cameras {input.cameras}"
-        " {params.options} --out {output.mesh} > {log} 2>&1"
+        " {params.options} --out {output.mesh}"
+        " --record-failure {output} > {log} 2>&1"
 
 
 rule frame:
@@ -48,7 +49,8 @@ rule frame:
         "Finding the object frame and scale of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method frame --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " --out {output.frame} > {log} 2>&1"
+        " --out {output.frame}"
+        " --record-failure {output} > {log} 2>&1"
 
 
 rule unwrap:
@@ -73,7 +75,8 @@ rule unwrap:
         "Unwrapping the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method unwrap --mesh {input.mesh}"
-        " --texture-size {params.texture_size_px} --out {output.mesh} > {log} 2>&1"
+        " --texture-size {params.texture_size_px} --out {output.mesh}"
+        " --record-failure {output} > {log} 2>&1"
 
 
 rule texture:
@@ -99,7 +102,8 @@ rule texture:
         "Baking the texture of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method texture --mesh {input.mesh} --cameras {input.cameras}"
-        " --texture-size {params.texture_size_px} --out {output.texture} > {log} 2>&1"
+        " --texture-size {params.texture_size_px} --out {output.texture}"
+        " --record-failure {output} > {log} 2>&1"
 
 
 rule export:
@@ -158,7 +162,8 @@ rule quality:
         "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
-        " --model {input.model}/model.ply --out {output.figures} > {log} 2>&1"
+        " --model {input.model}/model.ply --out {output.figures}"
+        " --record-failure {output} > {log} 2>&1"
 
 
 rule preview:

@@ -26,7 +26,8 @@ rule train_2dgs:
         "Training 2DGS on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
     shell:
         "python -m zeroshop_steps.nvs --method twodgs --cameras {input.cameras} --out {params.folder}"
-        " {params.options} --seed {params.seed} --threads {threads} --resume > {log} 2>&1"
+        " {params.options} --seed {params.seed} --threads {threads} --resume"
+        " --record-failure {output} > {log} 2>&1"
 
 
 rule fuse_2dgs:
@@ -52,4 +53,5 @@ rule fuse_2dgs:
         "Fusing the depth maps of {wildcards.object}, scene {wildcards.scene}, into a mesh"
     shell:
         "python -m zeroshop_steps.nvs --method fuse --splats {input.splats} --cameras {input.cameras}"
-        " {params.options} --out {output.mesh} > {log} 2>&1"
+        " {params.options} --out {output.mesh}"
+        " --record-failure {output} > {log} 2>&1"

@@ -1,11 +1,11 @@
 """Register: cameras and sparse points of a capture, beside its undistorted images and masks.
 
 A registration that fails is a result too: its record says so and why. The steps that would build on it then end with
-that reason, while a table goes on with its other cells; that is why this is a checkpoint.
+that reason, while a table goes on with its other cells (matrix.smk).
 """
 
 
-checkpoint register:
+rule register:
     input:
         capture=capture_of,
     output:

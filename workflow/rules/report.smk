@@ -1,10 +1,14 @@
 """Report: the tidy tables of a dataset, one row a measurement, with the coordinates of its cell."""
 
 
+localrules:
+    quality_table,
+    camera_table,
+
+
 rule quality_table:
     input:
-        cameras=table_cameras,
-        measurements=table_measurements,
+        cells=figures_of(cells_of_table),
     output:
         table="results/{dataset}/tables/quality.csv",
     log:
@@ -20,12 +24,12 @@ rule quality_table:
     message:
         "Gathering the quality of every cell of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.report --method table --measurements {input.measurements} --out {output.table} > {log} 2>&1"
+        "python -m zeroshop_steps.report --method table --measurements {input.cells} --out {output.table} > {log} 2>&1"
 
 
 rule camera_table:
     input:
-        measurements=table_camera_errors,
+        measurements=registrations_in(cells_of_table, "camera_error.csv"),
     output:
         table="results/{dataset}/tables/cameras.csv",
     log:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from zeroshop_steps.cache import Cached
 from zeroshop_steps.cameras import Camera, write_cameras
 from zeroshop_steps.capture.renderer import Renderer, expose
 from zeroshop_steps.capture.rings import DISTANCE_IN_SIZES, ELEVATIONS_DEG, Subject, capture_cameras, held_out_cameras
@@ -19,6 +20,8 @@ from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.images import write_depth_mm, write_image, write_mask
 from zeroshop_steps.meshes import Mesh, read_ply
 from zeroshop_steps.progress import track
+
+CACHED = Cached(inputs=("model",), ignored=("threads",))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

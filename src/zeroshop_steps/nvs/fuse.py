@@ -86,7 +86,10 @@ def fuse(depths: list[np.ndarray], views: list[TrainingView], surfels: Surfels, 
             continue
         blocks = grid.compute_unique_block_coordinates(image, k, pose, 1.0, 1e3, TRUNCATION_VOXELS)
         grid.integrate(blocks, image, k, pose, 1.0, 1e3, TRUNCATION_VOXELS)
-    surface = grid.extract_triangle_mesh(weight_threshold=min_views - 0.5)
+    try:
+        surface = grid.extract_triangle_mesh(weight_threshold=min_views - 0.5)
+    except RuntimeError:  # what Open3D makes of a grid without any triangle
+        return None
     vertices, faces = surface.vertex.positions.numpy().astype(float), surface.triangle.indices.numpy().astype(np.int64)
     if len(faces) == 0:
         return None

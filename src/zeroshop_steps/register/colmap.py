@@ -14,6 +14,7 @@ from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.cache import Cached
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import map_incrementally, mapping_options
 from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, model_figures, write_registration
@@ -22,6 +23,8 @@ from zeroshop_steps.register.sift import SiftOptions, extract, match
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
 from zeroshop_steps.register.undistort import undistort
 from zeroshop_steps.register.verdict import Limits, Verdict, judge
+
+CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Gather the tidy CSVs of many cells into one, with the coordinates of each cell as columns.
 
 The coordinates are read from the paths, which name the matrix: results/DATASET/OBJECT/SCENE/REGISTRATION[/NVS]/FILE. A
-cell that failed comes as its registration.json; it becomes one row with grade `none` and the reason.
+cell that failed comes as the record of its failure; it becomes one row with grade `none` and the reason.
 """
 
 import argparse
@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, written_whole
+from zeroshop_steps.failures import read_failure
+from zeroshop_steps.files import written_whole
 
 AXES = ("dataset", "object", "scene", "registration", "nvs")
 
@@ -36,8 +37,9 @@ def gather(measurements: Sequence[Path], root: Path) -> list[dict[str, str]]:
     rows: list[dict[str, str]] = []
     for path in measurements:
         where = cell_of(path, root)
-        if path.name == "registration.json":
-            rows.append({**where, "measure": "grade", "value": "none", "reason": read_json(path)["reason"]})
+        failure = read_failure(path)
+        if failure:
+            rows.append({**where, "measure": "grade", "value": "none", "reason": str(failure)})
             continue
         try:
             with path.open(newline="") as file:
@@ -56,8 +58,6 @@ def cell_of(path: Path, root: Path) -> dict[str, str]:
         folders = path.relative_to(root).parent.parts
     except ValueError:
         raise StepError(f"{path} is not below {root}; give the folder that the cells' paths start with as --root") from None
-    if len(folders) == len(AXES) and folders[-1] == "cameras":
-        folders = folders[:-1]
     if not len(AXES) - 1 <= len(folders) <= len(AXES):
         raise StepError(f"{path} does not lie in a cell; expected {root}/DATASET/OBJECT/SCENE/REGISTRATION[/NVS]/FILE")
     return dict(zip(AXES, folders, strict=False))

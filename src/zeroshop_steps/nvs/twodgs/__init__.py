@@ -13,9 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.cache import Cached
+
 SEED_WIDTH_PX = 1000
 """Width of the images on which the starting points are found."""
 HULL_POINTS = 4000
+CACHED = Cached(
+    inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
+    ignored=("threads", "resume", "checkpoint_every"),
+    outputs=("training.csv", "training.json", "splats.ply"),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,71 @@
+"""Which methods the matrix has, what each needs, and what of that is missing here.
+
+A method without its step, its weights or its device is left out where "all" methods are meant, and refused where it is named.
+"""
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+PACKAGE = "zeroshop_steps"
+WEIGHTS_FOLDER = Path("resources/weights")
+
+
+@dataclass(frozen=True)
+class Method:
+    """What a method needs.
+
+    Attributes:
+        step: the module that does the work, below this package.
+        weights: files below resources/weights.
+        gpu: whether it runs on a CUDA device only.
+        truth: whether it needs true cameras, which photos lack.
+    """
+
+    step: str
+    weights: tuple[str, ...] = ()
+    gpu: bool = False
+    truth: bool = False
+
+
+REGISTRATIONS = {
+    "colmap": Method("register.colmap"),
+    "truth": Method("register.truth", truth=True),
+    "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
+    "vggt": Method("register.vggt", weights=("VGGT-1B.pt",)),
+}
+NVS = {
+    "2dgs": Method("nvs.twodgs"),
+    "svraster": Method("nvs.svraster"),
+}
+
+
+def lacks(method: Method, root: Path = Path()) -> list[str]:
+    """What a method needs and does not find, in words; empty where it can run. `root` is the folder that holds resources/."""
+    if importlib.util.find_spec(f"{PACKAGE}.{method.step}") is None:
+        return [f"the step {method.step}, which this version does not have"]
+    missing = [f"the weights {WEIGHTS_FOLDER / name}" for name in method.weights if not (root / WEIGHTS_FOLDER / name).is_file()]
+    return missing + (["a CUDA device"] if method.gpu and not has_cuda() else [])
+
+
+def has_cuda() -> bool:
+    """Whether PyTorch sees a CUDA device."""
+    import torch
+
+    return torch.cuda.is_available()
+
+
+def left_out(*tables: dict[str, Method], root: Path = Path()) -> str | None:
+    """One line on the methods that "all" does not mean here; None where it means every one."""
+    missing = {name: lacks(method, root) for methods in tables for name, method in methods.items()}
+    reasons = [f"{name} lacks {' and '.join(what)}" for name, what in missing.items() if what]
+    return f"Left out of tables: {'; '.join(reasons)}." if reasons else None
+
+
+def refusal(what: str, name: str, methods: dict[str, Method], root: Path = Path()) -> str | None:
+    """Why a method that was named cannot run here, with those that can; None where it can."""
+    missing = lacks(methods[name], root)
+    if not missing:
+        return None
+    able = [other for other in methods if not lacks(methods[other], root)]
+    return f"{what} {name} cannot run here, it lacks {' and '.join(missing)}. Those that can: {', '.join(able)}."

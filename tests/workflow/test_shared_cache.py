@@ -1,0 +1,62 @@
+"""A second checkout that shares the cache renders, registers and trains nothing again; damaged entries are made again."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from running import REPOSITORY, run_snakemake
+
+CELL = "results/demo/mustard_bottle/su_h/truth"
+SPLATS = f"{CELL}/2dgs/splats/splats.ply"
+LOGS = ["results/demo/mustard_bottle/su_h/logs/capture.log", f"{CELL}/logs/register.log", f"{CELL}/2dgs/logs/train.log"]
+CONFIG = [
+    "capture={image_width_px: 160, image_height_px: 120}",
+    "nvs={2dgs: {train: {iterations: 20, image_width_px: 80, sh_degree: 0}}}",
+]
+
+
+def checkout(folder):
+    """A copy of the project in a folder of its own, and a call of Snakemake there that makes the splats."""
+    for part in ("workflow", "config", "src"):
+        shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("*.egg-info"))
+
+    def make(shared):
+        command = [sys.executable, "-m", "snakemake", "--cores", "2", SPLATS, "--config", *CONFIG]
+        environment = {**os.environ, "PYTHONPATH": str(folder / "src"), "SNAKEMAKE_OUTPUT_CACHE": str(shared)}
+        run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=600)
+        assert run.returncode == 0, run.stdout + run.stderr
+        return [(folder / log).read_text() for log in LOGS], (folder / SPLATS).read_bytes()
+
+    return make
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_second_checkout_makes_no_registration_and_no_training_again(tmp_path):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    logs, splats = checkout(tmp_path / "first")(shared)
+    assert not any("taken from the cache" in log for log in logs)
+    assert len(list(shared.iterdir())) == 3
+    second = checkout(tmp_path / "far" / "away" / "second")
+    logs, again = second(shared)
+    assert all("taken from the cache" in log for log in logs), logs
+    assert again == splats
+
+    [training] = shared.glob("nvs.twodgs-*")
+    (training / "content/splats.ply").write_bytes(splats[:-40] + bytes(40))
+    shutil.rmtree(tmp_path / "far/away/second/results")
+    logs, rebuilt = second(shared)
+    assert "is damaged" in logs[2] and "taken from the cache" not in logs[2]
+    assert rebuilt == splats, "never used, made again"
+
+
+@pytest.mark.parametrize("place", ["absent", "file"])
+def test_an_unusable_cache_ends_the_run_before_it_starts(tmp_path, monkeypatch, place):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("SNAKEMAKE_OUTPUT_CACHE", str(tmp_path / place))
+    run = run_snakemake(tmp_path, "-n", "results/demo/mug/2dgs.ply")
+    assert run.returncode != 0
+    assert f"the cache {tmp_path / place} is no folder" in run.stdout and "or unset it" in run.stdout

@@ -1,0 +1,95 @@
+"""Only what is stale runs again: what `snakemake -n` plans after each kind of change, on results that are all there."""
+
+from collections import Counter
+
+import pytest
+from pretend import pretend
+from running import planned, run_snakemake
+
+CHOSEN, CELL, PHOTO = "results/demo/mug/2dgs.ply", "results/demo/mug/su_l/truth/2dgs/cell.csv", "results/photos/cup/2dgs.ply"
+TARGETS = (CHOSEN, CELL, PHOTO)
+STAGES = ["register", "train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture"]
+ENDS = {
+    "chosen": ["export", "preview", "quality", "publish"],
+    # What comes after a stale outcome is not known before it.
+    "cell": ["outcome", "cell"],
+    "photo": ["export", "preview", "publish"],
+}
+
+
+def rerun(start, *which, **more):
+    """The jobs by rule when these targets run again from a stage on, and some rules more."""
+    rules = [rule for name in which for rule in (*STAGES[STAGES.index(start) :], *ENDS[name])]
+    return {**Counter(rules), **more}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder in which all targets are made, with two photos of a cup, and the call of Snakemake in it."""
+    folder = tmp_path_factory.mktemp("finished")
+    for name in ("images", "masks"):
+        (folder / "cup" / name).mkdir(parents=True)
+        for photo in ("a.png", "b.png"):
+            (folder / "cup" / name / photo).write_text(f"{name} of {photo}")
+    table = folder / "objects.tsv"
+    table.write_text(f"dataset\tobject\timages\tmasks\theight_m\nphotos\tcup\t{folder}/cup/images\t{folder}/cup/masks\t0.1\n")
+
+    def snakemake(*arguments, config=()):
+        return run_snakemake(folder, *arguments, "--config", f"objects_table={table}", *config)
+
+    pretend(snakemake, folder, *TARGETS)
+    return folder, snakemake
+
+
+def stale(finished, *targets, config=()):
+    """The planned jobs by rule."""
+    run = finished[1]("-n", *targets, config=config)
+    assert run.returncode == 0, run.stdout
+    return planned(run.stdout)
+
+
+def test_nothing_is_stale_at_first(finished):
+    assert stale(finished, *TARGETS) == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        # The mug's model is no matter of chance, nor is the copy of the photos.
+        ("seed=1", rerun("register", "chosen", "cell", "photo", capture_virtual=2)),
+        ("capture={image_width_px: 640}", rerun("register", "chosen", "cell", capture_virtual=2)),
+        ("register={colmap: {max_features: 900}}", rerun("register", "chosen", "photo")),
+        ("nvs={2dgs: {train: {iterations: 900}}}", rerun("train_2dgs", "chosen", "cell", "photo")),
+        ("nvs={2dgs: {fuse: {voxels: 99}}}", rerun("fuse_2dgs", "chosen", "cell", "photo")),
+        ("finish={clean: {smooth: 2}}", rerun("clean", "chosen", "cell", "photo")),
+        ("chosen={virtual: {scene: se}}", rerun("register", "chosen", capture_virtual=1)),
+        ("tables={scenes: [se]}", {}),
+    ],
+)
+def test_a_changed_choice_reruns_exactly_what_depends_on_it(finished, change, expected):
+    assert stale(finished, *TARGETS, config=[change]) == expected
+
+
+def test_a_changed_photo_reruns_its_own_product_alone(finished):
+    photo = finished[0] / "cup/images/a.png"
+    before = photo.read_text()
+    try:
+        photo.write_text("another picture")
+        assert stale(finished, *TARGETS) == rerun("register", "photo", capture_photos=1)
+        photo.write_text(before)
+        assert stale(finished, *TARGETS) == {}, "the same bytes at a later time change nothing"
+    finally:
+        photo.write_text(before)
+
+
+def test_a_new_photo_reruns_its_own_product_alone(finished):
+    new = finished[0] / "cup/images/c.png"
+    try:
+        new.write_text("one more")
+        assert stale(finished, *TARGETS) == rerun("register", "photo", capture_photos=1)
+    finally:
+        new.unlink()
+
+
+def test_a_new_scene_adds_its_own_cell_alone(finished):
+    assert stale(finished, *TARGETS, CELL.replace("su_l", "se")) == rerun("register", "cell", capture_virtual=1)
