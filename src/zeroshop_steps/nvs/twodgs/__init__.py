@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--cameras", type=Path, required=True, help="registration: images, masks and sparse model")
     parser.add_argument("--out", type=Path, required=True, help="folder for splats.ply, training.csv and training.json")
-    parser.add_argument("--iterations", type=int, default=1200)
+    parser.add_argument("--iterations", type=int, default=800)
     parser.add_argument("--image-width-px", type=int, default=800, help="images are resampled to this width, never up")
     parser.add_argument("--sh-degree", type=int, default=2, choices=range(4), help="spherical-harmonics degree of the colour")
     parser.add_argument("--seed", type=int, default=0)

@@ -24,7 +24,7 @@ from zeroshop_steps.progress import ProgressReport
 class TrainingSettings:
     """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
 
-    iterations: int = 1200
+    iterations: int = 800
     sh_degree: int = 2
     seed: int = 0
     lambda_dssim: float = 0.2
