@@ -46,11 +46,12 @@ PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 CONF
 
 mkdir -p /run/munge && chown munge: /run/munge
-munge -n > /dev/null 2>&1 || munged --force
+daemons=("$folder"/run/slurmd.pid "$folder"/run/slurmctld.pid)
+munge -n > /dev/null 2>&1 || { munged --force && daemons+=(/run/munge/munged.pid); }
 # At its usual place, since Snakemake's plugin takes SLURM_CONF away from its jobs.
 ln -sfn "$folder/slurm.conf" "$conf"
 slurmctld && slurmd
-trap 'kill $(cat "$folder"/run/slurmd.pid "$folder"/run/slurmctld.pid) 2> /dev/null || true; rm -f "$conf"' EXIT
+trap 'kill $(cat "${daemons[@]}") 2> /dev/null || true; rm -f "$conf"' EXIT
 for _ in $(seq 30); do sinfo -h -o %t 2> /dev/null | grep -qE 'idle|mix|alloc' && break; sleep 1; done
 echo "slurm: $(srun hostname) answers"
 
@@ -106,6 +107,9 @@ kill "$hunter"
 cat "$folder/always.txt"
 [ "$status" -ne 0 ]
 [ "$(grep -c 'Trying to restart job' "$folder/always.txt")" -eq 2 ]
+asked=$(grep -o 'SLURM jobid [0-9]*' "$folder/always.txt" | grep -o '[0-9]*$' | xargs -n 1 scontrol show job | grep -o 'MinMemory[A-Za-z]*=[0-9A-Z.]*' | xargs)
+echo "== memory asked for: $asked"
+[ "$(tr ' ' '\n' <<< "$asked" | sort -u | wc -l)" -eq 3 ]
 [ ! -e "$folder/$cell/splats/splats.ply" ]
 grep -q 'was killed' "$folder/always.txt" "$folder"/.snakemake/slurm_logs -r
 echo "== all as expected; everything lies in $folder"

@@ -23,7 +23,7 @@ shell.prefix(
     'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
     # A killed step cannot say so itself.
     "trap '[ $? -ne 137 ] || echo \"error: the step was killed, most often because memory ran out;"
-    " give it more (--set-resources RULE:mem_mb=N) or fewer neighbours (--resources mem_mb=N)\" >&2' EXIT; "
+    " give it more (--set-resources RULE:mem_mb=N) or run less beside it (--resources mem_mb=N)\" >&2' EXIT; "
 )
 
 try:
