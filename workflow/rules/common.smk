@@ -224,6 +224,17 @@ def table_measurements(wildcards):
     return files
 
 
+def table_grades(wildcards):
+    """The measurements of every cell of a table, and beside them its grade."""
+    files = [Path(file) for file in table_measurements(wildcards)]
+    return [str(path) for file in files for path in ([file, file.with_name("grade.csv")] if file.name == "quality.csv" else [file])]
+
+
+def published_option(wildcards):
+    """The option that puts published grades beside ours, for the dataset that has some."""
+    return "--published" if wildcards.dataset == "ycbv" else ""
+
+
 def table_cameras(wildcards):
     """All cameras of a table, so that registrations need not wait for one another."""
     path = "results/{dataset}/{object}/{scene}/{registration}/cameras"

@@ -103,13 +103,13 @@ def graded(values: dict[str, float], true_values: dict[str, float] | None, limit
 
 
 def write_grade(path: Path, content: dict) -> None:
-    """Write grade.json and, beside it, the tidy CSV: a row a measurement, grades first, with reasons."""
+    """Write grade.json and, beside it, the tidy CSV: grades with reasons, then a row a measurement but for those of quality.csv."""
     write_json(path, content)
     rows = [("grade", content["grade"], "; ".join(content["reasons"]))]
     for side in ("photos", "truth"):
         if content[side]:
             rows.append((f"grade_by_{side}", content[side]["grade"], "; ".join(content[side]["reasons"])))
-            rows += [(name, value, "") for name, value in content[side]["measures"].items()]
+    rows += [(name, value, "") for name, value in content["photos"]["measures"].items()]
     with written_whole(path.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["measure", "value", "reason"])

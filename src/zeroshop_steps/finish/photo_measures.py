@@ -40,14 +40,14 @@ class PhotoAgreement:
     """Agreement of a mesh with its photos.
 
     Attributes:
-        silhouette_iou: intersection over union of silhouette and mask, mean over the photos.
+        silhouette_agreement: intersection over union of silhouette and mask, mean over the photos.
         back_share: share of the pixels on the mesh where it shows its back, through a hole or a torn part.
         photometric_error: mean difference of a photo's colour from the other photos' prediction, of 1.
         displaced_share: share of the seen surface where another depth explains the photos clearly better.
         judged_share: share of the surface that enough photos see for the two measures above.
     """
 
-    silhouette_iou: float
+    silhouette_agreement: float
     back_share: float
     photometric_error: float
     displaced_share: float
@@ -93,7 +93,7 @@ def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAg
     judged = (weight > 0).sum(1) >= LEAST_VIEWS
     gain = spread[0] - spread[1:].min(0)
     return PhotoAgreement(
-        silhouette_iou=float(np.mean(look.iou)),
+        silhouette_agreement=float(np.mean(look.iou)),
         back_share=look.back_px / max(look.mesh_px, 1),
         photometric_error=_left_out_error(colors[0], weight, judged),
         displaced_share=float((gain > MARGIN + slope)[judged].mean()) if judged.any() else 1.0,

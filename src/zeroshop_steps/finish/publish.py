@@ -25,9 +25,7 @@ def run(args: argparse.Namespace) -> None:
     publish(args.mesh, args.out, args.preview, args.quality, args.grade)
 
 
-def publish(
-    mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None, grade: Path | None = None
-) -> None:
+def publish(mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None, grade: Path | None = None) -> None:
     """Write `out` and its companions; the PLY comes last, so a whole PLY means a whole product.
 
     Raises:
