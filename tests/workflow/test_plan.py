@@ -5,7 +5,7 @@ import re
 import pytest
 from running import REPOSITORY, planned
 
-CELL = ["train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture", "export", "preview", "publish"]
+CELL = ["train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture", "export", "grade", "preview", "publish"]
 
 
 def photo_table(folder, images, masks, height=""):
