@@ -8,7 +8,7 @@ place of a trained one; so all that is wrong with a mesh comes from the damage. 
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -204,10 +204,10 @@ def damages(case: Case) -> dict[str, tuple[tuple[float, ...], Callable[[float], 
     }
 
 
-def graded_damages(case: Case, names: list[str] | None = None, chosen: slice = slice(None)) -> Iterator[tuple[str, float, dict]]:
-    """Name, step and content of grade.json for the chosen steps of the named damages (all of all by default)."""
+def graded_damages(case: Case, names: Sequence[str] | None = None, numbers: Sequence[int] = range(6)) -> Iterator[tuple[str, float, dict]]:
+    """Name, step and content of grade.json for the numbered steps of the named damages (all of all by default)."""
     for name, (steps, make) in damages(case).items():
-        for step in steps[chosen] if names is None or name in names else ():
+        for step in [steps[number] for number in numbers] if names is None or name in names else []:
             yield name, step, grade_of(*make(step))
 
 

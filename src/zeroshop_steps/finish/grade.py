@@ -76,12 +76,13 @@ def measured(mesh: Mesh, views: list[View], photos: int, support_z: float) -> di
         photos: how many photos the capture has.
         support_z: height of what the object stands on.
     """
-    below = sum(view.camera.centre_in_world[2] < support_z for view in views)
+    cameras = [view.camera for view in views]
+    below = sum(camera.centre_in_world[2] < support_z for camera in cameras)
     agreement = asdict(photo_agreement(mesh, views))
     values = agreement | {
         "registered_share": len(views) / photos,
         "largest_part_share": largest_part_share(mesh),
-        "open_boundary_diameters": open_boundary(mesh, None if below >= SEEN_FROM_BELOW else support_z),
+        "open_boundary_diameters": open_boundary(mesh, cameras, None if below >= SEEN_FROM_BELOW else support_z),
         "roughness_deg": roughness_deg(mesh),
     }
     return {name: round(float(value), 5) for name, value in values.items()}

@@ -40,7 +40,7 @@ MEASURES = (
     Measure("registered_share", "photos whose camera was found", 0.9, 0.6, at_least=True),
     Measure("silhouette_agreement", "agreement of silhouettes and masks, mean over the registered photos", 0.96, 0.9, at_least=True),
     Measure("largest_part_share", "area of the largest connected part", 0.95, 0.3, at_least=True),
-    Measure("open_boundary_diameters", "length of open borders away from the unseen underside", 3.0, 20.0),
+    Measure("open_boundary_diameters", "length of open borders that photos see, away from the underside", 1.5, 20.0),
     Measure("back_share", "pixels on the mesh that show its back", 0.02, 0.15),
     Measure("roughness_deg", "median angle between the normal and its neighbourhood's", 9.0, 20.0),
     Measure("photometric_error", "colour of a photo against the other photos' prediction, of 1", 0.05, 0.12),

@@ -16,7 +16,7 @@ import numpy as np
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.render import Hits, MeshRenderer
-from zeroshop_steps.finish.surface_error import sampled
+from zeroshop_steps.finish.surface_error import face_normals, sampled
 from zeroshop_steps.finish.surface_fields import neighbour_matrix, smoothed, welded
 from zeroshop_steps.finish.surface_measures import diameter_of
 from zeroshop_steps.finish.views import View
@@ -148,9 +148,8 @@ def _look(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[V
 
 
 def _back_pixels(mesh: Mesh, hits: Hits, view: View) -> int:
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facing = np.einsum("ij,ij->i", normals, view.camera.centre_in_world - corners[:, 0])
+    towards = view.camera.centre_in_world - mesh.vertices[mesh.faces[:, 0]]
+    facing = np.einsum("ij,ij->i", face_normals(mesh), towards)
     return int((facing[hits.face[hits.mask]] < 0).sum())
 
 

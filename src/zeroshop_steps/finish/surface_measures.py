@@ -1,11 +1,14 @@
 """What a mesh alone tells about its quality: in one part, closed, smooth."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
+from zeroshop_steps.cameras import Camera
 from zeroshop_steps.finish.clean import part_labels
-from zeroshop_steps.finish.surface_error import sampled
+from zeroshop_steps.finish.surface_error import SEEN_BY, face_normals, sampled, seen_count
 from zeroshop_steps.finish.surface_fields import welded
 from zeroshop_steps.meshes import Mesh
 
@@ -27,21 +30,27 @@ def largest_part_share(mesh: Mesh) -> float:
     return float(areas.max() / max(areas.sum(), 1e-30))
 
 
-def open_boundary(mesh: Mesh, support_z: float | None) -> float:
-    """Length of the edges that only one face has, in diameters; those near the unseen underside do not count.
+def open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: float | None) -> float:
+    """Length of the edges that only one face has, in diameters, where at least two cameras see that face.
+
+    The border of a side that no photo shows is no fault. Nor is the rim of the unseen underside, which cameras do see.
 
     Args:
         mesh: object frame, z up.
-        support_z: height of the support, whose rim is left out; None where photos show the underside.
+        cameras: of the photos, in the object frame.
+        support_z: height of the support, near which borders are left out; None where photos show the underside.
     """
     joined, _ = welded(mesh)
     edges = np.sort(joined.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    ends = joined.vertices[unique[count == 1]]
+    unique, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+    ends, faces = joined.vertices[unique[count == 1]], first[count == 1] // 3
     diameter = diameter_of(joined)
+    # a little inside the face: rays at the border itself may miss it
+    points = 0.9 * ends.mean(1) + 0.1 * joined.vertices[joined.faces[faces]].mean(1)
+    counts = seen_count(points, face_normals(joined)[faces], joined, list(cameras), support_z) >= SEEN_BY
     if support_z is not None:
-        ends = ends[ends[:, :, 2].mean(1) > support_z + UNDERSIDE_DIAMETERS * diameter]
-    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum() / diameter)
+        counts &= points[:, 2] > support_z + UNDERSIDE_DIAMETERS * diameter
+    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
 
 
 def roughness_deg(mesh: Mesh, seed: int = 0) -> float:
@@ -50,9 +59,7 @@ def roughness_deg(mesh: Mesh, seed: int = 0) -> float:
     The median leaves out edges and folds that the object itself may have.
     """
     points, faces = sampled(mesh, SAMPLES, np.random.default_rng(seed))
-    corners = mesh.vertices[mesh.faces[faces]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    normals = face_normals(mesh)[faces]
     a, b = cKDTree(points).query_pairs(ROUGHNESS_DIAMETERS * diameter_of(mesh), output_type="ndarray").T
     same_side = np.einsum("ij,ij->i", normals[a], normals[b]) > 0.0
     a, b = a[same_side], b[same_side]
