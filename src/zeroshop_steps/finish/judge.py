@@ -73,8 +73,3 @@ def judge(values: Mapping[str, float], limits: Mapping[str, tuple[float, float]]
             kept = "good" if grade == "sparse" else "sparse"
             reasons.append(f"{grade}: {measure.name} is {value:.4g}, {word} {limit:g}, the limit of {kept} ({measure.text})")
     return Verdict(GRADES[worst], tuple(reason.replace("%%", "%") for reason in reasons))
-
-
-def worse_of(first: str, second: str) -> str:
-    """The lower of two grades."""
-    return GRADES[min(GRADES.index(first), GRADES.index(second))]
