@@ -15,8 +15,9 @@ def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
     good.parent.mkdir(parents=True)
     good.write_text("measure,value,unit\naccuracy,0.5,mm\nf_score,0.9,\n")
     failed = root / "demo/bowl/su_h/colmap/2dgs/outcome.json"
-    write_failure([failed], Failure("nvs.twodgs", "3 of 20 images registered"))
-    write_table(gather([good, failed], root), tmp_path / "table.csv")
+    passed_on = failed.with_name("grade.csv")
+    write_failure([failed, passed_on], Failure("nvs.twodgs", "3 of 20 images registered"))
+    write_table(gather([good, failed, passed_on], root), tmp_path / "table.csv")
     with (tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["object"], row["nvs"], row["measure"], row["value"], row["reason"]) for row in rows] == [

@@ -7,7 +7,7 @@ from running import REPOSITORY, planned
 
 from zeroshop_steps import methods
 
-CELL = ["train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture", "export", "preview", "publish"]
+CELL = ["train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture", "export", "grade", "preview", "publish"]
 
 
 def photo_table(folder, images, masks, height=""):
@@ -73,6 +73,7 @@ def able(table):
         ("results/demo/mug/cells.csv", 1, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
         ("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1),
         ("results/demo/tables/quality.csv", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
+        ("results/demo/tables/reconstruction.md", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
     ],
 )
 def test_a_slice_of_the_matrix_plans_exactly_its_cells(snakemake, target, objects, columns):

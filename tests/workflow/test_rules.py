@@ -53,6 +53,7 @@ def test_the_config_lists_every_demo_object():
         ("nvs.twodgs", ("nvs", "2dgs", "train")),
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),
         ("finish.clean", ("finish", "clean")),
+        ("finish.grade", ("finish", "grade")),
     ],
 )
 def test_config_values_are_the_defaults_of_their_step(module, keys):

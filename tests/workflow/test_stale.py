@@ -10,10 +10,10 @@ CHOSEN, CELL, PHOTO = "results/demo/mug/2dgs.ply", "results/demo/mug/su_l/truth/
 TARGETS = (CHOSEN, CELL, PHOTO)
 STAGES = ["register", "train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture"]
 ENDS = {
-    "chosen": ["export", "preview", "quality", "publish"],
+    "chosen": ["export", "preview", "quality", "grade", "publish"],
     # What comes after a stale outcome is not known before it.
     "cell": ["outcome", "cell"],
-    "photo": ["export", "preview", "publish"],
+    "photo": ["export", "preview", "grade", "publish"],
 }
 
 
@@ -62,6 +62,7 @@ def test_nothing_is_stale_at_first(finished):
         ("nvs={2dgs: {train: {iterations: 900}}}", rerun("train_2dgs", "chosen", "cell", "photo")),
         ("nvs={2dgs: {fuse: {voxels: 99}}}", rerun("fuse_2dgs", "chosen", "cell", "photo")),
         ("finish={clean: {smooth: 2}}", rerun("clean", "chosen", "cell", "photo")),
+        ("finish={grade: {back_share: [0.03, 0.2]}}", {"grade": 3, "publish": 2, "cell": 1}),
         ("chosen={virtual: {scene: se}}", rerun("register", "chosen", capture_virtual=1)),
         ("tables={scenes: [se]}", {}),
     ],

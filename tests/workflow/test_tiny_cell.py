@@ -53,6 +53,7 @@ def test_the_product_is_whole(cell):
     notes = json.loads((cell / PRODUCT).with_suffix(".json").read_text())
     assert notes["scale"] == "known"
     assert notes["quality"]["completeness_mm"] < 30
+    assert notes["grade"]["grade"] in ("none", "sparse", "good") and notes["grade"]["judged_by"] == "truth"
     assert {"capture", "register", "nvs", "clean", "frame"} & set(notes["seconds"]), "the seconds of the stages are told"
     for suffix in (".png", ".glb", ".preview.png"):
         assert (cell / PRODUCT).with_suffix(suffix).stat().st_size > 1000
@@ -72,8 +73,9 @@ def test_a_second_run_does_nothing(cell):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ("finish={texture_size_px: 128}", {"unwrap", "texture", "export", "preview", "quality", "publish"}),
-        ("finish={clean: {smooth: 2}}", {"clean", "frame", "unwrap", "texture", "export", "preview", "quality", "publish"}),
+        ("finish={texture_size_px: 128}", {"unwrap", "texture", "export", "preview", "quality", "grade", "publish"}),
+        ("finish={clean: {smooth: 2}}", {"clean", "frame", "unwrap", "texture", "export", "preview", "quality", "grade", "publish"}),
+        ("finish={grade: {back_share: [0.03, 0.2]}}", {"grade", "publish"}),
         ("register={colmap: {max_features: 900}}", set()),
         ("tables={scenes: [se]}", set()),
     ],
@@ -119,6 +121,15 @@ def test_a_failure_after_the_registration_is_a_row_too(cell, tmp_path):
     repaired = again(folder, "results/demo/mustard_bottle/cells.csv")
     assert repaired.returncode == 0, repaired.stdout
     assert "no surface" not in (folder / "results/demo/mustard_bottle/cells.csv").read_text()
+
+
+def test_the_page_of_marks_has_both_cells(cell):
+    run = again(cell, "results/demo/tables/reconstruction.md")
+    assert run.returncode == 0, run.stdout
+    page = (cell / "results/demo/tables/reconstruction.md").read_text()
+    [marks] = [line for line in page.splitlines() if line.startswith("| mustard_bottle |")]
+    assert marks.count("×") >= 1 and len(marks.split("|")) == 5
+    assert "× mustard_bottle, su_h, colmap, 2dgs" in page and "1000" in page
 
 
 def test_an_interrupted_training_leaves_nothing_half_written_and_runs_again(cell):

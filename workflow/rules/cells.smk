@@ -75,6 +75,6 @@ def parts_of_mesh(wildcards):
 
 
 def measurements_of(wildcards):
-    """The measurements of a cell; of one that failed, the record of its failure."""
+    """The measurements of a cell and its grade; of one that failed, the record of its failure."""
     outcome = checkpoints.outcome.get(**wildcards).output.outcome
-    return outcome if failures.read_failure(outcome) else f"{CELL}/quality.csv".format(**wildcards)
+    return [outcome] if failures.read_failure(outcome) else [f"{CELL}/{name}.csv".format(**wildcards) for name in ("quality", "grade")]

@@ -150,8 +150,9 @@ def photo_files(column):
 
 
 def step_options(options):
-    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`; null leaves one out."""
-    return " ".join(f"--{key.replace('_', '-')} {value}" for key, value in options.items() if value is not None)
+    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`; a list its words; null leaves one out."""
+    words = {key: value if isinstance(value, list) else [value] for key, value in options.items() if value is not None}
+    return " ".join(" ".join([f"--{key.replace('_', '-')}", *map(str, values)]) for key, values in words.items())
 
 
 def registration_options(wildcards):
@@ -203,7 +204,23 @@ def chosen_quality(wildcards):
     return [f"{cell}/quality.json"] if is_virtual(wildcards.dataset) else []
 
 
+def chosen_grade(wildcards):
+    """The grade of the chosen cell."""
+    return f"{chosen_cell(wildcards)}/grade.json"
+
+
+def quality_of(wildcards):
+    """The quality of a cell, where there is a truth to measure against."""
+    folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
+    return [f"{folder}/quality.json"] if is_virtual(wildcards.dataset) else []
+
+
 def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
     return [f"{folder}/{name}.json" for name in ("splats/training", "raw_mesh", "clean", "unwrapped", "texture")]
+
+
+def published_option(wildcards):
+    """The option that puts published grades beside ours, for the dataset that has some."""
+    return "--published" if wildcards.dataset == "ycbv" else ""

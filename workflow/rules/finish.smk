@@ -166,6 +166,35 @@ rule quality:
         " --record-failure {output} > {log} 2>&1"
 
 
+rule grade:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        quality=quality_of,
+    output:
+        grade="results/{dataset}/{object}/{scene}/{registration}/{nvs}/grade.json",
+        table="results/{dataset}/{object}/{scene}/{registration}/{nvs}/grade.csv",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/grade.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/grade.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        options=step_options(config["finish"]["grade"]),
+        quality=quality_option,
+    message:
+        "Grading {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method grade --mesh {input.mesh} --cameras {input.cameras}"
+        " {params.quality} {params.options} --out {output.grade}"
+        " --record-failure {output} > {log} 2>&1"
+
+
 rule preview:
     input:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
@@ -195,6 +224,7 @@ rule publish:
         companions=chosen_companions,
         preview=chosen_preview,
         quality=chosen_quality,
+        grade=chosen_grade,
     output:
         mesh="results/{dataset}/{object}/{nvs}.ply",
         texture="results/{dataset}/{object}/{nvs}.png",
@@ -217,4 +247,4 @@ rule publish:
         "Putting the chosen mesh of {wildcards.object} at {output.mesh}"
     shell:
         "python -m zeroshop_steps.finish --method publish --mesh {input.mesh} --preview {input.preview}"
-        " {params.quality} --out {output.mesh} > {log} 2>&1"
+        " {params.quality} --grade {input.grade} --out {output.mesh} > {log} 2>&1"

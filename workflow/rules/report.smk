@@ -4,6 +4,8 @@
 localrules:
     quality_table,
     camera_table,
+    reconstruction_table,
+    reconstruction_marks,
 
 
 rule quality_table:
@@ -46,3 +48,47 @@ rule camera_table:
         "Gathering the camera errors of every registration of {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.report --method table --measurements {input.measurements} --out {output.table} > {log} 2>&1"
+
+
+rule reconstruction_table:
+    input:
+        cells=figures_of(cells_of_table),
+    output:
+        table="results/{dataset}/tables/reconstruction.csv",
+    log:
+        "results/{dataset}/tables/logs/reconstruction.log",
+    benchmark:
+        "results/{dataset}/tables/benchmarks/reconstruction.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Gathering the grade and the quality of every cell of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method table --measurements {input.cells} --out {output.table} > {log} 2>&1"
+
+
+rule reconstruction_marks:
+    input:
+        table="results/{dataset}/tables/reconstruction.csv",
+    output:
+        page="results/{dataset}/tables/reconstruction.md",
+    log:
+        "results/{dataset}/tables/logs/reconstruction_marks.log",
+    benchmark:
+        "results/{dataset}/tables/benchmarks/reconstruction_marks.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        published=published_option,
+    message:
+        "Marking every cell of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method reconstruction --table {input.table} {params.published} --out {output.page} > {log} 2>&1"

@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mesh", type=Path, required=True, help="mesh.ply of the chosen cell, with .png, .glb and .json beside it")
     parser.add_argument("--preview", type=Path, help="the cell's preview picture")
     parser.add_argument("--quality", type=Path, help="the cell's quality.json; its figures go into the product's JSON")
+    parser.add_argument("--grade", type=Path, help="the cell's grade.json; it goes into the product's JSON")
     parser.add_argument(
         "--out", type=Path, required=True, help="e.g. results/demo/mug/2dgs.ply; .png, .glb, .json and .preview.png go beside it"
     )
@@ -21,10 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Publish one product."""
-    publish(args.mesh, args.out, args.preview, args.quality)
+    publish(args.mesh, args.out, args.preview, args.quality, args.grade)
 
 
-def publish(mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None) -> None:
+def publish(mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None, grade: Path | None = None) -> None:
     """Write `out` and its companions; the PLY comes last, so a whole PLY means a whole product.
 
     Raises:
@@ -37,6 +38,8 @@ def publish(mesh_path: Path, out: Path, preview: Path | None = None, quality: Pa
     mesh, notes = read_ply(mesh_path), read_json(parts[".json"])
     if quality:
         notes["quality"] = read_json(quality)
+    if grade:
+        notes["grade"] = read_json(grade)
     pairs = [(parts[".png"], out.with_suffix(".png")), (parts[".glb"], out.with_suffix(".glb"))]
     pairs += [(preview, out.with_suffix(".preview.png"))] if preview else []
     for source, target in pairs:

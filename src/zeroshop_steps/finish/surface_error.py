@@ -48,9 +48,9 @@ def surface_error(mesh: Mesh, truth: Mesh, cameras: list[Camera], support_z_mm: 
     rng = np.random.default_rng(seed)
     points, faces = sampled(mesh, SAMPLES, rng)
     distance, nearest = _nearest(truth, points)
-    cosine = np.einsum("ij,ij->i", _face_normals(mesh)[faces], _face_normals(truth)[nearest])
+    cosine = np.einsum("ij,ij->i", face_normals(mesh)[faces], face_normals(truth)[nearest])
     true_points, true_faces = sampled(truth, SAMPLES, rng)
-    seen = seen_count(true_points, _face_normals(truth)[true_faces], truth, cameras, support_z_mm) >= SEEN_BY
+    seen = seen_count(true_points, face_normals(truth)[true_faces], truth, cameras, support_z_mm) >= SEEN_BY
     to_mesh, _ = _nearest(mesh, true_points[seen])
     return SurfaceError(distance, to_mesh, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), float(seen.mean()))
 
@@ -93,7 +93,8 @@ def _scene(mesh: Mesh):
     return scene
 
 
-def _face_normals(mesh: Mesh) -> np.ndarray:
+def face_normals(mesh: Mesh) -> np.ndarray:
+    """(F, 3) unit normals, zero where a face has no area."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)

@@ -39,7 +39,9 @@ def gather(measurements: Sequence[Path], root: Path) -> list[dict[str, str]]:
         where = cell_of(path, root)
         failure = read_failure(path)
         if failure:
-            rows.append({**where, "measure": "grade", "value": "none", "reason": str(failure)})
+            row = {**where, "measure": "grade", "value": "none", "reason": str(failure)}
+            # A step that was given the record has left the same one.
+            rows.extend([row] if row not in rows[-1:] else [])
             continue
         try:
             with path.open(newline="") as file:

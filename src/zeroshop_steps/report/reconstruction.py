@@ -1,0 +1,147 @@
+"""Render the reconstruction table: a mark for every cell, with published marks beside them where there are any.
+
+The published grades of YCB-V are the diploma thesis's ("ZeroShOP: Zero-shot object pose estimation in unconstrained
+environments", TU Wien, January 2026, Tables 4.1 and 4.2), judged there by eye, from cameras of learned registrations and
+Blender renders; they lie beside this file as published_ycbv.csv.
+"""
+
+import argparse
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole
+
+MARKS = {"none": "×", "sparse": "○", "good": "●"}
+SCENES = ("su_l", "su_h", "se")
+PUBLISHED = Path(__file__).with_name("published_ycbv.csv")
+SOURCE = "ZeroShOP diploma thesis, TU Wien, January 2026"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One reconstruction: where it stands in the matrix, and how it went.
+
+    Attributes:
+        nvs, registration, scene, object: its coordinates; published ones name their registration in words.
+        grade: none, sparse or good; by_photos, by_truth: what either judgement says, None where it was not made.
+        figures: its measurements by name, empty where it failed or is published.
+        reasons: by measurement, why it is not good.
+    """
+
+    nvs: str
+    registration: str
+    scene: str
+    object: str
+    grade: str
+    figures: dict[str, float]
+    reasons: dict[str, str]
+    by_photos: str | None = None
+    by_truth: str | None = None
+
+    @property
+    def place(self) -> str:
+        """Its coordinates as a reader finds them."""
+        return f"{self.object}, {self.scene}, {self.registration}, {self.nvs}"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--table", type=Path, required=True, help="reconstruction.csv")
+    parser.add_argument("--published", action="store_true", help="put the thesis's grades of YCB-V beside ours")
+    parser.add_argument("--out", type=Path, required=True, help="Markdown to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    cells = read_cells(args.table)
+    with written_whole(args.out) as temporary:
+        temporary.write_text(rendered(cells, published_cells() if args.published else []))
+
+
+def read_cells(table: Path) -> list[Cell]:
+    """The cells of a tidy table, in its order. Raises StepError where a cell has no grade, or one that is unknown."""
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    cells: dict[tuple[str, ...], dict[str, dict]] = {}
+    for row in rows:
+        cells.setdefault((row["nvs"], row["registration"], row["scene"], row["object"]), {})[row["measure"]] = row
+    found = []
+    for key, measures in cells.items():
+        values = {name: row["value"] for name, row in measures.items()}
+        if values.get("grade") not in MARKS:
+            raise StepError(f"{table}: {', '.join(key)} has the grade {values.get('grade')}; expected one of {', '.join(MARKS)}")
+        figures = {name: float(value) for name, value in values.items() if not name.startswith("grade")}
+        reasons = {name: row["reason"] for name, row in measures.items() if row.get("reason")}
+        found.append(Cell(*key, values["grade"], figures, reasons, values.get("grade_by_photos"), values.get("grade_by_truth")))
+    return found
+
+
+def published_cells() -> list[Cell]:
+    """The thesis's grades of the YCB-V objects."""
+    with PUBLISHED.open(newline="") as file:
+        return [
+            Cell(row["nvs"], f"thesis: {row['registration']}", row["scene"], row["object"], row["grade"], {}, {})
+            for row in csv.DictReader(file)
+        ]
+
+
+def rendered(cells: Sequence[Cell], published: Sequence[Cell]) -> str:
+    """The whole Markdown text."""
+    title = "# Reconstruction\n\n" + ", ".join(f"{mark} {grade}" for grade, mark in MARKS.items()) + "; empty: not asked for."
+    if published:
+        title += f'\n\nColumns that begin with "thesis" are published grades, judged by eye ({SOURCE}, Tables 4.1 and 4.2).'
+    objects = list(dict.fromkeys(cell.object for cell in cells))
+    methods = list(dict.fromkeys(cell.nvs for cell in cells))
+    parts = [title]
+    for nvs in methods:
+        columns = [cell for cell in [*cells, *published] if cell.nvs == nvs and cell.object in objects]
+        parts.append(f"## {nvs}\n\n{marks_table(columns, objects)}")
+    lines = (f"{MARKS[cell.grade]} {cell.place}: {cell.reasons['grade']}" for cell in cells if "grade" in cell.reasons)
+    parts.append("## Why cells are not good\n\n" + _lines(lines))
+    parts.append("## Where photos alone would have judged otherwise\n\n" + _disagreements(cells))
+    return "\n\n".join(parts) + "\n"
+
+
+def marks_table(cells: Sequence[Cell], objects: Sequence[str]) -> str:
+    """One row an object, one column a registration and scene; below, how many of each grade, and mean figures."""
+    columns: dict[tuple[str, str], dict[str, Cell]] = {}
+    for cell in cells:
+        columns.setdefault((cell.registration, cell.scene), {})[cell.object] = cell
+    registrations = list(dict.fromkeys(registration for registration, _ in columns))
+    order = sorted(columns, key=lambda key: (registrations.index(key[0]), SCENES.index(key[1]) if key[1] in SCENES else len(SCENES)))
+    rows = [["", *(f"{registration}<br>{scene}" for registration, scene in order)], ["---", *([":-:"] * len(order))]]
+    rows += [[name, *(_mark(columns[key].get(name)) for key in order)] for name in objects]
+    for grade in reversed(MARKS):
+        rows.append([f"*{grade}*", *(str(sum(cell.grade == grade for cell in columns[key].values())) for key in order)])
+    for measure, text in (("f_score_1_percent", "*mean F-score at 1 %*"), ("accuracy_mm", "*mean accuracy, mm*")):
+        rows.append([text, *(_mean(columns[key].values(), measure) for key in order)])
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _disagreements(cells: Sequence[Cell]) -> str:
+    judged = [cell for cell in cells if cell.by_photos and cell.by_truth]
+    differing = [cell for cell in judged if cell.by_photos != cell.by_truth]
+    if not judged:
+        return "No cell has both judgements."
+    lines = (f"{cell.place}: {_side(cell, 'photos', cell.by_photos)}; {_side(cell, 'truth', cell.by_truth)}" for cell in differing)
+    share = f"{len(judged) - len(differing)} of {len(judged)} cells are judged alike."
+    return share + ("\n\n" + _lines(lines) if differing else "")
+
+
+def _side(cell: Cell, side: str, grade: str | None) -> str:
+    return f"{MARKS[grade or 'none']} by {side} ({cell.reasons.get(f'grade_by_{side}', 'nothing to object')})"
+
+
+def _lines(lines: Iterable[str]) -> str:
+    return "\n".join(f"- {line}" for line in lines) or "None."
+
+
+def _mark(cell: Cell | None) -> str:
+    return MARKS[cell.grade] if cell else ""
+
+
+def _mean(cells: Iterable[Cell], measure: str) -> str:
+    values = [cell.figures[measure] for cell in cells if measure in cell.figures]
+    return f"{sum(values) / len(values):.3f}" if values else ""
