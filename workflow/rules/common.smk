@@ -16,7 +16,9 @@ ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 PHOTO_SCENES = ["video"]
 REGISTRATIONS = ["colmap", "truth"]
-NVS_METHODS = ["2dgs"]
+# The record of the training of each surface method, in its cell.
+TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
+NVS_METHODS = list(TRAINING_RECORDS)
 AXES = ["dataset", "object", "scene", "registration", "nvs"]
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated.
@@ -197,8 +199,9 @@ def chosen_quality(wildcards):
 
 def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
+    training = TRAINING_RECORDS[known("nvs method", wildcards.nvs, NVS_METHODS, "The folder is named after the method.")]
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
-    return [f"{folder}/{name}.json" for name in ("splats/training", "raw_mesh", "clean", "unwrapped", "texture")]
+    return [f"{folder}/{name}.json" for name in (training, "raw_mesh", "clean", "unwrapped", "texture")]
 
 
 def table_measurements(wildcards):

@@ -4,7 +4,7 @@ The root is the cube [-1, 1]^3 of normalized coordinates. A leaf of level l has 
 lowest corner on the lattice of the finest level, whose coordinates, interleaved bit by bit, make its Morton key.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numba
@@ -32,7 +32,6 @@ class Octree:
 
     origins: np.ndarray
     levels: np.ndarray
-    _checked: None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         keys, spans = self.keys, (self.cells**3)[:-1]
@@ -135,21 +134,28 @@ class Octree:
         return Octree(origins[order], levels[order]), source[order]
 
     def interpolated(self, values: np.ndarray, finer: "Octree", source: np.ndarray) -> np.ndarray:
-        """Values (M, ...) at this tree's corners, carried to the corners of a tree from `refined`.
+        """Values (M,) at this tree's corners, carried to the corners of a tree from `refined`.
 
         A corner that several old leaves reach gets the mean of what they say: on the face of a larger leaf these differ.
         """
-        total = np.zeros((finer.corner_count, *values.shape[1:]), np.float64)
-        points = finer.origins[:, None, :] + finer.cells[:, None, None] * CORNER_OFFSETS
-        local = (points - self.origins[source][:, None]) / self.cells[source][:, None, None]
-        for corner in range(8):
-            weights = np.ones((len(finer), 8))
-            for c in range(8):
-                weights[:, c] = np.prod(np.where(CORNER_OFFSETS[c], local[:, corner], 1.0 - local[:, corner]), axis=1)
-            found = np.einsum("nc,nc...->n...", weights, values[self.corners[source]])
-            np.add.at(total, finer.corners[:, corner], found)
+        total = np.zeros(finer.corner_count)
+        _carry(self.origins, self.cells, self.corners, values, finer.origins, finer.cells, finer.corners, source, total)
         uses = np.bincount(finer.corners.ravel(), minlength=finer.corner_count)
-        return (total / uses.reshape(-1, *[1] * (values.ndim - 1))).astype(values.dtype)
+        return (total / uses).astype(values.dtype)
+
+
+@numba.njit(cache=True)
+def _carry(origins, cells, corners, values, new_origins, new_cells, new_corners, source, total):
+    for i in range(len(new_origins)):
+        old = source[i]
+        scale = 1.0 / cells[old]
+        for corner in range(8):
+            x = (new_origins[i, 0] - origins[old, 0] + (corner & 1) * new_cells[i]) * scale
+            y = (new_origins[i, 1] - origins[old, 1] + (corner >> 1 & 1) * new_cells[i]) * scale
+            z = (new_origins[i, 2] - origins[old, 2] + (corner >> 2 & 1) * new_cells[i]) * scale
+            for c in range(8):
+                weight = (x if c & 1 else 1.0 - x) * (y if c >> 1 & 1 else 1.0 - y) * (z if c >> 2 & 1 else 1.0 - z)
+                total[new_corners[i, corner]] += weight * values[corners[old, c]]
 
 
 def morton_keys(points: np.ndarray) -> np.ndarray:

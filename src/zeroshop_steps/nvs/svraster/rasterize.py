@@ -236,7 +236,7 @@ def blend_forward(rows, boxes, camera, item_tiles, item_octants, items, starts, 
 
 
 # Planes of the backward buffer after the forward pass's state: running sum, its total, the median's slope, gradients.
-_SUM, _TOTAL, _SLOPE, _G = 12, 13, 14, 15
+_SUM, _TOTAL, _SLOPE, _WEIGHT, _G = 12, 13, 14, 15, 16
 _BACKWARD_PLANES = _G + GRAD_PLANES
 
 
@@ -249,7 +249,7 @@ def _backward_voxel(s, n0, n1, n2, b, first, last, away, out):
     red, green, blue, nx, ny, nz = s[RED], s[GREEN], s[BLUE], s[NX], s[NY], s[NZ]
     square = red * red + green * green + blue * blue
     g_1 = g_x = g_y = g_z = g_xy = g_xz = g_yz = g_xyz = _ZERO
-    g_red = g_green = g_blue = g_nx = g_ny = g_nz = g_a0 = g_a1 = g_a2 = g_square = most = priority = _ZERO
+    g_red = g_green = g_blue = g_nx = g_ny = g_nz = g_a0 = g_a1 = g_a2 = g_square = priority = _ZERO
     for i in range(np.uint64(first), np.uint64(last)):
         d0, d1, d2 = b[i + _PLANE[_D]], b[i + _PLANE[_D + 1]], b[i + _PLANE[_D + 2]]
         e0, e1, e2, tau, length = _meet(
@@ -311,7 +311,7 @@ def _backward_voxel(s, n0, n1, n2, b, first, last, away, out):
         g_a0 += d_cosine * d0
         g_a1 += d_cosine * d1
         g_a2 += d_cosine * d2
-        most = max(most, w)
+        b[i + _PLANE[_WEIGHT]] = w
         # |alpha d loss / d alpha|, where d alpha = exp(-x) dx.
         priority += abs(d_x) * alpha / max(_ONE - alpha, _STOP)
     out[G_P], out[G_P + 1], out[G_P + 2], out[G_P + 3] = g_1, g_x, g_y, g_z
@@ -319,8 +319,13 @@ def _backward_voxel(s, n0, n1, n2, b, first, last, away, out):
     out[G_RED], out[G_RED + 1] = g_red + _TWO * red * g_square, g_green + _TWO * green * g_square
     out[G_RED + 2] = g_blue + _TWO * blue * g_square
     out[G_NX], out[G_NX + 1], out[G_NX + 2] = g_nx, g_ny, g_nz
-    out[G_WEIGHT], out[G_PRIORITY] = most, priority
+    out[G_PRIORITY] = priority
     away[0], away[1], away[2] = g_a0, g_a1, g_a2
+    # A maximum within the loop above would keep the compiler from using vector instructions.
+    most = _ZERO
+    for i in range(np.uint64(first), np.uint64(last)):
+        most = max(most, b[i + _PLANE[_WEIGHT]])
+    out[G_WEIGHT] = most
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
