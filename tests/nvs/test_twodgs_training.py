@@ -20,9 +20,10 @@ from zeroshop_steps.nvs.patchmatch import grid_view, match
 from zeroshop_steps.nvs.seeds import find_seeds
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
 from zeroshop_steps.nvs.ssim import dissimilarity
+from zeroshop_steps.nvs.training import Views
 from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
 from zeroshop_steps.nvs.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
-from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings, Views
+from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings
 from zeroshop_steps.nvs.views import ObjectSphere, TrainingView, object_sphere
 
 SIZE_PX, FOCAL_PX, RADIUS = 64, 90.0, 0.6

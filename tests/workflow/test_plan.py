@@ -7,7 +7,8 @@ from running import REPOSITORY, planned
 
 from zeroshop_steps import methods
 
-CELL = ["train_2dgs", "fuse_2dgs", "clean", "frame", "unwrap", "texture", "export", "grade", "preview", "publish"]
+FINISH = ["clean", "frame", "unwrap", "texture", "export", "grade", "preview", "publish"]
+CELL = ["train_2dgs", "fuse_2dgs", *FINISH]
 
 
 def photo_table(folder, images, masks, height=""):
@@ -28,6 +29,13 @@ def test_a_bop_object(snakemake):
     run = snakemake("-n", "results/ycbv/obj_000005/2dgs.ply")
     assert run.returncode == 0, run.stdout
     assert planned(run.stdout) == dict.fromkeys(["bop_model", "capture_virtual", "register", "quality", *CELL], 1)
+
+
+def test_the_same_object_by_sparse_voxels(snakemake):
+    run = snakemake("-n", "results/demo/mustard_bottle/svraster.ply")
+    assert run.returncode == 0, run.stdout
+    steps = ["demo_model", "capture_virtual", "register", "quality", "train_svraster", "mesh_svraster", *FINISH]
+    assert planned(run.stdout) == dict.fromkeys(steps, 1)
 
 
 def test_models_from_a_local_folder(snakemake, tmp_path):
@@ -100,7 +108,7 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
     [
         ("results/demo/mustad_bottle/2dgs.ply", "unknown object of dataset demo: mustad_bottle. Did you mean mustard_bottle"),
         ("results/demoo/mustard_bottle/2dgs.ply", "unknown dataset: demoo. Did you mean demo? Known: demo, ycbv, photos"),
-        ("results/demo/mustard_bottle/3dgs.ply", "unknown nvs method: 3dgs. Did you mean 2dgs? Known: 2dgs"),
+        ("results/demo/mustard_bottle/3dgs.ply", "unknown nvs method: 3dgs. Did you mean 2dgs? Known: 2dgs, svraster"),
         ("results/demo/mustard_bottle/su_x/colmap/2dgs/mesh.ply", "unknown scene of a virtual dataset: su_x."),
         ("results/demo/mustard_bottle/su_h/colmp/2dgs/mesh.ply", "unknown registration of a virtual dataset: colmp. Did you mean colmap"),
         ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),

@@ -15,6 +15,8 @@ from zeroshop_steps.settings import check_config, name_error, read_objects
 ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 PHOTO_SCENES = ["video"]
+# The record of the training of each surface method, in its cell.
+TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated.
 os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
@@ -217,8 +219,9 @@ def quality_of(wildcards):
 
 def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
+    training = TRAINING_RECORDS[known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
-    return [f"{folder}/{name}.json" for name in ("splats/training", "raw_mesh", "clean", "unwrapped", "texture")]
+    return [f"{folder}/{name}.json" for name in (training, "raw_mesh", "clean", "unwrapped", "texture")]
 
 
 def published_option(wildcards):

@@ -55,3 +55,59 @@ rule fuse_2dgs:
         "python -m zeroshop_steps.nvs --method fuse --splats {input.splats} --cameras {input.cameras}"
         " {params.options} --out {output.mesh}"
         " --record-failure {output} > {log} 2>&1"
+
+
+rule train_svraster:
+    input:
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+    output:
+        voxels="results/{dataset}/{object}/{scene}/{registration}/svraster/voxels/voxels.npz",
+        curve="results/{dataset}/{object}/{scene}/{registration}/svraster/voxels/training.csv",
+        summary="results/{dataset}/{object}/{scene}/{registration}/svraster/voxels/training.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/svraster/logs/train.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/svraster/benchmarks/train.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        options=step_options(config["nvs"]["svraster"]["train"]),
+        seed=config["seed"],
+        folder=subpath(output.voxels, parent=True),
+    message:
+        "Training SVRaster on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
+    shell:
+        "python -m zeroshop_steps.nvs --method svraster --cameras {input.cameras} --out {params.folder}"
+        " {params.options} --seed {params.seed} --threads {threads} --resume"
+        " --record-failure {output} > {log} 2>&1"
+
+
+rule mesh_svraster:
+    input:
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        voxels="results/{dataset}/{object}/{scene}/{registration}/svraster/voxels/voxels.npz",
+    output:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/svraster/raw_mesh.ply",
+        facts="results/{dataset}/{object}/{scene}/{registration}/svraster/raw_mesh.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/svraster/logs/mesh.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/svraster/benchmarks/mesh.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=6000,
+        runtime=15,
+    params:
+        options=step_options(config["nvs"]["svraster"]["mesh"]),
+    message:
+        "Taking the surface of the voxels of {wildcards.object}, scene {wildcards.scene}"
+    shell:
+        "python -m zeroshop_steps.nvs --method svraster_mesh --voxels-file {input.voxels} --cameras {input.cameras}"
+        " {params.options} --out {output.mesh}"
+        " --record-failure {output} > {log} 2>&1"

@@ -18,8 +18,8 @@ SOLID_VOXELS = 2.0
 """Depth behind a confirmed surface that it declares solid."""
 FREE_MARGIN_VOXELS = 1.0
 SOLID_WEIGHT = 2.0
-FREE_NEEDS = 1.0
-"""One view alone, which may be wrong, empties nothing."""
+FREE_NEEDS = 2.0
+"""One view or two, which may be wrong, empty nothing."""
 VOTES_FULL = 3.0
 """A majority of this many views counts fully."""
 FILL = 0.1

@@ -10,8 +10,12 @@ BEST_VIEWS = 2
 PATCH_STEPS = 3
 PATCH_SPACING_PX = 3
 """A patch is sampled at (2 * 3 + 1)^2 points, three pixels apart."""
-NOISE = 0.003
-"""Noise of the luminance, added to the patches' variances: patches without contrast correlate with nothing."""
+DETAIL_PX = 4.0
+"""Standard deviation of the blur that is taken off: smooth shading looks alike everywhere and would agree with anything."""
+NOISE = 0.02
+"""Contrast below which nothing counts, added to the patches' variances: what little highlights and shading leave on plain parts."""
+DARK = 0.03
+"""Luminance added to the mean to which contrast refers: near black there is only sensor noise."""
 SIMILAR_LUMINANCE = 0.06
 """Standard deviation of the bilateral weights."""
 COLOR_WEIGHT = 3.0
@@ -74,8 +78,8 @@ def facing_normal(dx, dy, nx, ny, nz):
 
 
 @numba.njit(cache=True)
-def reference_patch(luminance, mask, y, x, patch, weight):
-    """Fill (side, side) luminance and normalized bilateral weight; returns the weighted mean and variance."""
+def reference_patch(color, detail, mask, y, x, patch, weight):
+    """Fill (side, side) detail and normalized weight, bilateral in the luminance; returns the weighted mean and variance."""
     side = 2 * PATCH_STEPS + 1
     height, width = mask.shape
     total = mean = square = 0.0
@@ -83,8 +87,9 @@ def reference_patch(luminance, mask, y, x, patch, weight):
         for i in range(side):
             v = min(max(y + (j - PATCH_STEPS) * PATCH_SPACING_PX, 0), height - 1)
             u = min(max(x + (i - PATCH_STEPS) * PATCH_SPACING_PX, 0), width - 1)
-            value = luminance[v, u]
-            difference = (value - luminance[y, x]) / SIMILAR_LUMINANCE
+            value, difference = detail[v, u], 0.0
+            for c in range(3):
+                difference += (color[v, u, c] - color[y, x, c]) / (3 * SIMILAR_LUMINANCE)
             w = math.exp(-0.5 * difference * difference) if mask[v, u] else 0.0
             patch[j, i], weight[j, i] = value, w
             total += w
@@ -98,7 +103,7 @@ def reference_patch(luminance, mask, y, x, patch, weight):
 
 
 @numba.njit(cache=True, fastmath=True)
-def _view_cost(row, other, luminance, size, patch, weight, mean, variance, dx, dy, z, nx, ny, nz):
+def _view_cost(row, other, detail, size, patch, weight, mean, variance, dx, dy, z, nx, ny, nz):
     """Half of one less a plane's patch's correlation with its picture in another view, and where its centre lands; BAD outside."""
     offset = z * (nx * dx + ny * dy + nz)
     ex, ey = dx + 1.0 / row[12], dy + 1.0 / row[13]
@@ -124,8 +129,8 @@ def _view_cost(row, other, luminance, size, patch, weight, mean, variance, dx, d
             u, v = u0 + s * dux + t * duy, v0 + s * dvx + t * dvy
             x, y = int(u), int(v)
             fx, fy = np.float32(u - x), np.float32(v - y)
-            top = luminance[y, x] + (luminance[y, x + 1] - luminance[y, x]) * fx
-            bottom = luminance[y + 1, x] + (luminance[y + 1, x + 1] - luminance[y + 1, x]) * fx
+            top = detail[y, x] + (detail[y, x + 1] - detail[y, x]) * fx
+            bottom = detail[y + 1, x] + (detail[y + 1, x + 1] - detail[y + 1, x]) * fx
             b = top + (bottom - top) * fy
             w = weight[j, i]
             sum_b += w * b
@@ -139,11 +144,11 @@ def _view_cost(row, other, luminance, size, patch, weight, mean, variance, dx, d
 @numba.njit(cache=True, fastmath=True)
 def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, best, dx, dy, z, nx, ny, nz):
     """The mean cost of a plane over its best neighbouring views."""
-    rows, neighbours, color, luminance, _, sizes = scene
+    rows, neighbours, color, detail, _, sizes = scene
     row = rows[index]
     for k in range(neighbours.shape[1]):
         n = neighbours[index, k]
-        cost, u, v = _view_cost(row, rows[n], luminance[n], sizes[n], patch, weight, mean, variance, dx, dy, z, nx, ny, nz)
+        cost, u, v = _view_cost(row, rows[n], detail[n], sizes[n], patch, weight, mean, variance, dx, dy, z, nx, ny, nz)
         if cost < BAD:
             i, j = int(u + 0.5), int(v + 0.5)
             difference = 0.0

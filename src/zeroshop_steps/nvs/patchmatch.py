@@ -15,6 +15,8 @@ import numpy as np
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.patch_cost import (
     BAD,
+    DARK,
+    DETAIL_PX,
     PATCH_STEPS,
     STRIDE_PX,
     facing_normal,
@@ -78,8 +80,10 @@ def match(
     for i, view in enumerate(views):
         h, w = sizes[i]
         color[i, :h, :w] = cv2.GaussianBlur(np.ascontiguousarray(view.color.numpy().transpose(1, 2, 0)), (0, 0), 0.6)
-        masks[i, :h, :w] = view.mask.numpy() > 0.5
-    scene = (rows, neighbours, color, color.mean(axis=3), masks, sizes)
+        # The outermost pixels mix with the background: their edge moves with the view, not with the surface.
+        masks[i, :h, :w] = cv2.erode((view.mask.numpy() > 0.5).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    detail = np.stack([_detail(*image) for image in zip(color.mean(axis=3), masks, strict=True)])
+    scene = (rows, neighbours, color, detail, masks, sizes)
     grid = (len(views), -(-height // STRIDE_PX), -(-width // STRIDE_PX))
     depth, normal, cost = np.zeros(grid, np.float32), np.zeros((*grid, 3), np.float32), np.full(grid, BAD, np.float32)
     near, far = np.zeros(grid, np.float32), np.zeros(grid, np.float32)
@@ -105,14 +109,22 @@ def match(
     return tuple([values[i][crop] for i, crop in enumerate(crops)] for values in (depth, normal, cost))
 
 
+def _detail(luminance: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """(H, W) float32 contrast: luminance less its mean around each pixel, over that mean, of the object alone; 0 outside its mask."""
+    inside = mask.astype(np.float32)
+    total, weight = (cv2.GaussianBlur(image, (0, 0), DETAIL_PX) for image in (luminance * inside, inside))
+    mean = total / np.maximum(weight, 1e-6)
+    return inside * (luminance - mean) / (mean + DARK)
+
+
 def _salt(seed: int, number: int) -> int:
     return (seed * 1000 + number) * 7919 % 2**31
 
 
 @numba.njit(cache=True, parallel=True)
-def _start(index, rows, neighbours, color, luminance, masks, sizes, near, far, depth, normal, cost, seed):
+def _start(index, rows, neighbours, color, detail, masks, sizes, near, far, depth, normal, cost, seed):
     """The best of a few random planes at every pixel of the grid."""
-    scene = (rows, neighbours, color, luminance, masks, sizes)
+    scene = (rows, neighbours, color, detail, masks, sizes)
     row, side = rows[index], 2 * PATCH_STEPS + 1
     no_depth, no_normal = np.zeros((1, 1, 1), np.float32), np.zeros((1, 1, 1, 3), np.float32)
     for y in numba.prange(depth.shape[0]):
@@ -123,7 +135,7 @@ def _start(index, rows, neighbours, color, luminance, masks, sizes, near, far, d
                 continue
             py, px = y * STRIDE_PX, x * STRIDE_PX
             dx, dy = (px + 0.5 - row[14]) / row[12], (py + 0.5 - row[15]) / row[13]
-            mean, variance = reference_patch(luminance[index], masks[index], py, px, patch, weight)
+            mean, variance = reference_patch(color[index], detail[index], masks[index], py, px, patch, weight)
             for k in range(STARTS):
                 pixel, trial = y * 65536 + x, k + 1000 * index
                 z = near[y, x] + (far[y, x] - near[y, x]) * (k + random_number(pixel, trial, seed, 1)) / STARTS
@@ -135,9 +147,9 @@ def _start(index, rows, neighbours, color, luminance, masks, sizes, near, far, d
 
 
 @numba.njit(cache=True, parallel=True)
-def _judge_again(index, rows, neighbours, color, luminance, masks, sizes, near, far, depth, normal, cost, found_depth, found_normal):
+def _judge_again(index, rows, neighbours, color, detail, masks, sizes, near, far, depth, normal, cost, found_depth, found_normal):
     """The costs of the planes as they are, by the second round's measure."""
-    scene = (rows, neighbours, color, luminance, masks, sizes)
+    scene = (rows, neighbours, color, detail, masks, sizes)
     row, side = rows[index], 2 * PATCH_STEPS + 1
     for y in numba.prange(depth.shape[0]):
         patch, weight = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
@@ -148,7 +160,7 @@ def _judge_again(index, rows, neighbours, color, luminance, masks, sizes, near, 
                 continue
             py, px = y * STRIDE_PX, x * STRIDE_PX
             dx, dy = (px + 0.5 - row[14]) / row[12], (py + 0.5 - row[15]) / row[13]
-            mean, variance = reference_patch(luminance[index], masks[index], py, px, patch, weight)
+            mean, variance = reference_patch(color[index], detail[index], masks[index], py, px, patch, weight)
             nx, ny, nz = normal[y, x]
             cost[y, x] = plane_cost(
                 index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, best, dx, dy, z, nx, ny, nz
@@ -157,10 +169,10 @@ def _judge_again(index, rows, neighbours, color, luminance, masks, sizes, near, 
 
 @numba.njit(cache=True, parallel=True)
 def _improve(
-    index, rows, neighbours, color, luminance, masks, sizes, near, far, depth, normal, cost, found_depth, found_normal, reach, parity, salt
+    index, rows, neighbours, color, detail, masks, sizes, near, far, depth, normal, cost, found_depth, found_normal, reach, parity, salt
 ):
     """One half of the checkerboard: take over better planes from the other half, then refine at random within `reach`."""
-    scene = (rows, neighbours, color, luminance, masks, sizes)
+    scene = (rows, neighbours, color, detail, masks, sizes)
     row, side, spreads = rows[index], 2 * PATCH_STEPS + 1, len(SPREAD)
     height, width = depth.shape
     for y in numba.prange(height):
@@ -172,7 +184,7 @@ def _improve(
                 continue
             py, px = y * STRIDE_PX, x * STRIDE_PX
             dx, dy = (px + 0.5 - row[14]) / row[12], (py + 0.5 - row[15]) / row[13]
-            mean, variance = reference_patch(luminance[index], masks[index], py, px, patch, weight)
+            mean, variance = reference_patch(color[index], detail[index], masks[index], py, px, patch, weight)
             lowest, z, nx, ny, nz = cost[y, x], depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
             for k in range(spreads + 5):
                 if k < spreads:

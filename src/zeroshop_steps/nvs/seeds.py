@@ -13,6 +13,9 @@ from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.patchmatch import grid_view, match, neighbours_of
 from zeroshop_steps.nvs.views import TrainingView
 
+SEED_WIDTH_PX = 1000
+"""Width of the images in which seeds are looked for, at most: fine print is all that some hollows have."""
+SEED_BORDER_PX = 10
 WITNESSES = 8
 """Neighbouring views that are asked."""
 CONFIRMATIONS = 2

@@ -3,47 +3,8 @@
 import numpy as np
 import torch
 
+from zeroshop_steps.nvs.optimizer import AdamWithSurgery
 from zeroshop_steps.nvs.twodgs.reference import rotation_matrices
-from zeroshop_steps.nvs.twodgs.surfels import Surfels
-
-
-class AdamWithSurgery:
-    """Adam (Kingma & Ba 2015) over surfels whose number changes: moments follow the disks that stay, new disks start with none."""
-
-    def __init__(self, surfels: Surfels, learning_rates: dict[str, float]) -> None:
-        self.surfels = surfels
-        groups = [
-            {"params": [tensor.requires_grad_()], "lr": learning_rates[name], "name": name} for name, tensor in surfels.tensors().items()
-        ]
-        self.adam = torch.optim.Adam(groups, lr=0.0, eps=1e-15, fused=True)
-
-    def step(self) -> None:
-        """One update, then the gradients are forgotten."""
-        self.adam.step()
-        self.adam.zero_grad(set_to_none=True)
-
-    def set_learning_rate(self, name: str, value: float) -> None:
-        """Change the rate of one group."""
-        next(group for group in self.adam.param_groups if group["name"] == name)["lr"] = value
-
-    def rebuild(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
-        """Keep the disks of the (N,) bool mask and append those of `new` (tensors by name, same trailing shapes)."""
-        for group in self.adam.param_groups:
-            name, old = group["name"], group["params"][0]
-            tensor = torch.cat([old.detach()[keep], new[name]]).requires_grad_()
-            state = self.adam.state.pop(old, None)
-            if state:
-                for moment in ("exp_avg", "exp_avg_sq"):
-                    state[moment] = torch.cat([state[moment][keep], torch.zeros_like(new[name])])
-                self.adam.state[tensor] = state
-            group["params"][0] = tensor
-            setattr(self.surfels, name, tensor)
-
-    def forget(self, name: str) -> None:
-        """Drop the moments of one group, after its values were set by hand."""
-        group = next(group for group in self.adam.param_groups if group["name"] == name)
-        for moment in ("exp_avg", "exp_avg_sq"):
-            self.adam.state[group["params"][0]][moment].zero_()
 
 
 class GradientMeter:
@@ -75,7 +36,7 @@ def densify_and_prune(
         doomed: (N,) bool, disks to drop for other reasons, such as lying outside the masks.
         count_max: where more disks qualify than this leaves room for, those with the largest gradients win.
     """
-    surfels = optimizer.surfels
+    surfels = optimizer.model
     with torch.no_grad():
         scales = surfels.log_scales.exp()
         widest = scales.max(dim=1).values
@@ -102,5 +63,5 @@ def reset_opacity(optimizer: AdamWithSurgery, opacity: float) -> None:
     """Lower every opacity to at most `opacity`, so that only the disks that the images need come back."""
     ceiling = float(np.log(opacity / (1 - opacity)))
     with torch.no_grad():
-        optimizer.surfels.opacity_logits.clamp_(max=ceiling)
+        optimizer.model.opacity_logits.clamp_(max=ceiling)
     optimizer.forget("opacity_logits")

@@ -6,18 +6,8 @@ al. 2024, eq. 8 to 10), every pixel looks at every surfel, and autograd gives th
 
 import torch
 
-from zeroshop_steps.nvs.twodgs.project import _C0, _C1, _C2, _C3, ALPHA_MIN, GRAZING_MIN
-
-
-def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:
-    """(N, 3) unit directions to (N, 16) real spherical harmonics of degree 0 to 3."""
-    x, y, z = directions.unbind(-1)
-    xx, yy, zz = x * x, y * y, z * z
-    basis = [torch.full_like(x, _C0), -_C1 * y, _C1 * z, -_C1 * x]
-    basis += [_C2[0] * x * y, _C2[1] * y * z, _C2[2] * (2 * zz - xx - yy), _C2[3] * x * z, _C2[4] * (xx - yy)]
-    basis += [_C3[0] * y * (3 * xx - yy), _C3[1] * x * y * z, _C3[2] * y * (4 * zz - xx - yy), _C3[3] * z * (2 * zz - 3 * xx - 3 * yy)]
-    basis += [_C3[4] * x * (4 * zz - xx - yy), _C3[5] * z * (xx - yy), _C3[6] * x * (xx - 3 * yy)]
-    return torch.stack(basis, -1)
+from zeroshop_steps.nvs.harmonics import spherical_harmonics
+from zeroshop_steps.nvs.twodgs.project import ALPHA_MIN, GRAZING_MIN
 
 
 def rotation_matrices(quaternions: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,61 @@
+"""Adam over parameters whose number changes while they are trained."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import torch
+
+
+class Model(Protocol):
+    """What is trained: named tensors, each an attribute of that name."""
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """All of them by name."""
+
+
+class AdamWithSurgery:
+    """Adam (Kingma & Ba 2015) with one learning rate a tensor; moments follow the rows that stay."""
+
+    def __init__(self, model: Model, learning_rates: dict[str, float], betas: tuple[float, float] = (0.9, 0.999)) -> None:
+        self.model = model
+        groups = [
+            {"params": [tensor.requires_grad_()], "lr": learning_rates[name], "name": name} for name, tensor in model.tensors().items()
+        ]
+        self.adam = torch.optim.Adam(groups, lr=0.0, betas=betas, eps=1e-15, fused=True)
+
+    def step(self) -> None:
+        """One update, then the gradients are forgotten."""
+        self.adam.step()
+        self.adam.zero_grad(set_to_none=True)
+
+    def set_learning_rate(self, name: str, value: float) -> None:
+        """Change the rate of one group."""
+        next(group for group in self.adam.param_groups if group["name"] == name)["lr"] = value
+
+    def rebuild(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
+        """Keep the rows of the (N,) bool mask and append those of `new`, by name and of the same trailing shapes, without moments."""
+        for name in [group["name"] for group in self.adam.param_groups]:
+            self.replace(
+                name,
+                lambda old, name=name: torch.cat([old[keep], new[name]]),
+                lambda moment, name=name: torch.cat([moment[keep], torch.zeros_like(new[name])]),
+            )
+
+    def replace(self, name: str, value: Callable[[torch.Tensor], torch.Tensor], moment: Callable[[torch.Tensor], torch.Tensor]) -> None:
+        """Put `value(old)` in the place of a tensor, and `moment(old)` in that of each of its two moments."""
+        group = next(group for group in self.adam.param_groups if group["name"] == name)
+        old = group["params"][0]
+        tensor = value(old.detach()).requires_grad_()
+        state = self.adam.state.pop(old, None)
+        if state:
+            for key in ("exp_avg", "exp_avg_sq"):
+                state[key] = moment(state[key])
+            self.adam.state[tensor] = state
+        group["params"][0] = tensor
+        setattr(self.model, name, tensor)
+
+    def forget(self, name: str) -> None:
+        """Drop the moments of one group, after its values were set by hand."""
+        group = next(group for group in self.adam.param_groups if group["name"] == name)
+        for moment in ("exp_avg", "exp_avg_sq"):
+            self.adam.state[group["params"][0]][moment].zero_()

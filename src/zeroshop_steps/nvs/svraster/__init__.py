@@ -1,0 +1,78 @@
+"""SVRaster (Sun et al. 2025): train sparse voxels on the masked, registered images of an object.
+
+Writes voxels.npz, training.csv (the loss by term) and training.json (settings, figures). While it trains, checkpoint.pt
+is kept beside them; --resume goes on from there.
+"""
+
+import argparse
+import dataclasses
+import time
+
+import numpy as np
+
+from zeroshop_steps.cache import Cached
+from zeroshop_steps.nvs.options import add_training_arguments
+
+CACHED = Cached(
+    inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
+    ignored=("threads", "resume", "checkpoint_every"),
+    outputs=("training.csv", "training.json", "voxels.npz"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_training_arguments(parser, "voxels.npz", iterations=800, image_width_px=800, sh_degree=1)
+
+
+def run(args: argparse.Namespace) -> None:
+    from zeroshop_steps.errors import StepError
+    from zeroshop_steps.files import write_json
+    from zeroshop_steps.nvs.patchmatch import grid_view
+    from zeroshop_steps.nvs.seeds import SEED_BORDER_PX, SEED_WIDTH_PX
+    from zeroshop_steps.nvs.svraster.train import Trainer, TrainingSettings
+    from zeroshop_steps.nvs.svraster.voxels import start_octree, start_voxels, write_voxels
+    from zeroshop_steps.nvs.training import TrainingInputs, use_threads, write_curve
+    from zeroshop_steps.nvs.twodgs.start import find_start, mean_colors
+    from zeroshop_steps.nvs.views import training_views
+
+    threads = use_threads(args.threads)
+    start_s, start_cpu_s = time.monotonic(), time.process_time()
+    inputs = TrainingInputs.read(args)
+    camera_set, sphere, views, identity = inputs.camera_set, inputs.sphere, inputs.views, inputs.identity
+    settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed)
+    checkpoint = args.out / "checkpoint.pt"
+    seed_images = training_views(camera_set, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
+    start = find_start(camera_set.model, sphere, seed_images, 0, args.seed)
+    trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
+    resumed_from = trainer.iteration if trainer else 0
+    if trainer is None:
+        small = [grid_view(view) for view in seed_images]
+        cameras, masks = [view.camera for view in small], [view.mask.numpy() > 0 for view in small]
+        octree = start_octree(cameras, masks, start.free_space.holds, settings.level_start)
+        if len(octree) < 10:
+            raise StepError(f"the masks of {args.cameras} leave {len(octree)} voxels: masks and cameras do not agree; look at both")
+        outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
+        colors = mean_colors(octree.centres, outward, small)
+        trainer = Trainer(start_voxels(octree, start.points, colors, settings.sh_degree), views, start, settings)
+    trainer.run_with_checkpoints(args.checkpoint_every, checkpoint, identity, args.cameras)
+    if len(trainer.voxels) < 10:
+        raise StepError(f"training on {args.cameras} left {len(trainer.voxels)} voxels: masks and cameras do not agree; look at both")
+
+    write_voxels(args.out / "voxels.npz", trainer.voxels, sphere)
+    write_curve(args.out / "training.csv", trainer.history)
+    write_json(
+        args.out / "training.json",
+        {
+            "method": "svraster",
+            "seconds": round(time.monotonic() - start_s, 2),
+            "cpu_seconds": round(time.process_time() - start_cpu_s, 2),
+            "resumed_from_iteration": resumed_from,
+            "threads": threads,
+            "image_width_px": args.image_width_px,
+            "settings": dataclasses.asdict(settings),
+            "voxels": len(trainer.voxels),
+            "psnr_training_db": round(float(np.mean([trainer.psnr_db(index) for index in range(len(views.fine))])), 3),
+        },
+    )
+    checkpoint.unlink(missing_ok=True)

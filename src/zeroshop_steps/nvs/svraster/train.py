@@ -1,0 +1,143 @@
+"""Training of sparse voxels (Sun et al. 2025) on the cropped views of one object."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from zeroshop_steps.nvs.losses import normals_from_depth
+from zeroshop_steps.nvs.optimizer import AdamWithSurgery
+from zeroshop_steps.nvs.svraster.adapt import VoxelMeter, prune_and_subdivide
+from zeroshop_steps.nvs.svraster.octree import Octree
+from zeroshop_steps.nvs.svraster.render import Rendering, RenderView, render
+from zeroshop_steps.nvs.svraster.voxels import Voxels
+from zeroshop_steps.nvs.training import Views, ViewTrainer, depth_loss, image_losses
+from zeroshop_steps.nvs.twodgs.start import Start
+from zeroshop_steps.nvs.views import TrainingView
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
+
+    iterations: int = 800
+    sh_degree: int = 1
+    seed: int = 0
+    lambda_dssim: float = 0.02
+    lambda_mask: float = 0.5
+    lambda_transmittance: float = 0.1
+    lambda_color: float = 0.01
+    lambda_away: float = 0.01
+    lambda_normal: float = 0.01
+    lambda_depth: float = 0.25
+    depth_until_share: float = 0.7
+    normal_from_share: float = 0.25
+    coarse_share: float = 0.5
+    adapt_every_share: float = 0.125
+    adapt_until_share: float = 0.75
+    weight_min: float = 0.05
+    level_start: int = 6
+    level_max: int = 8
+    count_max: int = 150_000
+
+
+LEARNING_RATES = {"densities": 0.05, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
+BETAS = (0.9, 0.99)
+RATE_FALL = 0.1
+"""The learning rate at the end, as a share of that at the start; it falls exponentially."""
+
+
+def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettings, with_normals: bool) -> dict[str, torch.Tensor]:
+    """The terms of the loss, each a mean over the view's active pixels, weighted (Sun et al. 2025, sec. 3.3 and supplement).
+
+    Photometric L1, D-SSIM, and L1 of the opacity against the mask; then, with T the light left at a ray's end and w the
+    blending weights: T^2 (1 - T)^2, so that a pixel is full or empty; w |c - C|^2, so that all that a ray sees has the photo's
+    colour C; w max(cos, 0) of normals that face away, so that density rises along the ray; normal consistency.
+    """
+    terms = image_losses(rendering, view, settings.lambda_dssim, settings.lambda_mask)
+    active = view.active
+    pixels = active.sum()
+    clear = (rendering.alpha * (1 - rendering.alpha)).square()
+    terms["transmittance"] = settings.lambda_transmittance * (clear * active).sum() / pixels
+    spread = rendering.color_square - 2 * (rendering.color * view.color).sum(0) + rendering.alpha * view.color.square().sum(0)
+    terms["color"] = settings.lambda_color * (spread * active).sum() / pixels
+    terms["away"] = settings.lambda_away * (rendering.away * active).sum() / pixels
+    if with_normals:
+        k = view.camera.intrinsics
+        surface = normals_from_depth(rendering.median_depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+        solid = active & (rendering.alpha.detach() > 0.5)
+        mismatch = rendering.alpha.detach() - (rendering.normal * surface).sum(0)
+        terms["normal"] = settings.lambda_normal * (mismatch * solid).sum() / pixels
+    return terms
+
+
+class Trainer(ViewTrainer):
+    """Voxels in training."""
+
+    title, noun = "SVRaster", "voxels"
+
+    def __init__(self, voxels: Voxels, views: Views, start: Start, settings: TrainingSettings) -> None:
+        super().__init__(voxels, AdamWithSurgery(voxels, LEARNING_RATES, BETAS), views, start, settings)
+        self.voxels = voxels
+        self.meter = VoxelMeter(len(voxels))
+        self.checked_level = settings.level_start
+
+    def render_views_of(self, views: list[TrainingView]) -> list[RenderView]:
+        return [RenderView.around_object(view) for view in views]
+
+    def render(self, index: int, degree: int) -> Rendering:
+        v = self.voxels
+        return render(v.octree, v.densities, torch.cat([v.sh_constant, v.sh_rest], dim=1), degree, self.render_views[index])
+
+    def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
+        settings, view = self.settings, self.views[index]
+        terms = view_loss(rendering, view, settings, share >= settings.normal_from_share)
+        if share < settings.depth_until_share:
+            terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], view.active.sum())
+        return terms
+
+    def learn(self, rendering: Rendering, index: int, share: float) -> None:
+        self.meter.add(rendering.footprint.weight, rendering.footprint.priority)
+        for name, rate in LEARNING_RATES.items():
+            self.optimizer.set_learning_rate(name, rate * RATE_FALL**share)
+        self.optimizer.step()
+
+    def adapt(self) -> None:
+        settings = self.settings
+        every = math.ceil(settings.adapt_every_share * settings.iterations)
+        if self.iteration % every or self.iteration > settings.adapt_until_share * settings.iterations:
+            return
+        octree = self.voxels.octree
+        keep = self.meter.weight > settings.weight_min
+        fresh = keep & (octree.levels > self.checked_level)
+        keep[fresh] = ~self.start.free_space.holds(octree.centres[fresh])
+        self.checked_level = int(octree.levels.max())
+        # A voxel that covers no more than a pixel has nothing to gain.
+        wanted = np.where(octree.sizes > self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
+        prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
+        self.meter = VoxelMeter(len(self.voxels))
+
+    def _pixel_size(self, octree: Octree) -> np.ndarray:
+        """(N,) the least edge of a pixel, in normalized units, at a leaf's depth, over the views in use."""
+        sizes = [view.camera.project(octree.centres)[1] / view.camera.intrinsics[0, 0] for view in self.views]
+        return np.min(sizes, axis=0)
+
+    def state(self) -> dict[str, Any]:
+        octree = self.voxels.octree
+        leaves = (torch.from_numpy(octree.origins), torch.from_numpy(octree.levels))
+        return {
+            "leaves": leaves,
+            "checked_level": self.checked_level,
+            "meter": (torch.from_numpy(self.meter.weight), torch.from_numpy(self.meter.priority)),
+        }
+
+    def restore(self, content: dict[str, Any]) -> None:
+        self.meter.weight, self.meter.priority = (tensor.numpy() for tensor in content["meter"])
+        self.checked_level = content["checked_level"]
+
+    @classmethod
+    def around(cls, content: dict[str, Any], views: Views, start: Start, settings: TrainingSettings) -> "Trainer":
+        octree = Octree(*(tensor.numpy() for tensor in content["leaves"]))
+        return cls(Voxels(octree, **content["tensors"]), views, start, settings)

@@ -1,0 +1,99 @@
+"""A raw mesh straight from trained voxels: marching cubes (Lorensen & Cline 1987) over the density at their corners.
+
+Leaves of all levels are interpolated onto one lattice, so that no crack opens where levels meet. What no camera sees counts
+as inside, so that the thin shell that training leaves of an object has one side. A small offset brings the silhouettes onto the masks.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import write_json
+from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.nvs.fuse import in_fixed_order
+from zeroshop_steps.nvs.silhouettes import fitted_to_masks
+from zeroshop_steps.nvs.svraster.field import Field, half_value, hidden
+from zeroshop_steps.nvs.svraster.render import RenderView, render
+from zeroshop_steps.nvs.svraster.voxels import Voxels, read_voxels
+from zeroshop_steps.nvs.views import TrainingView, read_camera_set, training_views
+from zeroshop_steps.o3d import o3d
+
+BLOCK = 16
+"""Lattice points along an edge of a block of Open3D's grid."""
+HIDDEN_STEPS = 1.5
+"""A point this many steps of the lattice behind every view's surface is inside."""
+SOFT = 4.0
+"""Values are clipped this far around the surface's: no crossing is drawn towards a far value."""
+OFFSET_STEPS = 2.0
+"""Most that the surface is moved to meet the masks."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--voxels-file", type=Path, required=True, help="voxels.npz of the training")
+    parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
+    parser.add_argument("--image-width-px", type=int, default=800, help="width at which depth is rendered, at most that of the images")
+    parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
+
+
+def run(args: argparse.Namespace) -> None:
+    start_s = time.monotonic()
+    voxels, sphere = read_voxels(args.voxels_file)
+    views = training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
+    field = Field.of(voxels.octree, voxels.densities.numpy(), border=2)
+    mesh = surface(field, views, [view_depth(voxels, view) for view in views])
+    if mesh is None:
+        raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
+    mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
+    world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
+    write_ply(args.out, world)
+    figures = {
+        "seconds": round(time.monotonic() - start_s, 2),
+        "vertices": len(world.vertices),
+        "faces": len(world.faces),
+        "voxels": len(voxels),
+        "offset_voxels": round(offset / field.step, 3),
+    }
+    write_json(args.out.with_suffix(".json"), figures)
+
+
+def view_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
+    """(H, W) float32 depth at which half of the light of each pixel is stopped; 0 outside the mask and where less is stopped."""
+    with torch.no_grad():
+        rendering = render(voxels.octree, voxels.densities, torch.zeros(len(voxels), 1, 3), 0, RenderView.around_object(view))
+    return np.where(view.mask.numpy() > 0.5, rendering.median_depth.numpy(), np.float32(0.0))
+
+
+def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
+    """The surface of a field, in normalized coordinates; None when there is none.
+
+    Args:
+        depths: (H, W) depth of the surface in each view, 0 where it sees past the object.
+    """
+    level = half_value(field.step)
+    index = np.argwhere(np.ones(field.values.shape, bool))
+    inside = hidden(field.points(index), views, depths, HIDDEN_STEPS * field.step).reshape(field.values.shape)
+    values = np.where(field.covered, np.clip(field.values - level, -SOFT, SOFT), -SOFT)
+    values = np.where(inside, SOFT, values)
+    values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = -SOFT
+    mesh = marching_cubes(values.astype(np.float32))
+    return mesh and Mesh(field.points(mesh.vertices), mesh.faces)
+
+
+def marching_cubes(values: np.ndarray) -> Mesh | None:
+    """The surface where (X, Y, Z) float32 values pass zero, facing the negative side, in units of the lattice; None when there is none."""
+    padded = np.pad(values, [(0, -size % BLOCK) for size in values.shape], constant_values=-SOFT)
+    x, y, z = (size // BLOCK for size in padded.shape)
+    blocks = padded.reshape(x, BLOCK, y, BLOCK, z, BLOCK).transpose(0, 2, 4, 5, 3, 1).reshape(x * y * z, -1)
+    keys = np.argwhere(np.ones((x, y, z), bool)).astype(np.int32)
+    grid = o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1), (1)), 1.0, BLOCK, len(keys))
+    places, _ = grid.hashmap().activate(o3d.core.Tensor(keys))
+    grid.attribute("tsdf")[places.to(o3d.core.int64)] = o3d.core.Tensor(-blocks.reshape(len(keys), BLOCK, BLOCK, BLOCK, 1))
+    grid.attribute("weight")[places.to(o3d.core.int64)] = o3d.core.Tensor(np.ones((len(keys), BLOCK, BLOCK, BLOCK, 1), np.float32))
+    found = grid.extract_triangle_mesh(weight_threshold=0.5)
+    vertices, faces = found.vertex.positions.numpy().astype(float), found.triangle.indices.numpy().astype(np.int64)
+    return in_fixed_order(vertices, faces) if len(faces) else None
