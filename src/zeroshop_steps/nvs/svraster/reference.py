@@ -72,5 +72,7 @@ def render_reference(
     median = torch.where(crosses, entry + length * (half - before) / thickness.clamp(min=1e-30), 0.0).sum(0)
     planes += [median, (weight * sorted_(colors.square().sum(1, keepdim=True))).sum(0), (weight * sorted_(facing.clamp(min=0))).sum(0)]
     cut = (((torch.exp(-before) / STOP - 1).abs() < 1e-2) & (thickness > 0)).any(0)
-    undecided = cut | (((after - half).abs() < 1e-4) & (thickness > 0)).any(0)
+    # Where a voxel is seen from its edge, the kink of what faces away lies within single precision.
+    edge_on = ((sorted_(facing).abs() < 1e-4) & (weight > 0)).any(0)
+    undecided = cut | edge_on | (((after - half).abs() < 1e-4) & (thickness > 0)).any(0)
     return torch.stack(planes).reshape(11, height_px, width_px), undecided.reshape(height_px, width_px)
