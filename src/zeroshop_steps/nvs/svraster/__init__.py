@@ -24,10 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.errors import StepError
     from zeroshop_steps.files import write_json
+    from zeroshop_steps.nvs.svraster.start import start_voxels
     from zeroshop_steps.nvs.svraster.train import Trainer, TrainingSettings
-    from zeroshop_steps.nvs.svraster.voxels import start_octree, start_voxels, write_voxels
+    from zeroshop_steps.nvs.svraster.voxels import write_voxels
     from zeroshop_steps.nvs.training import TrainingInputs, use_threads, write_curve
-    from zeroshop_steps.nvs.twodgs.start import find_start, mean_colors
+    from zeroshop_steps.nvs.twodgs.start import find_start
     from zeroshop_steps.nvs.views import training_views
 
     threads = use_threads(args.threads)
@@ -41,13 +42,10 @@ def run(args: argparse.Namespace) -> None:
     trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:
-        cameras, masks = [view.camera for view in small], [view.mask.numpy() > 0 for view in small]
-        octree = start_octree(cameras, masks, start.free_space.holds, settings.level_start)
-        if len(octree) < 10:
-            raise StepError(f"the masks of {args.cameras} leave {len(octree)} voxels: masks and cameras do not agree; look at both")
-        outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
-        colors = mean_colors(octree.centres, outward, small)
-        trainer = Trainer(start_voxels(octree, start.points, colors, settings.sh_degree), views, start, settings)
+        voxels = start_voxels(start, small, settings.level_start, settings.sh_degree)
+        if len(voxels) < 10:
+            raise StepError(f"the masks of {args.cameras} leave {len(voxels)} voxels: masks and cameras do not agree; look at both")
+        trainer = Trainer(voxels, views, start, settings)
     trainer.run_with_checkpoints(args.checkpoint_every, checkpoint, identity, args.cameras)
     if len(trainer.voxels) < 10:
         raise StepError(f"training on {args.cameras} left {len(trainer.voxels)} voxels: masks and cameras do not agree; look at both")

@@ -35,15 +35,14 @@ class TrainingSettings:
     depth_until_share: float = 0.7
     normal_from_share: float = 0.25
     coarse_share: float = 0.5
-    adapt_every_share: float = 0.125
-    adapt_until_share: float = 0.75
-    weight_min: float = 0.05
+    adapt_shares: tuple[float, ...] = (0.05, 0.25, 0.5, 0.6, 0.75)
+    weight_min: float = 0.005
     level_start: int = 6
     level_max: int = 8
-    count_max: int = 150_000
+    count_max: int = 100_000
 
 
-LEARNING_RATES = {"densities": 0.05, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
+LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
 BETAS = (0.9, 0.99)
 RATE_FALL = 0.1
 """The learning rate at the end, as a share of that at the start; it falls exponentially."""
@@ -106,8 +105,7 @@ class Trainer(ViewTrainer):
 
     def adapt(self) -> None:
         settings = self.settings
-        every = math.ceil(settings.adapt_every_share * settings.iterations)
-        if self.iteration % every or self.iteration > settings.adapt_until_share * settings.iterations:
+        if self.iteration not in [math.ceil(share * settings.iterations) for share in settings.adapt_shares]:
             return
         octree = self.voxels.octree
         keep = self.meter.weight > settings.weight_min
