@@ -17,7 +17,7 @@ from zeroshop_steps.nvs.svraster.octree import CELLS, Octree
 from zeroshop_steps.nvs.svraster.start import start_voxels
 from zeroshop_steps.nvs.svraster.train import BETAS, LEARNING_RATES, Trainer, TrainingSettings
 from zeroshop_steps.nvs.svraster.voxels import Voxels, read_voxels, write_voxels
-from zeroshop_steps.nvs.svraster_mesh import marching_cubes, surface, view_depth
+from zeroshop_steps.nvs.svraster_mesh import faced, marching_cubes, surface, view_depth
 from zeroshop_steps.nvs.training import Views
 from zeroshop_steps.nvs.views import ObjectSphere, TrainingView
 
@@ -38,7 +38,7 @@ def watertight(mesh: Mesh) -> bool:
 
 def test_training_finds_the_ball_and_its_closed_surface(ball: tuple) -> None:
     views, _ = ball
-    trainer = trainer_for(views, iterations=200)
+    trainer = trainer_for(views, iterations=200, count_max=6000)
     before = trainer.psnr_db(0)
     trainer.run(200)
     after = np.mean([trainer.psnr_db(index) for index in range(len(views))])
@@ -127,12 +127,12 @@ def test_distances_are_signed_and_hidden_points_are_inside(ball: tuple) -> None:
     directions[:, 2] *= 0.3
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     for radius in (RADIUS - 0.04, RADIUS + 0.04):
-        found = signed_distances(radius * directions, cameras, depths, 0.1, zero_is_free=True)
+        found = signed_distances(radius * directions, cameras, depths, 0.1, zero_is_free=True, min_views=1)
         assert (np.sign(found) == np.sign(radius - RADIUS)).all()
-    assert np.allclose(signed_distances(np.zeros((1, 3)), cameras, depths, 0.1, zero_is_free=True), -0.1)
+    assert np.allclose(signed_distances(np.zeros((1, 3)), cameras, depths, 0.1, zero_is_free=True, min_views=1), -0.1)
     nothing = [np.zeros_like(depth) for depth in depths]
-    assert np.allclose(signed_distances(directions, cameras, nothing, 0.1, zero_is_free=False), -0.1)
-    assert np.allclose(signed_distances(directions, cameras, nothing, 0.1, zero_is_free=True), 0.1)
+    assert np.allclose(signed_distances(directions, cameras, nothing, 0.1, zero_is_free=False, min_views=1), -0.1)
+    assert np.allclose(signed_distances(directions, cameras, nothing, 0.1, zero_is_free=True, min_views=1), 0.1)
 
 
 def test_training_starts_dense_inside_confirmed_depths(ball: tuple) -> None:
@@ -206,6 +206,13 @@ def test_a_damaged_voxel_file_is_refused(ball: tuple, tmp_path: Path, damage: st
 def test_sparse_voxel_meshes_name_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(StepError, match="none.npz does not exist; train first"):
         read_voxels(tmp_path / "none.npz")
+
+
+def test_what_faces_no_camera_is_left_out(ball: tuple) -> None:
+    views = [view for view in ball[0] if view.camera.centre_in_world[2] > 0]
+    sphere = trimesh.creation.icosphere(4, RADIUS)
+    seen = faced(Mesh(np.asarray(sphere.vertices), np.asarray(sphere.faces)), views)
+    assert seen.vertices[:, 2].max() == pytest.approx(RADIUS, rel=0.01) and -RADIUS < seen.vertices[:, 2].min() < -0.3 * RADIUS
 
 
 def test_marching_cubes_faces_outwards() -> None:

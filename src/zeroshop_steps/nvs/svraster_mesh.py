@@ -26,8 +26,12 @@ BLOCK = 16
 """Lattice points along an edge of a block of Open3D's grid."""
 REACH_STEPS = 4.0
 """Depth maps are averaged within this many steps of the lattice around the surface that they show."""
+MIN_VIEWS = 2
+"""What fewer views see counts as hidden: one wrong depth digs no tunnel."""
 BAND_STEPS = 1.5
 """The density draws the surface within this many steps of the one that the depths show."""
+COSINE_MIN = 0.15
+"""Cosine of the angle between normal and ray from which a face counts as facing a camera."""
 SOFT = 4.0
 """Values are clipped this far around the surface's: no crossing is drawn towards a far value."""
 OFFSET_STEPS = 2.0
@@ -52,6 +56,7 @@ def run(args: argparse.Namespace) -> None:
     if mesh is None:
         raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
     mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
+    mesh = faced(mesh, views)
     world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
     write_ply(args.out, world)
     figures = {
@@ -80,7 +85,7 @@ def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray], o
     """
     points = field.points(np.argwhere(np.ones(field.values.shape, bool)))
     cameras, reach = [view.camera for view in views], REACH_STEPS * field.step
-    values = -signed_distances(points, cameras, depths, reach, zero_is_free=True).reshape(field.values.shape)
+    values = -signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(field.values.shape)
     if of_density:
         density = np.where(field.covered, np.clip(field.values - half_value(field.step), -SOFT, SOFT), -SOFT)
         values = np.where(np.abs(values) < BAND_STEPS * field.step, density, np.sign(values) * SOFT)
@@ -88,6 +93,19 @@ def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray], o
     values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = outside
     mesh = marching_cubes(values.astype(np.float32))
     return mesh and Mesh(field.points(mesh.vertices), mesh.faces)
+
+
+def faced(mesh: Mesh, views: list[TrainingView]) -> Mesh:
+    """The part of a mesh that faces some camera, however much else hides it; the rest, such as the underside, is a guess."""
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    cosine = np.full(len(normals), -1.0)
+    for view in views:
+        towards = view.camera.centre_in_world - corners[:, 0]
+        np.maximum(cosine, np.einsum("fi,fi->f", normals, towards) / np.linalg.norm(towards, axis=1), out=cosine)
+    used, faces = np.unique(mesh.faces[cosine > COSINE_MIN], return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
 
 
 def marching_cubes(values: np.ndarray) -> Mesh | None:

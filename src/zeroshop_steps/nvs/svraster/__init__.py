@@ -18,7 +18,7 @@ SEED_WIDTH_PX = 300
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_training_arguments(parser, "voxels.npz", iterations=800, image_width_px=800, sh_degree=1)
+    add_training_arguments(parser, "voxels.npz", iterations=600, image_width_px=800, sh_degree=1)
 
 
 def run(args: argparse.Namespace) -> None:

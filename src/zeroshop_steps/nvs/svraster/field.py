@@ -67,11 +67,13 @@ def half_value(step: float) -> float:
     return float(density if density > LINEAR_FROM else LINEAR_FROM * (1.0 + np.log(density / LINEAR_FROM)))
 
 
-def signed_distances(points: np.ndarray, cameras: list[Camera], depths: list[np.ndarray], reach: float, zero_is_free: bool) -> np.ndarray:
+def signed_distances(
+    points: np.ndarray, cameras: list[Camera], depths: list[np.ndarray], reach: float, zero_is_free: bool, min_views: int
+) -> np.ndarray:
     """(P,) float32 distance of (P, 3) points to the surface that depth maps describe, along the rays, positive before it.
 
     The mean over the views of what each says, at most `reach` (Curless & Levoy 1996). A view says nothing of what lies further
-    behind its surface; a point of which no view says anything is hidden, and gets -reach.
+    behind its surface; a point of which fewer than `min_views` say anything is hidden, and gets -reach.
 
     Args:
         depths: (H, W) float32 depth of the surface in each view, 0 where there is none.
@@ -80,7 +82,7 @@ def signed_distances(points: np.ndarray, cameras: list[Camera], depths: list[np.
     total, count = np.zeros(len(points), np.float32), np.zeros(len(points), np.int32)
     for camera, depth in zip(cameras, depths, strict=True):
         _add_distances(points, camera.row, depth, reach, zero_is_free, total, count)
-    return np.where(count > 0, total / np.maximum(count, 1), np.float32(-reach))
+    return np.where(count >= min_views, total / np.maximum(count, 1), np.float32(-reach))
 
 
 @numba.njit(cache=True, parallel=True)

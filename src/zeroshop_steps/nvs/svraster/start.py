@@ -2,7 +2,7 @@
 
 import numpy as np
 import torch
-from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, map_coordinates
 
 from zeroshop_steps.nvs.harmonics import SH_CONSTANT
 from zeroshop_steps.nvs.hull import VisualHull
@@ -17,11 +17,11 @@ REACH = 0.06
 """Reach of confirmed depths around the surface, in normalized units."""
 SLOPE = 160.0
 """Rise of the density, before activation, with the depth behind the suggested surface: five for each leaf of level 6."""
-DENSITY_MIN, DENSITY_MAX = -4.0, 3.0
-HULL_DENSITY_MAX = 1.0
-"""Most where only the visual hull suggests a surface: images can still see through it."""
-
-
+DENSITY_MIN, DENSITY_MAX = -4.0, 2.5
+HALF_DENSITY = 1.0
+"""Density at the suggested surface: with this slope, half of the light is stopped before it."""
+SMOOTH_CELLS = 1.5
+"""Standard deviation of the smoothing, in half leaves."""
 FILL_PX = 1.5
 """A confirmed depth stands for the pixels around it as far as this: not every pixel is swept."""
 
@@ -47,13 +47,9 @@ def start_voxels(start: Start, views: list[TrainingView], level: int, sh_degree:
     octree = Octree.of(met * (CELLS >> level), np.full(len(met), level))
 
     corners = octree.corner_points * (2.0 / CELLS) - 1.0
-    cameras, depths = [view.camera for view in views], [_depth_map(view, *anchors(view, start)) for view in views]
-    by_depth = signed_distances(corners, cameras, depths, REACH, zero_is_free=False)
-    by_hull = _distances_to(occupied, corners)
-    known = (by_depth > -REACH) & ~free_space.holds(corners)
-    densities = np.where(
-        known, np.clip(-SLOPE * by_depth, DENSITY_MIN, DENSITY_MAX), np.clip(-SLOPE * by_hull, DENSITY_MIN, HULL_DENSITY_MAX)
-    )
+    distances = _smooth_distances(start, views, occupied)
+    distances = map_coordinates(distances, (corners.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
+    densities = np.clip(HALF_DENSITY - SLOPE * distances, DENSITY_MIN, DENSITY_MAX)
     outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
     colors = mean_colors(octree.centres, outward, views)
     return Voxels(
@@ -75,9 +71,19 @@ def _depth_map(view: TrainingView, pixels: torch.Tensor, depths: torch.Tensor) -
     return np.where(distance <= FILL_PX, depth[y, x], np.float32(0.0))
 
 
-def _distances_to(occupied: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(P,) distance of (P, 3) points to the surface of the occupied cells of a grid over the root, negative inside."""
-    cell = 2.0 / len(occupied)
-    # Between the centres of a cell within and one without, each one edge from the other, lies the surface.
-    distances = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5)
-    return map_coordinates(distances, (points.T + 1.0) / cell - 0.5, order=1, mode="nearest") * cell
+def _smooth_distances(start: Start, views: list[TrainingView], occupied: np.ndarray) -> np.ndarray:
+    """Distance to the suggested surface at the centres of the cells of a grid over the root, negative inside, in normalized units.
+
+    Plane sweep's depths are rough where the object is plain, and the hull has edges that it lacks: hence smooth.
+    """
+    edge = 2.0 / len(occupied)
+    # Between the centres of a cell within and one without, each half an edge from it, lies the hull's surface.
+    by_hull = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5) * edge
+    near = np.argwhere(np.abs(by_hull) < 2 * REACH)
+    points = (near + 0.5) * edge - 1.0
+    cameras, depths = [view.camera for view in views], [_depth_map(view, *anchors(view, start)) for view in views]
+    by_depth = signed_distances(points, cameras, depths, REACH, zero_is_free=False, min_views=1)
+    known = (by_depth > -REACH) & occupied[tuple(near.T)]
+    distances = np.clip(by_hull, -REACH, REACH)
+    distances[tuple(near[known].T)] = by_depth[known]
+    return gaussian_filter(distances, SMOOTH_CELLS)

@@ -22,7 +22,7 @@ from zeroshop_steps.nvs.views import TrainingView
 class TrainingSettings:
     """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
 
-    iterations: int = 800
+    iterations: int = 600
     sh_degree: int = 1
     seed: int = 0
     lambda_dssim: float = 0.02
@@ -30,8 +30,8 @@ class TrainingSettings:
     lambda_transmittance: float = 0.1
     lambda_color: float = 0.01
     lambda_away: float = 0.01
-    lambda_normal: float = 0.01
-    lambda_depth: float = 0.25
+    lambda_normal: float = 0.05
+    lambda_depth: float = 0.5
     depth_until_share: float = 0.7
     normal_from_share: float = 0.25
     coarse_share: float = 0.5
@@ -39,7 +39,7 @@ class TrainingSettings:
     weight_min: float = 0.005
     level_start: int = 6
     level_max: int = 8
-    count_max: int = 100_000
+    count_max: int = 130_000
 
 
 LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
@@ -81,7 +81,6 @@ class Trainer(ViewTrainer):
         super().__init__(voxels, AdamWithSurgery(voxels, LEARNING_RATES, BETAS), views, start, settings)
         self.voxels = voxels
         self.meter = VoxelMeter(len(voxels))
-        self.checked_level = settings.level_start
 
     def render_views_of(self, views: list[TrainingView]) -> list[RenderView]:
         return [RenderView.around_object(view) for view in views]
@@ -109,9 +108,6 @@ class Trainer(ViewTrainer):
             return
         octree = self.voxels.octree
         keep = self.meter.weight > settings.weight_min
-        fresh = keep & (octree.levels > self.checked_level)
-        keep[fresh] = ~self.start.free_space.holds(octree.centres[fresh])
-        self.checked_level = int(octree.levels.max())
         # A voxel that covers no more than a pixel has nothing to gain.
         wanted = np.where(octree.sizes > self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
         prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
@@ -133,7 +129,6 @@ class Trainer(ViewTrainer):
 
     def restore(self, content: dict[str, Any]) -> None:
         self.meter.weight, self.meter.priority = (tensor.numpy() for tensor in content["meter"])
-        self.checked_level = content["checked_level"]
 
     @classmethod
     def around(cls, content: dict[str, Any], views: Views, start: Start, settings: TrainingSettings) -> "Trainer":
