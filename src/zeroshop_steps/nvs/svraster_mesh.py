@@ -16,7 +16,7 @@ from zeroshop_steps.files import write_json
 from zeroshop_steps.meshes import Mesh, write_ply
 from zeroshop_steps.nvs.fuse import in_fixed_order
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
-from zeroshop_steps.nvs.svraster.field import Field, half_value, hidden
+from zeroshop_steps.nvs.svraster.field import Field, half_value, signed_distances
 from zeroshop_steps.nvs.svraster.render import RenderView, render
 from zeroshop_steps.nvs.svraster.voxels import Voxels, read_voxels
 from zeroshop_steps.nvs.views import TrainingView, read_camera_set, training_views
@@ -24,8 +24,14 @@ from zeroshop_steps.o3d import o3d
 
 BLOCK = 16
 """Lattice points along an edge of a block of Open3D's grid."""
-HIDDEN_STEPS = 1.5
-"""A point this many steps of the lattice behind every view's surface is inside."""
+REACH_STEPS = 4.0
+"""Depth maps are averaged within this many steps of the lattice around the surface that they show."""
+MIN_VIEWS = 2
+"""What fewer views see counts as hidden: one wrong depth digs no tunnel."""
+BAND_STEPS = 1.5
+"""The density draws the surface within this many steps of the one that the depths show."""
+COSINE_MIN = 0.15
+"""Cosine of the angle between normal and ray from which a face counts as facing a camera."""
 SOFT = 4.0
 """Values are clipped this far around the surface's: no crossing is drawn towards a far value."""
 OFFSET_STEPS = 2.0
@@ -36,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--voxels-file", type=Path, required=True, help="voxels.npz of the training")
     parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
+    parser.add_argument("--field", choices=("depth", "density"), default="depth", help="what draws the surface on the voxels' corners")
     parser.add_argument("--image-width-px", type=int, default=800, help="width at which depth is rendered, at most that of the images")
     parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
 
@@ -45,10 +52,11 @@ def run(args: argparse.Namespace) -> None:
     voxels, sphere = read_voxels(args.voxels_file)
     views = training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
     field = Field.of(voxels.octree, voxels.densities.numpy(), border=2)
-    mesh = surface(field, views, [view_depth(voxels, view) for view in views])
+    mesh = surface(field, views, [view_depth(voxels, view) for view in views], args.field == "density")
     if mesh is None:
         raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
     mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
+    mesh = faced(mesh, views)
     world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
     write_ply(args.out, world)
     figures = {
@@ -68,25 +76,43 @@ def view_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
     return np.where(view.mask.numpy() > 0.5, rendering.median_depth.numpy(), np.float32(0.0))
 
 
-def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
+def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray], of_density: bool) -> Mesh | None:
     """The surface of a field, in normalized coordinates; None when there is none.
 
     Args:
         depths: (H, W) depth of the surface in each view, 0 where it sees past the object.
+        of_density: whether the density draws the surface, within a narrow band around the one that the depths show, or they alone.
     """
-    level = half_value(field.step)
-    index = np.argwhere(np.ones(field.values.shape, bool))
-    inside = hidden(field.points(index), views, depths, HIDDEN_STEPS * field.step).reshape(field.values.shape)
-    values = np.where(field.covered, np.clip(field.values - level, -SOFT, SOFT), -SOFT)
-    values = np.where(inside, SOFT, values)
-    values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = -SOFT
+    points = field.points(np.argwhere(np.ones(field.values.shape, bool)))
+    cameras, reach = [view.camera for view in views], REACH_STEPS * field.step
+    values = -signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(field.values.shape)
+    if of_density:
+        density = np.where(field.covered, np.clip(field.values - half_value(field.step), -SOFT, SOFT), -SOFT)
+        values = np.where(np.abs(values) < BAND_STEPS * field.step, density, np.sign(values) * SOFT)
+    outside = values.min()
+    values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = outside
     mesh = marching_cubes(values.astype(np.float32))
     return mesh and Mesh(field.points(mesh.vertices), mesh.faces)
 
 
+def faced(mesh: Mesh, views: list[TrainingView]) -> Mesh:
+    """The part of a mesh that faces some camera, however much else hides it; the rest, such as the underside, is a guess."""
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    cosine = np.full(len(normals), -1.0)
+    for view in views:
+        towards = view.camera.centre_in_world - corners[:, 0]
+        np.maximum(cosine, np.einsum("fi,fi->f", normals, towards) / np.linalg.norm(towards, axis=1), out=cosine)
+    used, faces = np.unique(mesh.faces[cosine > COSINE_MIN], return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
+
+
 def marching_cubes(values: np.ndarray) -> Mesh | None:
     """The surface where (X, Y, Z) float32 values pass zero, facing the negative side, in units of the lattice; None when there is none."""
-    padded = np.pad(values, [(0, -size % BLOCK) for size in values.shape], constant_values=-SOFT)
+    if values.min() > 0 or values.max() < 0:
+        return None
+    padded = np.pad(values, [(0, -size % BLOCK) for size in values.shape], constant_values=values.min())
     x, y, z = (size // BLOCK for size in padded.shape)
     blocks = padded.reshape(x, BLOCK, y, BLOCK, z, BLOCK).transpose(0, 2, 4, 5, 3, 1).reshape(x * y * z, -1)
     keys = np.argwhere(np.ones((x, y, z), bool)).astype(np.int32)

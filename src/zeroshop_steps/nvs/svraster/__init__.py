@@ -22,7 +22,7 @@ CACHED = Cached(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_training_arguments(parser, "voxels.npz", iterations=800, image_width_px=800, sh_degree=1)
+    add_training_arguments(parser, "voxels.npz", iterations=600, image_width_px=800, sh_degree=1)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -30,10 +30,11 @@ def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.files import write_json
     from zeroshop_steps.nvs.patchmatch import grid_view
     from zeroshop_steps.nvs.seeds import SEED_BORDER_PX, SEED_WIDTH_PX
+    from zeroshop_steps.nvs.svraster.start import start_voxels
     from zeroshop_steps.nvs.svraster.train import Trainer, TrainingSettings
-    from zeroshop_steps.nvs.svraster.voxels import start_octree, start_voxels, write_voxels
+    from zeroshop_steps.nvs.svraster.voxels import write_voxels
     from zeroshop_steps.nvs.training import TrainingInputs, use_threads, write_curve
-    from zeroshop_steps.nvs.twodgs.start import find_start, mean_colors
+    from zeroshop_steps.nvs.twodgs.start import find_start
     from zeroshop_steps.nvs.views import training_views
 
     threads = use_threads(args.threads)
@@ -48,13 +49,10 @@ def run(args: argparse.Namespace) -> None:
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:
         small = [grid_view(view) for view in seed_images]
-        cameras, masks = [view.camera for view in small], [view.mask.numpy() > 0 for view in small]
-        octree = start_octree(cameras, masks, start.free_space.holds, settings.level_start)
-        if len(octree) < 10:
-            raise StepError(f"the masks of {args.cameras} leave {len(octree)} voxels: masks and cameras do not agree; look at both")
-        outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
-        colors = mean_colors(octree.centres, outward, small)
-        trainer = Trainer(start_voxels(octree, start.points, colors, settings.sh_degree), views, start, settings)
+        voxels = start_voxels(start, small, settings.level_start, settings.sh_degree)
+        if len(voxels) < 10:
+            raise StepError(f"the masks of {args.cameras} leave {len(voxels)} voxels: masks and cameras do not agree; look at both")
+        trainer = Trainer(voxels, views, start, settings)
     trainer.run_with_checkpoints(args.checkpoint_every, checkpoint, identity, args.cameras)
     if len(trainer.voxels) < 10:
         raise StepError(f"training on {args.cameras} left {len(trainer.voxels)} voxels: masks and cameras do not agree; look at both")

@@ -1,16 +1,13 @@
-"""The density of an octree on one lattice, and what no camera sees of it: what marching cubes needs."""
+"""The density of an octree on one lattice, and how far its points are from the surface that depth maps show: what marching cubes needs."""
 
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 
+from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.svraster.octree import CELLS, Octree
 from zeroshop_steps.nvs.svraster.rasterize import DENSITY_SCALE, LINEAR_FROM
-from zeroshop_steps.nvs.views import TrainingView
-
-FREE_VIEWS = 2
-"""A point that this many views see through is not inside the object."""
 
 
 @dataclass(frozen=True)
@@ -70,31 +67,37 @@ def half_value(step: float) -> float:
     return float(density if density > LINEAR_FROM else LINEAR_FROM * (1.0 + np.log(density / LINEAR_FROM)))
 
 
-def hidden(points: np.ndarray, views: list[TrainingView], depths: list[np.ndarray], margin: float) -> np.ndarray:
-    """(P,) bool: which (P, 3) normalized points lie behind what every view sees, but for one: inside, or below the object.
+def signed_distances(
+    points: np.ndarray, cameras: list[Camera], depths: list[np.ndarray], reach: float, zero_is_free: bool, min_views: int
+) -> np.ndarray:
+    """(P,) float32 distance of (P, 3) points to the surface that depth maps describe, along the rays, positive before it.
+
+    The mean over the views of what each says, at most `reach` (Curless & Levoy 1996). A view says nothing of what lies further
+    behind its surface; a point of which fewer than `min_views` say anything is hidden, and gets -reach.
 
     Args:
-        depths: (H, W) depth of the surface in each view; 0 where it sees past the object.
-        margin: points must lie this far behind the surface.
+        depths: (H, W) float32 depth of the surface in each view, 0 where there is none.
+        zero_is_free: whether the view sees past the object where its depth is 0, and beside its image, rather than knowing nothing.
     """
-    seen = np.zeros(len(points), np.int32)
-    for view, depth in zip(views, depths, strict=True):
-        camera = view.camera
-        _count_seen(points, camera.row, depth, margin, seen)
-    return seen < FREE_VIEWS
+    total, count = np.zeros(len(points), np.float32), np.zeros(len(points), np.int32)
+    for camera, depth in zip(cameras, depths, strict=True):
+        _add_distances(points, camera.row, depth, reach, zero_is_free, total, count)
+    return np.where(count >= min_views, total / np.maximum(count, 1), np.float32(-reach))
 
 
 @numba.njit(cache=True, parallel=True)
-def _count_seen(points, camera, depth, margin, seen):
+def _add_distances(points, camera, depth, reach, zero_is_free, total, count):
     height, width = depth.shape
     for i in numba.prange(len(points)):
         p = points[i]
         x = camera[0] * p[0] + camera[1] * p[1] + camera[2] * p[2] + camera[9]
         y = camera[3] * p[0] + camera[4] * p[1] + camera[5] * p[2] + camera[10]
         z = camera[6] * p[0] + camera[7] * p[1] + camera[8] * p[2] + camera[11]
+        if z <= 0:
+            continue
         u, v = int(np.floor(camera[12] * x / z + camera[14])), int(np.floor(camera[13] * y / z + camera[15]))
-        if z <= 0 or u < 0 or v < 0 or u >= width or v >= height:
-            # The image is a crop around the object: what lies beside it is not the object.
-            seen[i] += 1
-        elif depth[v, u] <= 0 or z < depth[v, u] + margin:
-            seen[i] += 1
+        surface = depth[v, u] if 0 <= u < width and 0 <= v < height else 0.0
+        distance = surface - z if surface > 0 else (reach if zero_is_free else -2.0 * reach)
+        if distance >= -reach:
+            total[i] += min(distance, reach)
+            count[i] += 1

@@ -22,7 +22,7 @@ from zeroshop_steps.nvs.views import TrainingView
 class TrainingSettings:
     """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
 
-    iterations: int = 800
+    iterations: int = 600
     sh_degree: int = 1
     seed: int = 0
     lambda_dssim: float = 0.02
@@ -30,20 +30,19 @@ class TrainingSettings:
     lambda_transmittance: float = 0.1
     lambda_color: float = 0.01
     lambda_away: float = 0.01
-    lambda_normal: float = 0.01
-    lambda_depth: float = 0.25
+    lambda_normal: float = 0.05
+    lambda_depth: float = 0.5
     depth_until_share: float = 0.7
     normal_from_share: float = 0.25
     coarse_share: float = 0.5
-    adapt_every_share: float = 0.125
-    adapt_until_share: float = 0.75
-    weight_min: float = 0.05
+    adapt_shares: tuple[float, ...] = (0.05, 0.25, 0.5, 0.6, 0.75)
+    weight_min: float = 0.005
     level_start: int = 6
     level_max: int = 8
-    count_max: int = 150_000
+    count_max: int = 130_000
 
 
-LEARNING_RATES = {"densities": 0.05, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
+LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
 BETAS = (0.9, 0.99)
 RATE_FALL = 0.1
 """The learning rate at the end, as a share of that at the start; it falls exponentially."""
@@ -82,7 +81,6 @@ class Trainer(ViewTrainer):
         super().__init__(voxels, AdamWithSurgery(voxels, LEARNING_RATES, BETAS), views, start, settings)
         self.voxels = voxels
         self.meter = VoxelMeter(len(voxels))
-        self.checked_level = settings.level_start
 
     def render_views_of(self, views: list[TrainingView]) -> list[RenderView]:
         return [RenderView.around_object(view) for view in views]
@@ -106,14 +104,10 @@ class Trainer(ViewTrainer):
 
     def adapt(self) -> None:
         settings = self.settings
-        every = math.ceil(settings.adapt_every_share * settings.iterations)
-        if self.iteration % every or self.iteration > settings.adapt_until_share * settings.iterations:
+        if self.iteration not in [math.ceil(share * settings.iterations) for share in settings.adapt_shares]:
             return
         octree = self.voxels.octree
         keep = self.meter.weight > settings.weight_min
-        fresh = keep & (octree.levels > self.checked_level)
-        keep[fresh] = ~self.start.free_space.holds(octree.centres[fresh])
-        self.checked_level = int(octree.levels.max())
         # A voxel that covers no more than a pixel has nothing to gain.
         wanted = np.where(octree.sizes > self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
         prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
@@ -135,7 +129,6 @@ class Trainer(ViewTrainer):
 
     def restore(self, content: dict[str, Any]) -> None:
         self.meter.weight, self.meter.priority = (tensor.numpy() for tensor in content["meter"])
-        self.checked_level = content["checked_level"]
 
     @classmethod
     def around(cls, content: dict[str, Any], views: Views, start: Start, settings: TrainingSettings) -> "Trainer":

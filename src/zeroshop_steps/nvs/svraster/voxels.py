@@ -5,19 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.ndimage import binary_dilation
-from scipy.spatial import cKDTree
 
-from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
-from zeroshop_steps.nvs.harmonics import SH_CONSTANT
-from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.svraster.octree import CELLS, CORNER_OFFSETS, Octree
+from zeroshop_steps.nvs.svraster.octree import Octree
 from zeroshop_steps.nvs.views import ObjectSphere
 
-MIST_DENSITY, SURFACE_DENSITY = -2.0, 0.0
-"""Values before activation at the start: a leaf of level 6 has the opacity 0.2 or, near points of the surface, 0.7."""
 FIELDS = ("origins", "levels", "densities", "sh", "centre", "radius")
 
 
@@ -42,34 +35,6 @@ class Voxels:
     def tensors(self) -> dict[str, torch.Tensor]:
         """What is trained, by name."""
         return {"densities": self.densities, "sh_constant": self.sh_constant, "sh_rest": self.sh_rest}
-
-
-def start_octree(cameras: list[Camera], masks: list[np.ndarray], holds_nothing, level: int) -> Octree:
-    """The cells of a level that the visual hull meets and that are not wholly in free space.
-
-    Args:
-        cameras, masks: views in normalized coordinates and their (H, W) bool masks.
-        holds_nothing: tells for (P, 3) points which lie in free space, outside the masks too, as (P,) bool.
-    """
-    coarse = VisualHull.carve(cameras, masks, half_extent=1.0, resolution=1 << level, misses_allowed=1).occupied
-    cells = np.argwhere(binary_dilation(coarse, np.ones((3, 3, 3), bool)))
-    children = ((2 * cells[:, None] + CORNER_OFFSETS + 0.5) / (1 << level) - 1.0).reshape(-1, 3)
-    solid = ~holds_nothing(children).reshape(-1, 8).all(axis=1)
-    return Octree.of(cells[solid] * (CELLS >> level), np.full(int(solid.sum()), level))
-
-
-def start_voxels(octree: Octree, points: np.ndarray, colors: np.ndarray, sh_degree: int) -> Voxels:
-    """Thin mist, denser near (P, 3) points where a surface is known to be; each leaf's (N, 3) RGB colour from all sides."""
-    corners = octree.corner_points * (2.0 / CELLS) - 1.0
-    known = (
-        cKDTree(points).query(corners, distance_upper_bound=octree.sizes.max())[0] < np.inf if len(points) else np.zeros(len(corners), bool)
-    )
-    return Voxels(
-        octree,
-        torch.from_numpy(np.where(known, SURFACE_DENSITY, MIST_DENSITY).astype(np.float32)),
-        torch.tensor((colors - 0.5) / SH_CONSTANT, dtype=torch.float32)[:, None, :],
-        torch.zeros(len(octree), (sh_degree + 1) ** 2 - 1, 3),
-    )
 
 
 def write_voxels(path: Path, voxels: Voxels, sphere: ObjectSphere) -> None:

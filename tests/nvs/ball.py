@@ -1,0 +1,53 @@
+"""A small ball with a smooth pattern, drawn without the renderers under test."""
+
+import numpy as np
+import torch
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.nvs.carve import Volume
+from zeroshop_steps.nvs.hull import VisualHull
+from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
+from zeroshop_steps.nvs.views import TrainingView
+
+SIZE_PX, FOCAL_PX, RADIUS = 64, 90.0, 0.6
+
+
+def look_at(centre: np.ndarray) -> np.ndarray:
+    forward = -centre / np.linalg.norm(centre)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ centre
+    return pose
+
+
+def ball_view(azimuth_deg: float, elevation_deg: float) -> tuple[TrainingView, np.ndarray]:
+    """A view of the ball and its exact depth (0 outside)."""
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    centre = 2.5 * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    k = np.array([[FOCAL_PX, 0, SIZE_PX / 2], [0, FOCAL_PX, SIZE_PX / 2], [0, 0, 1]])
+    camera = Camera(f"{azimuth_deg}_{elevation_deg}.png", SIZE_PX, SIZE_PX, k, look_at(centre))
+    y, x = np.mgrid[:SIZE_PX, :SIZE_PX] + 0.5
+    rays = np.stack([(x - k[0, 2]) / FOCAL_PX, (y - k[1, 2]) / FOCAL_PX, np.ones_like(x)], -1) @ camera.camera_from_world[:3, :3]
+    b, c, n = rays @ centre, centre @ centre - RADIUS**2, (rays**2).sum(-1)
+    inside = b**2 - n * c
+    depth = np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0))) / n, 0.0)
+    points = centre + depth[..., None] * rays
+    smooth = 0.5 + 0.4 * np.sin(9.0 * points) * np.cos(7.0 * points[..., [1, 2, 0]])
+    mask = (inside > 0).astype(np.float32)
+    color = (smooth * mask[..., None]).astype(np.float32).transpose(2, 0, 1).copy()
+    active = np.ones((SIZE_PX, SIZE_PX), bool)
+    return TrainingView(camera, torch.from_numpy(color), torch.from_numpy(mask), torch.from_numpy(active), np.ones((4, 4), bool)), depth
+
+
+def ball_start(views: list[TrainingView]) -> Start:
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(600, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cameras, masks = [view.camera for view in views], [view.mask.numpy() > 0 for view in views]
+    volume = Volume.of(VisualHull.carve(cameras, masks, 1.0, 48, misses_allowed=1))
+    nothing = {camera.name: np.zeros((0, 2)) for camera in cameras}
+    none = {camera.name: np.zeros(0) for camera in cameras}
+    points = normals * RADIUS * rng.uniform(0.9, 1.0, (600, 1))
+    return Start(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, volume), nothing, none)
