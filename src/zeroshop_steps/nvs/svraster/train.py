@@ -123,7 +123,6 @@ class Trainer(ViewTrainer):
         leaves = (torch.from_numpy(octree.origins), torch.from_numpy(octree.levels))
         return {
             "leaves": leaves,
-            "checked_level": self.checked_level,
             "meter": (torch.from_numpy(self.meter.weight), torch.from_numpy(self.meter.priority)),
         }
 
