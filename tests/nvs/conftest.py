@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 import torch
-from ball import ball_view
+from ball import ball_views
 
 from zeroshop_steps.nvs.views import TrainingView
 
@@ -18,5 +18,4 @@ def one_thread() -> None:
 
 @pytest.fixture(scope="module")
 def ball() -> tuple[list[TrainingView], list[np.ndarray]]:
-    pairs = [ball_view(azimuth, elevation) for elevation in (-25.0, 25.0) for azimuth in range(0, 360, 36)]
-    return [view for view, _ in pairs], [depth for _, depth in pairs]
+    return ball_views()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start
+from ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start, ball_views
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.meshes import Mesh
@@ -90,14 +90,14 @@ def test_a_truncated_splat_ply_is_refused(ball: tuple, tmp_path: Path) -> None:
         read_splat_ply(tmp_path / "s.ply")
 
 
-def test_stereo_finds_the_surface_and_its_normals(ball: tuple) -> None:
-    views, depths = ball
+def test_stereo_finds_the_surface_and_its_normals() -> None:
+    enlarged = 3
+    views, depths = ball_views(enlarged * SIZE_PX, fineness=3.0)
     hull = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48, misses_allowed=1)
     seeds, volume = find_seeds(views, hull, seed=0)
     radius = np.linalg.norm(seeds.positions, axis=1)
     assert len(seeds.positions) > 500
-    # Half a pixel at the ball's distance; its patches span a third of the ball, which blurs the normals.
-    exact = 0.5 * 2.5 / FOCAL_PX
+    exact = 0.5 * 2.5 / (enlarged * FOCAL_PX)  # half a pixel at the ball's distance
     assert np.median(np.abs(radius - RADIUS)) < exact
     assert np.quantile(((seeds.positions / radius[:, None]) * seeds.normals).sum(1), 0.1) > 0.8
     errors = []
