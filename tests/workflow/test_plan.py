@@ -80,7 +80,7 @@ def able(table):
         ("results/demo/mug/su_l/truth/2dgs/cell.csv", 1, 1),
         ("results/demo/mug/cells.csv", 1, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
         ("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1),
-        ("results/demo/tables/quality.csv", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
+        ("results/demo/tables/reconstruction.csv", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
         ("results/demo/tables/reconstruction.md", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
     ],
 )
@@ -114,7 +114,7 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
         ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),
         ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video"),
         ("results/photos/cup/2dgs.ply", "the folder of its images, photos/of/nothing, does not exist"),
-        ("results/photos/tables/quality.csv", "unknown virtual dataset: photos"),
+        ("results/photos/tables/reconstruction.csv", "unknown virtual dataset: photos"),
         ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),
         ("results/demo/tables/su_q/colmap/2dgs.csv", "unknown scene of a virtual dataset: su_q. Did you mean su_"),
         ("results/demo/tables/su_h/colmop/2dgs.csv", "unknown registration of a virtual dataset: colmop. Did you mean colmap"),

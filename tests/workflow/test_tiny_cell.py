@@ -95,9 +95,9 @@ def test_asked_for_directly_a_failed_cell_ends_with_its_reason(cell):
 
 
 def test_the_table_has_the_failed_cell_with_its_reason(cell):
-    run = again(cell, "results/demo/tables/quality.csv", "results/demo/tables/cameras.csv")
+    run = again(cell, "results/demo/tables/reconstruction.csv", "results/demo/tables/cameras.csv")
     assert run.returncode == 0, run.stdout
-    with (cell / "results/demo/tables/quality.csv").open() as file:
+    with (cell / "results/demo/tables/reconstruction.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["measure"] for row in rows if row["registration"] == "truth"} >= {"accuracy_mm", "completeness_mm", "f_score_1_percent"}
     [failed] = [row for row in rows if row["registration"] == "colmap"]

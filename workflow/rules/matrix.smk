@@ -3,7 +3,7 @@
 results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/cell.csv   one cell: its grade and figures, or grade none and the reason
 results/DATASET/OBJECT/cells.csv                         one object: every cell of it
 results/DATASET/tables/SCENE/REGISTRATION/NVS.csv        one column: this cell of every object
-results/DATASET/tables/quality.csv                       one table: every cell of every object
+results/DATASET/tables/reconstruction.csv                one table: every cell of every object
 results/DATASET/tables/reconstruction.md                 its grades as marks (report.smk)
 
 A failed cell is a result: in such a run a step that fails leaves a record, `outcome` ends in it, and the others go on.

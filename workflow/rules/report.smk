@@ -2,31 +2,9 @@
 
 
 localrules:
-    quality_table,
     camera_table,
     reconstruction_table,
     reconstruction_marks,
-
-
-rule quality_table:
-    input:
-        cells=figures_of(cells_of_table),
-    output:
-        table="results/{dataset}/tables/quality.csv",
-    log:
-        "results/{dataset}/tables/logs/quality.log",
-    benchmark:
-        "results/{dataset}/tables/benchmarks/quality.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    message:
-        "Gathering the quality of every cell of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method table --measurements {input.cells} --out {output.table} > {log} 2>&1"
 
 
 rule camera_table:
