@@ -169,7 +169,7 @@ def test_the_real_steps_know_their_inputs():
     """Every argument that CACHED names exists, and every one that is a path is an input or the output."""
     import importlib
 
-    for step in ("capture.raycast", "register.colmap", "register.truth", "nvs.twodgs", "nvs.svraster"):
+    for step in ("capture.raycast", "register.colmap", "register.truth", "nvs.stereo", "nvs.twodgs", "nvs.svraster"):
         module = importlib.import_module(f"zeroshop_steps.{step}")
         parser = argparse.ArgumentParser()
         module.add_arguments(parser)

@@ -6,7 +6,7 @@ import torch
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.carve import Volume
 from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.twodgs.start import FreeSpace, Start
+from zeroshop_steps.nvs.start import FreeSpace, Start
 from zeroshop_steps.nvs.views import TrainingView
 
 SIZE_PX, FOCAL_PX, RADIUS = 64, 90.0, 0.6

@@ -2,21 +2,17 @@
 
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 import torch
 import trimesh
-from ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start, ball_views
+from ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.nvs.fuse import fuse, view_depth
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
-from zeroshop_steps.nvs.patch_cost import STRIDE_PX
-from zeroshop_steps.nvs.patchmatch import grid_view, match
-from zeroshop_steps.nvs.seeds import find_seeds
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
 from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.training import Views
@@ -88,48 +84,6 @@ def test_a_truncated_splat_ply_is_refused(ball: tuple, tmp_path: Path) -> None:
     (tmp_path / "s.ply").write_bytes((tmp_path / "s.ply").read_bytes()[:-100])
     with pytest.raises(StepError, match="s.ply is not a whole splat PLY"):
         read_splat_ply(tmp_path / "s.ply")
-
-
-def test_stereo_finds_the_surface_and_its_normals() -> None:
-    enlarged = 3
-    views, depths = ball_views(enlarged * SIZE_PX, fineness=3.0)
-    hull = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48, misses_allowed=1)
-    seeds, volume = find_seeds(views, hull, seed=0)
-    radius = np.linalg.norm(seeds.positions, axis=1)
-    assert len(seeds.positions) > 500
-    exact = 0.5 * 2.5 / (enlarged * FOCAL_PX)  # half a pixel at the ball's distance
-    assert np.median(np.abs(radius - RADIUS)) < exact
-    assert np.quantile(((seeds.positions / radius[:, None]) * seeds.normals).sum(1), 0.1) > 0.8
-    errors = []
-    for view, found, true_depth in zip(views, seeds.depth_maps, depths, strict=True):
-        expected = true_depth[::STRIDE_PX, ::STRIDE_PX]
-        assert found.shape == grid_view(view).mask.shape
-        errors.append(np.abs(found - expected)[(found > 0) & (expected > 0)])
-    assert np.median(np.concatenate(errors)) < exact, "depths belong to the pixels of the grid view"
-    assert volume.occupied.sum() <= hull.occupied.sum()
-
-
-def test_stereo_gives_the_same_whatever_the_number_of_threads(ball: tuple) -> None:
-    views, _ = ball
-    occupied = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48).occupied
-    one = match(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
-    numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
-    try:
-        two = match(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
-    finally:
-        numba.set_num_threads(1)
-    for first, second in zip(one, two, strict=True):
-        assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
-
-
-def test_grid_view_sees_what_every_third_pixel_sees(ball: tuple) -> None:
-    view = ball[0][3]
-    small = grid_view(view)
-    point = np.array([[0.1, -0.2, 0.3]])
-    pixel, small_pixel = view.camera.project(point)[0][0], small.camera.project(point)[0][0]
-    # The centre of the grid's pixel i is the centre of the image's pixel STRIDE_PX * i.
-    assert np.allclose((pixel - 0.5) / STRIDE_PX, small_pixel - 0.5)
-    assert torch.equal(small.color, view.color[:, ::STRIDE_PX, ::STRIDE_PX])
 
 
 def test_hull_holds_the_ball_and_little_more(ball: tuple) -> None:

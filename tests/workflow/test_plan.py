@@ -8,7 +8,7 @@ from running import REPOSITORY, planned
 from zeroshop_steps import methods
 
 FINISH = ["clean", "frame", "unwrap", "texture", "export", "grade", "preview", "publish"]
-CELL = ["train_2dgs", "fuse_2dgs", *FINISH]
+CELL = ["stereo", "train_2dgs", "fuse_2dgs", *FINISH]
 
 
 def photo_table(folder, images, masks, height=""):
@@ -34,7 +34,15 @@ def test_a_bop_object(snakemake):
 def test_the_same_object_by_sparse_voxels(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/svraster.ply")
     assert run.returncode == 0, run.stdout
-    steps = ["demo_model", "capture_virtual", "register", "quality", "train_svraster", "mesh_svraster", *FINISH]
+    steps = ["demo_model", "capture_virtual", "register", "quality", "stereo", "train_svraster", "mesh_svraster", *FINISH]
+    assert planned(run.stdout) == dict.fromkeys(steps, 1)
+
+
+def test_both_optimizers_share_one_stereo(snakemake):
+    cell = "results/demo/mustard_bottle/su_h/colmap"
+    run = snakemake("-n", f"{cell}/2dgs/raw_mesh.ply", f"{cell}/svraster/raw_mesh.ply")
+    assert run.returncode == 0, run.stdout
+    steps = ["demo_model", "capture_virtual", "register", "stereo", "train_2dgs", "fuse_2dgs", "train_svraster", "mesh_svraster"]
     assert planned(run.stdout) == dict.fromkeys(steps, 1)
 
 

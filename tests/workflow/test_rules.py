@@ -32,7 +32,7 @@ def test_a_rule_has_all_its_parts(name):
     assert "python -m zeroshop_steps." in RULES[name] and "> {log} 2>&1" in RULES[name]
 
 
-@pytest.mark.parametrize("name", ["capture_virtual", "register", "train_2dgs", "train_svraster"])
+@pytest.mark.parametrize("name", ["capture_virtual", "register", "stereo", "train_2dgs", "train_svraster"])
 def test_a_long_step_is_told_its_threads(name):
     assert "--threads {threads}" in RULES[name]
 

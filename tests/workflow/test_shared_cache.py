@@ -10,7 +10,10 @@ from running import REPOSITORY, run_snakemake
 
 CELL = "results/demo/mustard_bottle/su_h/truth"
 SPLATS = f"{CELL}/2dgs/splats/splats.ply"
-LOGS = ["results/demo/mustard_bottle/su_h/logs/capture.log", f"{CELL}/logs/register.log", f"{CELL}/2dgs/logs/train.log"]
+LOGS = [
+    "results/demo/mustard_bottle/su_h/logs/capture.log",
+    *(f"{CELL}/{log}.log" for log in ("logs/register", "stereo/logs/stereo", "2dgs/logs/train")),
+]
 CONFIG = [
     "capture={image_width_px: 160, image_height_px: 120}",
     "nvs={2dgs: {train: {iterations: 20, image_width_px: 80, sh_degree: 0}}}",
@@ -39,7 +42,7 @@ def test_a_second_checkout_makes_no_registration_and_no_training_again(tmp_path)
     shared.mkdir()
     logs, splats = checkout(tmp_path / "first")(shared)
     assert not any("taken from the cache" in log for log in logs)
-    assert len(list(shared.iterdir())) == 3
+    assert len(list(shared.iterdir())) == 4
     second = checkout(tmp_path / "far" / "away" / "second")
     logs, again = second(shared)
     assert all("taken from the cache" in log for log in logs), logs
@@ -49,7 +52,7 @@ def test_a_second_checkout_makes_no_registration_and_no_training_again(tmp_path)
     (training / "content/splats.ply").write_bytes(splats[:-40] + bytes(40))
     shutil.rmtree(tmp_path / "far/away/second/results")
     logs, rebuilt = second(shared)
-    assert "is damaged" in logs[2] and "taken from the cache" not in logs[2]
+    assert "is damaged" in logs[3] and "taken from the cache" not in logs[3]
     assert rebuilt == splats, "never used, made again"
 
 

@@ -221,7 +221,8 @@ def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
     training = TRAINING_RECORDS[known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
-    return [f"{folder}/{name}.json" for name in (training, "raw_mesh", "clean", "unwrapped", "texture")]
+    stereo = "results/{dataset}/{object}/{scene}/{registration}/stereo/stereo.json".format(**wildcards)
+    return [stereo, *(f"{folder}/{name}.json" for name in (training, "raw_mesh", "clean", "unwrapped", "texture"))]
 
 
 def published_option(wildcards):

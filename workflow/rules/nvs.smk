@@ -1,9 +1,40 @@
-"""Novel view synthesis: train a scene representation on the registered images, then take a raw mesh from it."""
+"""Novel view synthesis: train a scene representation on the registered images, then take a raw mesh from it.
+
+Stereo comes first, once for all optimizers of a registration.
+"""
+
+
+rule stereo:
+    input:
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+    output:
+        seeds="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
+        summary="results/{dataset}/{object}/{scene}/{registration}/stereo/stereo.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/stereo/logs/stereo.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/stereo/benchmarks/stereo.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=3000,
+        runtime=30,
+    params:
+        seed=config["seed"],
+        folder=subpath(output.seeds, parent=True),
+    message:
+        "Looking for confirmed depths of {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
+    shell:
+        "python -m zeroshop_steps.nvs --method stereo --cameras {input.cameras} --out {params.folder}"
+        " --seed {params.seed} --threads {threads}"
+        " --record-failure {output} > {log} 2>&1"
 
 
 rule train_2dgs:
     input:
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
     output:
         splats="results/{dataset}/{object}/{scene}/{registration}/2dgs/splats/splats.ply",
         curve="results/{dataset}/{object}/{scene}/{registration}/2dgs/splats/training.csv",
@@ -25,8 +56,8 @@ rule train_2dgs:
     message:
         "Training 2DGS on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
     shell:
-        "python -m zeroshop_steps.nvs --method twodgs --cameras {input.cameras} --out {params.folder}"
-        " {params.options} --seed {params.seed} --threads {threads} --resume"
+        "python -m zeroshop_steps.nvs --method twodgs --cameras {input.cameras} --stereo {input.stereo}"
+        " --out {params.folder} {params.options} --seed {params.seed} --threads {threads} --resume"
         " --record-failure {output} > {log} 2>&1"
 
 
@@ -60,6 +91,7 @@ rule fuse_2dgs:
 rule train_svraster:
     input:
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
     output:
         voxels="results/{dataset}/{object}/{scene}/{registration}/svraster/voxels/voxels.npz",
         curve="results/{dataset}/{object}/{scene}/{registration}/svraster/voxels/training.csv",
@@ -81,8 +113,8 @@ rule train_svraster:
     message:
         "Training SVRaster on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
     shell:
-        "python -m zeroshop_steps.nvs --method svraster --cameras {input.cameras} --out {params.folder}"
-        " {params.options} --seed {params.seed} --threads {threads} --resume"
+        "python -m zeroshop_steps.nvs --method svraster --cameras {input.cameras} --stereo {input.stereo}"
+        " --out {params.folder} {params.options} --seed {params.seed} --threads {threads} --resume"
         " --record-failure {output} > {log} 2>&1"
 
 

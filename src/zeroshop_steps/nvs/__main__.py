@@ -6,7 +6,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 from zeroshop_steps.cli import stage_main  # noqa: E402
 
-METHODS = ("twodgs", "fuse", "svraster", "svraster_mesh")
+METHODS = ("stereo", "twodgs", "fuse", "svraster", "svraster_mesh")
 
 if __name__ == "__main__":
     sys.exit(stage_main("zeroshop_steps.nvs", METHODS))

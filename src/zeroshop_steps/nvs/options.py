@@ -8,6 +8,7 @@ from pathlib import Path
 def add_training_arguments(parser: ArgumentParser, product: str, iterations: int, image_width_px: int, sh_degree: int) -> None:
     """Add the options, with an optimizer's own defaults; product: the file that holds the trained model."""
     parser.add_argument("--cameras", type=Path, required=True, help="registration: images, masks and sparse model")
+    parser.add_argument("--stereo", type=Path, required=True, help="seeds.npz that stereo has made from these cameras")
     parser.add_argument("--out", type=Path, required=True, help=f"folder for {product}, training.csv and training.json")
     parser.add_argument("--iterations", type=int, default=iterations)
     parser.add_argument("--image-width-px", type=int, default=image_width_px, help="images are resampled to this width, never up")

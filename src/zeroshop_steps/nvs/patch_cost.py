@@ -5,6 +5,8 @@ import math
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.views import STRIDE_PX
+
 BEST_VIEWS = 2
 """The cost of a plane is the mean over this many of its best neighbours: some are always occluded."""
 PATCH_STEPS = 3
@@ -23,8 +25,6 @@ COLOR_DIFFERENCE_MAX = 0.1
 GEOMETRIC_WEIGHT = 0.2
 GEOMETRIC_ERROR_MAX_PX = 3.0
 BAD = 2.0
-STRIDE_PX = 3
-"""Every third pixel of every third row holds a plane; patches are compared at the images' own resolution."""
 
 
 @numba.njit(cache=True)

@@ -18,7 +18,6 @@ from zeroshop_steps.nvs.patch_cost import (
     DARK,
     DETAIL_PX,
     PATCH_STEPS,
-    STRIDE_PX,
     facing_normal,
     plane_cost,
     random_normal,
@@ -26,7 +25,7 @@ from zeroshop_steps.nvs.patch_cost import (
     reference_patch,
     world_point,
 )
-from zeroshop_steps.nvs.views import TrainingView, tiles_with
+from zeroshop_steps.nvs.views import STRIDE_PX, TrainingView
 from zeroshop_steps.progress import ProgressReport
 
 NEIGHBOURS = 6
@@ -44,17 +43,6 @@ def neighbours_of(cameras: list[Camera], count: int = NEIGHBOURS) -> np.ndarray:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     order = np.argsort(-(directions @ directions.T), axis=1, kind="stable")
     return np.ascontiguousarray(order[:, 1 : count + 1])
-
-
-def grid_view(view: TrainingView) -> TrainingView:
-    """The pixels that hold planes as a view of their own."""
-    camera, s = view.camera, STRIDE_PX
-    # The centre of pixel i of the grid is the centre of pixel s * i of the image.
-    intrinsics = camera.intrinsics / np.array([[s], [s], [1]]) + np.array([[0, 0, 0.5 - 0.5 / s], [0, 0, 0.5 - 0.5 / s], [0, 0, 0]])
-    height_px, width_px = view.mask[::s, ::s].shape
-    small = Camera(camera.name, width_px, height_px, intrinsics, camera.camera_from_world)
-    active = view.active[::s, ::s]
-    return TrainingView(small, view.color[:, ::s, ::s], view.mask[::s, ::s], active, tiles_with(active.numpy()))
 
 
 def match(

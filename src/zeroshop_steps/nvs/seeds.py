@@ -1,111 +1,88 @@
-"""Seeds: surface points that several views vouch for, before any optimization.
+"""Seeds: surface points that several views vouch for, before any optimization; and the file that both optimizers read them from.
 
-The visual hull closes every hollow with a lid. Photographs know better wherever the surface has any shading or print:
-stereo finds a depth for every pixel, and those that other views' own depths confirm become seeds (Schönberger et al. 2016).
+The visual hull closes every hollow with a lid. Photographs know better wherever the surface has any shading or print.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.nvs.carve import carved
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole
 from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.patchmatch import grid_view, match, neighbours_of
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.nvs.views import CameraSet, ObjectSphere, TrainingView, grid_view, training_views
 
 SEED_WIDTH_PX = 1000
 """Width of the images in which seeds are looked for, at most: fine print is all that some hollows have."""
 SEED_BORDER_PX = 10
-WITNESSES = 8
-"""Neighbouring views that are asked."""
-CONFIRMATIONS = 2
-COST_MAX = 0.3
-"""Depths of a higher stereo cost are no seeds."""
-CARVING_COST_MAX = 0.5
-"""Depths of a higher stereo cost do not carve; a depth need not be exact to show that a lid is none."""
-TOLERANCE = 0.01
-"""Largest difference, in normalized units, between depths of two views that confirm each other."""
-SPACING = 0.015
-"""Edge, in normalized units, of the cells in which seeds are averaged."""
+FIELDS = ("positions", "colors", "normals", "names", "shapes", "depths", "occupied", "half_extent", "centre", "radius")
 
 
 @dataclass(frozen=True)
 class Seeds:
-    """Confirmed surface points, in normalized coordinates.
+    """Confirmed surface points, in normalized coordinates, and what follows from them.
 
     Attributes:
         positions: (N, 3), colors: (N, 3) RGB in [0, 1], normals: (N, 3) unit, towards the views that found the seed.
-        depth_maps: for each view's grid_view, (H, W) float32 depth along the optical axis, 0 where nothing was confirmed.
+        depth_maps: for the name of each view its grid_view's (H, W) float32 depth along the optical axis, 0 where nothing was confirmed.
+        volume: the visual hull, carved by the depths.
     """
 
     positions: np.ndarray
     colors: np.ndarray
     normals: np.ndarray
-    depth_maps: list[np.ndarray]
+    depth_maps: dict[str, np.ndarray]
+    volume: VisualHull
 
 
-def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int) -> tuple[Seeds, VisualHull]:
-    """Seeds within a visual hull, and the hull carved by what stereo has found.
+def seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
+    """The views in which stereo looks for seeds: of the images' full size, if that is moderate."""
+    return training_views(camera_set, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
+
+
+def write_seeds(path: Path, seeds: Seeds, sphere: ObjectSphere) -> None:
+    """Write a compressed NumPy archive; the same seeds give the same bytes."""
+    maps = list(seeds.depth_maps.values())
+    occupied = seeds.volume.occupied
+    content = (
+        *(seeds.positions, seeds.colors, seeds.normals),
+        np.array(list(seeds.depth_maps)),
+        np.array([depth.shape for depth in maps]),
+        np.concatenate([depth.ravel() for depth in maps]),
+        np.packbits(occupied).reshape(len(occupied), -1),
+        *(seeds.volume.half_extent, sphere.centre, sphere.radius),
+    )
+    with written_whole(path) as temporary:
+        np.savez_compressed(temporary, **dict(zip(FIELDS, content, strict=True)))
+
+
+def read_seeds(path: Path, sphere: ObjectSphere, views: list[TrainingView]) -> Seeds:
+    """Read what `write_seeds` wrote.
 
     Args:
-        views: training views in normalized coordinates; fine print wants full resolution.
+        sphere, views: those that training has made from its cameras.
+
+    Raises:
+        StepError: the file is absent, damaged, or of other images or cameras.
     """
-    depths, normals, costs = match(views, hull.occupied, hull.half_extent, seed)
-    views = [grid_view(view) for view in views]
-    cameras = [view.camera for view in views]
-    volume = carved(hull, cameras, _confirmed(views, _below(CARVING_COST_MAX, depths, costs)))
-    maps = _confirmed(views, _below(COST_MAX, depths, costs))
-    points, colors, directions = [], [], []
-    for view, depth, normal in zip(views, maps, normals, strict=True):
-        y, x = np.nonzero(depth)
-        points.append(_world_points(view, depth, y, x))
-        colors.append(view.color.numpy()[:, y, x].T)
-        directions.append(normal[y, x] @ view.camera.camera_from_world[:3, :3])
-    positions, (colors, normals) = _averaged(np.concatenate(points), [np.concatenate(colors), np.concatenate(directions)])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    return Seeds(positions, colors, normals, maps), volume
-
-
-def _below(cost_max: float, depths: list[np.ndarray], costs: list[np.ndarray]) -> list[np.ndarray]:
-    return [np.where(cost <= cost_max, depth, np.float32(0)) for depth, cost in zip(depths, costs, strict=True)]
-
-
-def _world_points(view: TrainingView, depth: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    k, pose = view.camera.intrinsics, view.camera.camera_from_world
-    rays = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1], np.ones(len(x))], 1)
-    return (rays * depth[y, x][:, None] - pose[:3, 3]) @ pose[:3, :3]
-
-
-def _confirmed(views: list[TrainingView], depths: list[np.ndarray]) -> list[np.ndarray]:
-    """The depths that enough neighbouring views find too, 0 elsewhere."""
-    neighbours = neighbours_of([view.camera for view in views], min(WITNESSES, len(views) - 1))
-    maps = []
-    for view, depth, witnesses in zip(views, depths, neighbours, strict=True):
-        y, x = np.nonzero(depth)
-        world = _world_points(view, depth, y, x)
-        confirmations = np.zeros(len(y), int)
-        for witness in witnesses:
-            camera, other = views[witness].camera, depths[witness]
-            pixels, z = camera.project(world)
-            u, v = np.floor(pixels).astype(int).T
-            framed = np.flatnonzero((u >= 0) & (u < camera.width_px) & (v >= 0) & (v < camera.height_px))
-            found = other[v[framed], u[framed]]
-            confirmations[framed] += (found > 0) & (np.abs(found - z[framed]) < TOLERANCE)
-        kept = confirmations >= CONFIRMATIONS
-        confirmed = np.zeros_like(depth)
-        confirmed[y[kept], x[kept]] = depth[y[kept], x[kept]]
-        maps.append(confirmed)
-    return maps
-
-
-def _averaged(points: np.ndarray, attributes: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Means of the points, and of their attributes, in cubic cells of SPACING."""
-    if len(points) == 0:
-        return points, attributes
-    _, cell, count = np.unique(np.floor(points / SPACING).astype(np.int64), axis=0, return_inverse=True, return_counts=True)
-    cell = cell.reshape(-1)
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return np.stack([np.bincount(cell, column, len(count)) / count for column in values.T], 1)
-
-    return mean(points), [mean(attribute) for attribute in attributes]
+    path = Path(path)
+    if not path.is_file():
+        raise StepError(f"{path} does not exist; run stereo first")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            positions, colors, normals, names, shapes, depths, packed, half_extent, centre, radius = (archive[name] for name in FIELDS)
+        ends = np.cumsum(shapes.prod(axis=1))
+        maps = [part.reshape(shape) for part, shape in zip(np.split(depths, ends[:-1]), shapes, strict=True)]
+        depth_maps = dict(zip(names.tolist(), maps, strict=True))
+        resolution = len(packed)
+        occupied = np.unpackbits(packed)[: resolution**3].reshape((resolution,) * 3).astype(bool)
+        if not positions.shape == colors.shape == normals.shape == (len(positions), 3):
+            raise ValueError("points, colours and normals do not fit")
+    except Exception as error:
+        raise StepError(f"{path} is not a whole file of seeds ({type(error).__name__}); delete it and run stereo again") from None
+    found = {name: depth.shape for name, depth in depth_maps.items()}
+    expected = {view.camera.name: tuple(grid_view(view).mask.shape) for view in views}
+    if found != expected or not (np.allclose(centre, sphere.centre, rtol=1e-9) and np.isclose(radius, sphere.radius, rtol=1e-9)):
+        raise StepError(f"{path} belongs to other images or cameras than those given; run stereo on these")
+    return Seeds(positions, colors, normals, depth_maps, VisualHull(occupied, float(half_extent)))

@@ -1,22 +1,22 @@
 """The training loop that the optimizers share: one view an iteration, coarse images first, checkpoints, the curve of the loss."""
 
 import csv
-import os
 from abc import ABC, abstractmethod
 from argparse import Namespace
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-import numba
 import numpy as np
 import torch
 
+from zeroshop_steps.cache import content_digest
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
 from zeroshop_steps.nvs.optimizer import AdamWithSurgery
+from zeroshop_steps.nvs.seeds import Seeds, read_seeds, seed_views
 from zeroshop_steps.nvs.ssim import dissimilarity
-from zeroshop_steps.nvs.twodgs.start import Start
+from zeroshop_steps.nvs.start import Start
 from zeroshop_steps.nvs.views import CameraSet, ObjectSphere, TrainingView, object_sphere, read_camera_set, training_views
 from zeroshop_steps.progress import ProgressReport
 
@@ -215,40 +215,37 @@ class ViewTrainer(ABC):
         return trainer
 
 
-def use_threads(threads: int) -> int:
-    """Set the kernels' threads, at most the machine's; returns how many."""
-    threads = max(1, min(threads, os.cpu_count() or 1))
-    numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-    # The losses' small images gain nothing from a second thread, and a fixed number keeps sums in one order.
-    torch.set_num_threads(1)
-    return threads
-
-
 @dataclass(frozen=True)
 class TrainingInputs:
     """What an optimizer trains on.
 
     Attributes:
-        identity: says which images and cameras these are, for checkpoints.
+        seed_views: the views that stereo used, whose names and sizes its depth maps have.
+        identity: says which images, cameras and seeds these are, for checkpoints.
     """
 
     camera_set: CameraSet
     sphere: ObjectSphere
     views: Views
+    seed_views: list[TrainingView]
+    seeds: Seeds
     identity: dict[str, Any]
 
     @staticmethod
     def read(args: Namespace) -> "TrainingInputs":
-        """From the options --cameras and --image-width-px."""
+        """From the options --cameras, --stereo and --image-width-px."""
         camera_set = read_camera_set(args.cameras)
         sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
         views = Views(
             training_views(camera_set, sphere, args.image_width_px // 2, border_px=6),
             training_views(camera_set, sphere, args.image_width_px, border_px=8),
         )
-        # A checkpoint belongs to its images and cameras as much as to its settings.
+        stereo_views = seed_views(camera_set, sphere)
+        seeds = read_seeds(args.stereo, sphere, stereo_views)
+        # A checkpoint belongs to its images, cameras and seeds as much as to its settings.
         poses = [view.camera.camera_from_world.ravel().tolist() for view in views.fine]
-        return TrainingInputs(camera_set, sphere, views, {"image_width_px": args.image_width_px, "cameras": poses})
+        identity = {"image_width_px": args.image_width_px, "cameras": poses, "stereo": content_digest(args.stereo)}
+        return TrainingInputs(camera_set, sphere, views, stereo_views, seeds, identity)
 
 
 def write_curve(path: Path, history: list[dict[str, float]]) -> None:

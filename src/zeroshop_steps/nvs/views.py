@@ -13,6 +13,8 @@ from zeroshop_steps.finish.views import read_views
 
 TILE_PX = 16
 """Width and height of a tile: a row of it fills one 512-bit register in single precision."""
+STRIDE_PX = 3
+"""Stereo finds planes at every third pixel of every third row; patches are compared at the images' own resolution."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,17 @@ def training_views(
             )
         )
     return views
+
+
+def grid_view(view: TrainingView) -> TrainingView:
+    """The pixels at which stereo finds planes as a view of their own."""
+    camera, s = view.camera, STRIDE_PX
+    # The centre of pixel i of the grid is the centre of pixel s * i of the image.
+    intrinsics = camera.intrinsics / np.array([[s], [s], [1]]) + np.array([[0, 0, 0.5 - 0.5 / s], [0, 0, 0.5 - 0.5 / s], [0, 0, 0]])
+    height_px, width_px = view.mask[::s, ::s].shape
+    small = Camera(camera.name, width_px, height_px, intrinsics, camera.camera_from_world)
+    active = view.active[::s, ::s]
+    return TrainingView(small, view.color[:, ::s, ::s], view.mask[::s, ::s], active, tiles_with(active.numpy()))
 
 
 def tiles_with(active: np.ndarray) -> np.ndarray:

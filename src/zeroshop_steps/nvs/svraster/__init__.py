@@ -14,7 +14,7 @@ from zeroshop_steps.cache import Cached
 from zeroshop_steps.nvs.options import add_training_arguments
 
 CACHED = Cached(
-    inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
+    inputs=("cameras/images", "cameras/masks", "cameras/sparse", "stereo"),
     ignored=("threads", "resume", "checkpoint_every"),
     outputs=("training.csv", "training.json", "voxels.npz"),
 )
@@ -28,27 +28,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.errors import StepError
     from zeroshop_steps.files import write_json
-    from zeroshop_steps.nvs.patchmatch import grid_view
-    from zeroshop_steps.nvs.seeds import SEED_BORDER_PX, SEED_WIDTH_PX
+    from zeroshop_steps.nvs.start import find_start
     from zeroshop_steps.nvs.svraster.start import start_voxels
     from zeroshop_steps.nvs.svraster.train import Trainer, TrainingSettings
     from zeroshop_steps.nvs.svraster.voxels import write_voxels
-    from zeroshop_steps.nvs.training import TrainingInputs, use_threads, write_curve
-    from zeroshop_steps.nvs.twodgs.start import find_start
-    from zeroshop_steps.nvs.views import training_views
+    from zeroshop_steps.nvs.threads import use_threads
+    from zeroshop_steps.nvs.training import TrainingInputs, write_curve
+    from zeroshop_steps.nvs.views import grid_view
 
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     inputs = TrainingInputs.read(args)
-    camera_set, sphere, views, identity = inputs.camera_set, inputs.sphere, inputs.views, inputs.identity
+    views, identity = inputs.views, inputs.identity
     settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed)
     checkpoint = args.out / "checkpoint.pt"
-    seed_images = training_views(camera_set, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
-    start = find_start(camera_set.model, sphere, seed_images, 0, args.seed)
+    start = find_start(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, 0, args.seed)
     trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:
-        small = [grid_view(view) for view in seed_images]
+        small = [grid_view(view) for view in inputs.seed_views]
         voxels = start_voxels(start, small, settings.level_start, settings.sh_degree)
         if len(voxels) < 10:
             raise StepError(f"the masks of {args.cameras} leave {len(voxels)} voxels: masks and cameras do not agree; look at both")
@@ -57,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
     if len(trainer.voxels) < 10:
         raise StepError(f"training on {args.cameras} left {len(trainer.voxels)} voxels: masks and cameras do not agree; look at both")
 
-    write_voxels(args.out / "voxels.npz", trainer.voxels, sphere)
+    write_voxels(args.out / "voxels.npz", trainer.voxels, inputs.sphere)
     write_curve(args.out / "training.csv", trainer.history)
     write_json(
         args.out / "training.json",

@@ -6,11 +6,11 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 
 from zeroshop_steps.nvs.harmonics import SH_CONSTANT
 from zeroshop_steps.nvs.hull import VisualHull
+from zeroshop_steps.nvs.start import Start, mean_colors
 from zeroshop_steps.nvs.svraster.field import signed_distances
 from zeroshop_steps.nvs.svraster.octree import CELLS, CORNER_OFFSETS, Octree
 from zeroshop_steps.nvs.svraster.voxels import Voxels
 from zeroshop_steps.nvs.training import anchors
-from zeroshop_steps.nvs.twodgs.start import Start, mean_colors
 from zeroshop_steps.nvs.views import TrainingView
 
 REACH = 0.06

@@ -9,12 +9,12 @@ import torch
 
 from zeroshop_steps.nvs.losses import normals_from_depth
 from zeroshop_steps.nvs.optimizer import AdamWithSurgery
+from zeroshop_steps.nvs.start import Start
 from zeroshop_steps.nvs.svraster.adapt import VoxelMeter, prune_and_subdivide
 from zeroshop_steps.nvs.svraster.octree import Octree
 from zeroshop_steps.nvs.svraster.render import Rendering, RenderView, render
 from zeroshop_steps.nvs.svraster.voxels import Voxels
 from zeroshop_steps.nvs.training import Views, ViewTrainer, depth_loss, image_losses
-from zeroshop_steps.nvs.twodgs.start import Start
 from zeroshop_steps.nvs.views import TrainingView
 
 

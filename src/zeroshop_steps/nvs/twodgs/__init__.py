@@ -15,7 +15,7 @@ from zeroshop_steps.nvs.options import add_training_arguments
 
 HULL_POINTS = 4000
 CACHED = Cached(
-    inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
+    inputs=("cameras/images", "cameras/masks", "cameras/sparse", "stereo"),
     ignored=("threads", "resume", "checkpoint_every"),
     outputs=("training.csv", "training.json", "splats.ply"),
 )
@@ -29,20 +29,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.errors import StepError
     from zeroshop_steps.files import write_json
-    from zeroshop_steps.nvs.seeds import SEED_BORDER_PX, SEED_WIDTH_PX
-    from zeroshop_steps.nvs.training import TrainingInputs, use_threads, write_curve
-    from zeroshop_steps.nvs.twodgs.start import find_start
+    from zeroshop_steps.nvs.start import find_start
+    from zeroshop_steps.nvs.threads import use_threads
+    from zeroshop_steps.nvs.training import TrainingInputs, write_curve
     from zeroshop_steps.nvs.twodgs.surfels import start_surfels, write_splat_ply
     from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings
-    from zeroshop_steps.nvs.views import training_views
 
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     inputs = TrainingInputs.read(args)
-    camera_set, sphere, views, identity = inputs.camera_set, inputs.sphere, inputs.views, inputs.identity
+    views, identity = inputs.views, inputs.identity
     settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed)
     checkpoint = args.out / "checkpoint.pt"
-    start = find_start(camera_set.model, sphere, training_views(camera_set, sphere, SEED_WIDTH_PX, SEED_BORDER_PX), HULL_POINTS, args.seed)
+    start = find_start(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, HULL_POINTS, args.seed)
     trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:
@@ -51,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     if len(trainer.surfels) < 10:
         raise StepError(f"training on {args.cameras} left {len(trainer.surfels)} disks: masks and cameras do not agree; look at both")
 
-    write_splat_ply(args.out / "splats.ply", trainer.surfels, sphere)
+    write_splat_ply(args.out / "splats.ply", trainer.surfels, inputs.sphere)
     write_curve(args.out / "training.csv", trainer.history)
     write_json(
         args.out / "training.json",

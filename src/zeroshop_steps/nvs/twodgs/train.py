@@ -7,10 +7,10 @@ from typing import Any
 import torch
 
 from zeroshop_steps.nvs.losses import normals_from_depth
+from zeroshop_steps.nvs.start import Start
 from zeroshop_steps.nvs.training import Views, ViewTrainer, depth_loss, image_losses
 from zeroshop_steps.nvs.twodgs.densify import AdamWithSurgery, GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.nvs.twodgs.render import Rendering, RenderView, render
-from zeroshop_steps.nvs.twodgs.start import Start
 from zeroshop_steps.nvs.twodgs.surfels import Surfels
 from zeroshop_steps.nvs.views import TrainingView
 

@@ -7,12 +7,10 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.cameras import Camera, SparseModel
 from zeroshop_steps.nvs.carve import Volume
-from zeroshop_steps.nvs.hull import VisualHull, inside_all_masks
-from zeroshop_steps.nvs.patchmatch import grid_view
-from zeroshop_steps.nvs.seeds import find_seeds
-from zeroshop_steps.nvs.views import ObjectSphere, TrainingView
+from zeroshop_steps.nvs.hull import inside_all_masks
+from zeroshop_steps.nvs.seeds import Seeds
+from zeroshop_steps.nvs.views import ObjectSphere, TrainingView, grid_view
 
-HULL_RESOLUTION = 128
 OUTSIDE_VOXELS = 2.5
 """Disks farther than this from the carved volume are in free space."""
 NORMAL_NEIGHBOURS = 12
@@ -55,19 +53,18 @@ class Start:
     depths: dict[str, np.ndarray]
 
 
-def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingView], hull_points: int, seed: int) -> Start:
+def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingView], seeds: Seeds, hull_points: int, seed: int) -> Start:
     """Join three sources of points: the sparse model's, stereo's, and the carved hull where neither has any.
 
     Args:
         model: sparse points of the registration, in its world frame.
-        views: training views in normalized coordinates, of the images' full size if it is moderate.
+        views: the views that the seeds were found in.
         hull_points: how many of the hull's points, at most.
     """
     grid = [grid_view(view) for view in views]
     cameras = [view.camera for view in grid]
     masks = [view.mask.numpy() > 0 for view in grid]
-    hull = VisualHull.carve(cameras, masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
-    seeds, volume = find_seeds(views, hull, seed)
+    volume = seeds.volume
     free_space = FreeSpace(cameras, masks, Volume.of(volume))
     seed_normals = _plane_normals(seeds.positions, seeds.normals)
 
@@ -79,7 +76,7 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
     surface, surface_normals = volume.surface()
     confirmed = np.concatenate([seeds.positions, sparse])
     if len(confirmed) and len(surface):
-        lone = cKDTree(confirmed).query(surface)[0] > 2.0 / HULL_RESOLUTION
+        lone = cKDTree(confirmed).query(surface)[0] > 2.0 / len(volume.occupied)
         surface, surface_normals = surface[lone], surface_normals[lone]
     chosen = np.random.default_rng(seed).permutation(len(surface))[:hull_points]
     surface, surface_normals = surface[chosen], surface_normals[chosen]
@@ -93,13 +90,14 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
         np.concatenate([model.colors[trusted] / 255.0, seeds.colors, mean_colors(surface, surface_normals, grid)]),
         np.concatenate([sparse_normals, seed_normals, surface_normals]),
         free_space,
-        *_confirmed_rays(grid, seeds.depth_maps),
+        *_confirmed_rays(grid, seeds),
     )
 
 
-def _confirmed_rays(views: list[TrainingView], depth_maps: list[np.ndarray]) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def _confirmed_rays(views: list[TrainingView], seeds: Seeds) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     rays, depths = {}, {}
-    for view, depth in zip(views, depth_maps, strict=True):
+    for view in views:
+        depth = seeds.depth_maps[view.camera.name]
         y, x = np.nonzero(depth)
         k = view.camera.intrinsics
         rays[view.camera.name] = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1]], 1)
