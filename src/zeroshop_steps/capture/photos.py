@@ -7,6 +7,7 @@ import argparse
 import math
 import shutil
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,6 +68,7 @@ def take_photos(images: Path, masks: Path, height_m: float | None, min_images: i
     Raises:
         StepError: with a line for every problem found.
     """
+    start_s = time.monotonic()
     problems = _height_problems(height_m)
     paths = list_images(images)
     if not Path(masks).is_dir():
@@ -105,6 +107,7 @@ def take_photos(images: Path, masks: Path, height_m: float | None, min_images: i
                 "known_height_m": height_m,
                 "source_names": [photo.path.name for photo in photos],
                 "warnings": warnings,
+                "seconds": round(time.monotonic() - start_s, 2),
             },
         )
 

@@ -5,6 +5,7 @@ degrees (se: and -45). Beside images and masks, `depth/` and `truth/` keep what 
 """
 
 import argparse
+import time
 from pathlib import Path
 
 import numba
@@ -52,6 +53,7 @@ def capture(model: Path, scene: str, width_px: int, height_px: int, seed: int, o
         raise StepError(f"image size {width_px} x {height_px} px is out of range; give --width 64..8000 and --height 48..6000")
     if seed < 0:
         raise StepError(f"seed {seed} is negative; give --seed 0 or more")
+    start_s = time.monotonic()
     mesh = read_ply(model)
     info_path = Path(model).with_name("model_info.json")
     info = read_json(info_path) if info_path.exists() else {}
@@ -90,6 +92,7 @@ def capture(model: Path, scene: str, width_px: int, height_px: int, seed: int, o
                 "ring_elevations_deg": list(ELEVATIONS_DEG[scene]),
                 "front_azimuth_deg": subject.front_azimuth_deg,
                 "support_z_mm": None if scene == "se" else round(subject.bottom_mm, 4),
+                "seconds": round(time.monotonic() - start_s, 2),
             },
         )
 
