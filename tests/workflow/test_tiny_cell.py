@@ -104,7 +104,7 @@ def test_the_table_has_the_failed_cell_with_its_reason(cell):
     assert {row["measure"] for row in rows if row["registration"] == "truth"} >= {"accuracy_mm", "completeness_mm", "f_score_1_percent"}
     [failed] = [row for row in rows if row["registration"] == "colmap"]
     assert (failed["nvs"], failed["measure"], failed["value"]) == ("2dgs", "grade", "none")
-    assert failed["reason"].startswith("nvs.twodgs: ") and "1000" in failed["reason"]
+    assert failed["reason"].startswith("nvs.stereo: ") and "1000" in failed["reason"]
 
 
 def test_a_failure_after_the_registration_is_a_row_too(cell, tmp_path):
