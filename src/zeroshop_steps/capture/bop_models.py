@@ -97,22 +97,32 @@ def model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
     object_id = int(digits) if digits.isdigit() else 0
     listed = read_json(models / "models_info.json").get(str(object_id), {}) if (models / "models_info.json").exists() else {}
     low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
+    measured_mm = checked_diameter_mm(path, mesh, listed.get("diameter"))
+    info = {"name": path.stem, "diameter": measured_mm}
+    info |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
+    info |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
+    info |= {"symmetries_discrete": [], "symmetries_continuous": []} | listed
+    return info | {"obj_id": object_id, "front_azimuth_deg": float(FRONT_AZIMUTHS_DEG.get(dataset, {}).get(object_id, 0))}
+
+
+def checked_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
+    """The diameter of the mesh in the file `path`, once it is plausible in mm and agrees with that in models_info.json, if any.
+
+    Raises:
+        StepError: a mesh in another unit, or a models_info.json of other models.
+    """
     measured_mm = diameter_mm(mesh.vertices)
     smallest, largest = PLAUSIBLE_DIAMETER_MM
     if not smallest <= measured_mm <= largest:
         raise StepError(
             f"model {path} measures {measured_mm:.4g} across; expected {smallest:g} to {largest:g} mm. Convert it to millimetres."
         )
-    if "diameter" in listed and not 0.95 < measured_mm / listed["diameter"] < 1.05:
+    if listed_mm is not None and not 0.95 < measured_mm / listed_mm < 1.05:
         raise StepError(
-            f"model {path} measures {measured_mm:.4g} mm across, but {models / 'models_info.json'} says {listed['diameter']:.4g};"
+            f"model {path} measures {measured_mm:.4g} mm across, but {path.with_name('models_info.json')} says {listed_mm:.4g};"
             " the two do not belong together"
         )
-    info = {"name": path.stem, "diameter": measured_mm}
-    info |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
-    info |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
-    info |= {"symmetries_discrete": [], "symmetries_continuous": []} | listed
-    return info | {"obj_id": object_id, "front_azimuth_deg": float(FRONT_AZIMUTHS_DEG.get(dataset, {}).get(object_id, 0))}
+    return measured_mm
 
 
 def diameter_mm(vertices: np.ndarray) -> float:

@@ -1,0 +1,63 @@
+"""Masks, boxes and visibility of the objects in a rendered image: what BOP keeps in mask/, mask_visib/ and scene_gt_info.json."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zeroshop_steps.bop.depth_render import DepthRenderer
+
+SAME_SURFACE_MM = 0.5
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """One object in an image.
+
+    Attributes:
+        silhouette: (height, width) bool, all of its pixels, hidden or not.
+        visible: (height, width) bool, those where nothing is before it.
+        info: the entry of scene_gt_info.json; pixels beyond the image's border count in px_count_all and bbox_obj.
+    """
+
+    silhouette: np.ndarray
+    visible: np.ndarray
+    info: dict
+
+
+def annotate(
+    renderer: DepthRenderer, camera_from_model: np.ndarray, intrinsics: np.ndarray, scene_mm: np.ndarray, measured_mm: np.ndarray
+) -> Annotation:
+    """Annotate one object.
+
+    Args:
+        renderer: of its model.
+        camera_from_model: (4, 4) its pose, mm.
+        intrinsics: (3, 3) BOP's K.
+        scene_mm: (height, width) exact depth of the whole scene, 0 where there is nothing.
+        measured_mm: (height, width) depth as the sensor gives it, 0 where it gives none.
+    """
+    height, width = scene_mm.shape
+    shifted = intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
+    wide = renderer.render(camera_from_model, shifted, 3 * width, 3 * height).image(3 * width, 3 * height)
+    inside = wide[height : 2 * height, width : 2 * width]
+    silhouette = inside > 0
+    visible = silhouette & ((scene_mm == 0) | (inside <= scene_mm + SAME_SURFACE_MM))
+    count = int((wide > 0).sum())
+    x, y, box_width, box_height = _box(wide > 0)
+    info = {
+        "bbox_obj": [x - width, y - height, box_width, box_height] if visible.any() else [-1, -1, -1, -1],
+        "bbox_visib": _box(visible),
+        "px_count_all": count,
+        "px_count_valid": int((measured_mm[silhouette] > 0).sum()),
+        "px_count_visib": int(visible.sum()),
+        "visib_fract": float(visible.sum() / count) if count else 0.0,
+    }
+    return Annotation(silhouette, visible, info)
+
+
+def _box(mask: np.ndarray) -> list[int]:
+    """[x, y, width, height] as BOP counts it: from the first to the last pixel; -1 for an empty mask."""
+    if not mask.any():
+        return [-1, -1, -1, -1]
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    return [int(columns[0]), int(rows[0]), int(columns[-1] - columns[0]), int(rows[-1] - rows[0])]

@@ -1,0 +1,119 @@
+"""Detections as BOP's COCO JSON (the challenges of 2022 and later): boxes and masks of objects in images."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pycocotools import mask as coco_masks
+
+from zeroshop_steps.bop.schema import read_checked
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole
+
+SAME_TIME_S = 1e-3
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One detected object.
+
+    Attributes:
+        scene_id, image_id, object_id: BOP's numbers.
+        score: confidence, higher is surer.
+        box_px: (x, y, width, height), or None.
+        mask: COCO's compressed run lengths {"size": [height, width], "counts": bytes}, or None.
+        seconds: time spent on the image, equal within an image; -1 where unknown.
+    """
+
+    scene_id: int
+    image_id: int
+    object_id: int
+    score: float
+    box_px: tuple[float, float, float, float] | None
+    mask: dict | None
+    seconds: float = -1.0
+
+
+def encode_mask(mask: np.ndarray) -> dict:
+    """COCO's compressed run lengths of a (height, width) bool mask."""
+    return coco_masks.encode(np.asfortranarray(mask.astype(np.uint8)))
+
+
+def decode_mask(encoded: dict) -> np.ndarray:
+    """The (height, width) bool mask of compressed run lengths."""
+    return coco_masks.decode(encoded).astype(bool)
+
+
+def box_of_mask(mask: np.ndarray) -> tuple[int, int, int, int]:
+    """(x, y, width, height) in px of the pixels of a bool mask, which must not be empty; COCO's: one pixel has width 1."""
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    return int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)
+
+
+def read_detections(path: Path) -> list[Detection]:
+    """Read a COCO result file, plain or gzipped; an empty list is one without detections.
+
+    Raises:
+        StepError: an entry of the wrong form, a mask whose run lengths do not fill its size, different times within an image.
+    """
+    found, seconds = [], {}
+    for index, entry in enumerate(read_checked(path, "detections")):
+        box, mask = entry.get("bbox") or None, entry.get("segmentation") or None
+        if box is not None and (len(box) != 4 or box[2] < 0 or box[3] < 0):
+            raise StepError(f"{path}: entry {index}: bbox is {box}; expected [x, y, width, height] in pixels")
+        if box is None and mask is None:
+            raise StepError(f"{path}: entry {index} has neither bbox nor segmentation")
+        time_s = float(entry.get("time", -1.0))
+        image = entry["scene_id"], entry["image_id"]
+        if time_s >= 0 and abs(seconds.setdefault(image, time_s) - time_s) > SAME_TIME_S:
+            raise StepError(
+                f"{path}: entry {index}: the time differs from that of other detections in scene {image[0]}, image {image[1]};"
+                " give the seconds spent on the whole image in each entry"
+            )
+        found.append(
+            Detection(
+                *image, entry["category_id"], float(entry["score"]), box and tuple(box), mask and _compressed(path, index, mask), time_s
+            )
+        )
+    return found
+
+
+def write_detections(path: Path, detections: list[Detection]) -> None:
+    """Write detections as COCO JSON with uncompressed run lengths, as BOP's tools expect them."""
+    entries = []
+    for detection in detections:
+        entry = {
+            "scene_id": detection.scene_id,
+            "image_id": detection.image_id,
+            "category_id": detection.object_id,
+            "score": float(detection.score),
+            "bbox": [float(value) for value in detection.box_px] if detection.box_px else [],
+            "segmentation": _run_lengths(detection.mask) if detection.mask else {},
+            "time": float(detection.seconds),
+        }
+        entries.append(entry)
+    with written_whole(path) as temporary:
+        temporary.write_text(json.dumps(entries, allow_nan=False) + "\n")
+
+
+def _run_lengths(mask: dict) -> dict:
+    """Uncompressed run lengths, column by column, that begin with those of the background."""
+    pixels = decode_mask(mask).ravel(order="F")
+    ends = np.flatnonzero(np.diff(pixels)) + 1
+    counts = np.diff(np.concatenate([[0], ends, [len(pixels)]])).tolist()
+    return {"size": [int(side) for side in mask["size"]], "counts": [0, *counts] if len(pixels) and pixels[0] else counts}
+
+
+def _compressed(path: Path, index: int, mask: dict) -> dict:
+    if "size" not in mask or "counts" not in mask:
+        raise StepError(f"{path}: entry {index}: segmentation lacks size or counts; expected run lengths")
+    height, width = mask["size"]
+    if isinstance(mask["counts"], str):
+        return {"size": [height, width], "counts": mask["counts"].encode()}
+    counts = mask["counts"]
+    if any(not isinstance(count, int) or count < 0 for count in counts) or sum(counts) != height * width:
+        raise StepError(
+            f"{path}: entry {index}: the run lengths of its segmentation add up to {sum(counts)}, its size is {height} x {width}"
+        )
+    return coco_masks.frPyObjects(mask, height, width)

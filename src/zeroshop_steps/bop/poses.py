@@ -1,0 +1,51 @@
+"""Checks that every pose in BOP's files has to pass: proper rotations, finite millimetres."""
+
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+
+ROTATION_TOLERANCE = 1e-2
+NEAREST_MM = 10.0
+
+
+def check_rotations(rotations: np.ndarray, where: list[str] | np.ndarray, path: object) -> None:
+    """Raise StepError where one of (N, 3, 3) matrices is no rotation; `where` names the N places in the file `path`.
+
+    R R^T may differ from the identity by `ROTATION_TOLERANCE`: published files round.
+    """
+    finite = np.isfinite(rotations).all((1, 2))
+    safe = np.where(finite[:, None, None], rotations, 0.0)
+    off = np.abs(safe @ safe.transpose(0, 2, 1) - np.eye(3)).max((1, 2), initial=0.0)
+    wrong = np.flatnonzero(~finite | (off > ROTATION_TOLERANCE) | (np.linalg.det(safe) < 0))
+    if len(wrong):
+        first = wrong[0]
+        said = (
+            "holds numbers that are not finite"
+            if not finite[first]
+            else "mirrors"
+            if off[first] <= ROTATION_TOLERANCE
+            else "is no rotation"
+        )
+        raise StepError(
+            f"{path}, {where[first]}: R {said} ({len(wrong)} of {len(rotations)} poses are wrong);"
+            " expected 9 numbers, row by row, with R R^T = 1 and det R = 1"
+        )
+
+
+def check_translations(translations_mm: np.ndarray, where: list[str] | np.ndarray, path: object) -> None:
+    """Raise StepError where one of (N, 3) translations is not finite, or where most are so short that they must be metres."""
+    wrong = np.flatnonzero(~np.isfinite(translations_mm).all(1))
+    if len(wrong):
+        raise StepError(f"{path}, {where[wrong[0]]}: t holds numbers that are not finite ({len(wrong)} such poses); expected millimetres")
+    if len(translations_mm) and np.median(np.linalg.norm(translations_mm, axis=1)) < NEAREST_MM:
+        raise StepError(
+            f"{path}: objects are {np.median(np.linalg.norm(translations_mm, axis=1)):.3g} from the camera in the median;"
+            " t looks like metres, millimetres are expected. Multiply it by 1000."
+        )
+
+
+def as_transform(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
+    """(4, 4) transform, or (N, 4, 4) of (N, 3, 3) rotations and (N, 3) translations."""
+    transform = np.zeros((*rotation.shape[:-2], 4, 4))
+    transform[..., :3, :3], transform[..., :3, 3], transform[..., 3, 3] = rotation, translation_mm, 1.0
+    return transform

@@ -1,0 +1,112 @@
+"""Average precision of detections as COCO defines it, by pycocotools: mean over IoU 0.5 to 0.95 and over objects.
+
+As BOP evaluates since 2022: all objects of the target images are annotated; those with less than a tenth visible are ignored,
+found or not. Masks are those of the visible pixels; boxes are amodal (around the whole silhouette) or modal.
+"""
+
+import contextlib
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask
+from zeroshop_steps.bop.targets import Frames
+from zeroshop_steps.errors import StepError
+
+LEAST_VISIBLE_SHARE = 0.1
+MEASURES = ("ap", "ap_50", "ap_75")
+
+
+class _Evaluation(COCOeval):
+    """COCO's evaluation that ignores what is marked so; the original looks at `iscrowd` alone."""
+
+    def _prepare(self) -> None:
+        super()._prepare()
+        for annotations in self._gts.values():
+            for annotation in annotations:
+                annotation["ignore"] = annotation["ignored"]
+
+
+def annotations_of(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
+    """What is to be found in the frames, as COCO's annotations; images are numbered in the order of the frames.
+
+    Raises:
+        StepError: a mask or the visibility of an instance is missing.
+    """
+    images, annotations, objects = [], [], set()
+    for number, frame in enumerate(frames.values(), start=1):
+        images.append({"id": number})
+        for index, instance in enumerate(frame.instances):
+            objects.add(instance.object_id)
+            visible = frame.mask(index)
+            if not visible.any():
+                continue
+            if instance.visible_share is None:
+                raise StepError(f"{frame.folder / 'scene_gt_info.json'} has no visib_fract for instance {index} of image {frame.image_id}")
+            images[-1] |= {"height": visible.shape[0], "width": visible.shape[1]}
+            box = box_of_mask(frame.mask(index, "mask") if amodal else visible)
+            annotations.append(
+                {
+                    "id": len(annotations) + 1,
+                    "image_id": number,
+                    "category_id": instance.object_id,
+                    "iscrowd": 0,
+                    "ignored": instance.visible_share < LEAST_VISIBLE_SHARE,
+                    "area": int(visible.sum()),
+                    "bbox": list(box),
+                }
+                | ({"segmentation": encode_mask(visible)} if with_masks else {})
+            )
+    return _coco({"images": images, "annotations": annotations, "categories": [{"id": number} for number in sorted(objects)]})
+
+
+def average_precision(detections: Sequence[Detection], frames: Frames, kind: str, amodal: bool, path: Path) -> dict[str, float]:
+    """AP, AP at IoU 0.5 and at 0.75 over all objects, and `ap_object_N` of each; all 0 without detections.
+
+    Args:
+        detections: those in other images are left out.
+        frames: the target images.
+        kind: `segm` for masks, `bbox` for boxes.
+        amodal: whether true boxes are around the whole silhouette; masks are always of the visible part.
+        path: of the detections, for messages.
+
+    Raises:
+        StepError: detections lack what is to be evaluated.
+    """
+    truth = annotations_of(frames, amodal and kind == "bbox", kind == "segm")
+    numbers = {key: number for number, key in enumerate(frames, start=1)}
+    results = []
+    for detection in detections:
+        number = numbers.get((detection.scene_id, detection.image_id))
+        given = detection.mask if kind == "segm" else detection.box_px
+        if given is None:
+            raise StepError(f"{path}: a detection of object {detection.object_id} has no {'segmentation' if kind == 'segm' else 'bbox'}")
+        if number is not None:
+            entry = {"image_id": number, "category_id": detection.object_id, "score": detection.score}
+            results.append(entry | ({"segmentation": given} if kind == "segm" else {"bbox": list(given)}))
+    objects = truth.getCatIds()
+    if not results or not objects:
+        return dict.fromkeys([*MEASURES, *(f"ap_object_{number}" for number in objects)], 0.0)
+    with contextlib.redirect_stdout(io.StringIO()):
+        evaluation = _Evaluation(truth, truth.loadRes(results), kind)
+        evaluation.evaluate()
+        evaluation.accumulate()
+        evaluation.summarize()
+    means = evaluation.eval["precision"][:, :, :, 0, -1]
+    scores = dict(zip(MEASURES, map(float, evaluation.stats[:3]), strict=True))
+    for index, number in enumerate(objects):
+        valid = means[:, :, index][means[:, :, index] > -1]
+        scores[f"ap_object_{number}"] = float(valid.mean()) if len(valid) else float(np.nan)
+    return scores
+
+
+def _coco(content: dict) -> COCO:
+    coco = COCO()
+    coco.dataset = content
+    with contextlib.redirect_stdout(io.StringIO()):
+        coco.createIndex()
+    return coco

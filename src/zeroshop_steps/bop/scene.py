@@ -1,0 +1,209 @@
+"""A folder of BOP test images: cameras, true poses, visibility, and where the pictures lie.
+
+Camera matrices are BOP's here: pixel (0, 0)'s centre is at (0, 0). `Frame.camera` gives the project's own camera.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.bop.poses import as_transform, check_rotations, check_translations
+from zeroshop_steps.bop.schema import read_checked
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import write_json
+from zeroshop_steps.images import read_mask
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One annotated object in an image.
+
+    Attributes:
+        object_id: its model.
+        camera_from_model: (4, 4) true pose, mm.
+        visible_share: share of its silhouette that is visible, 0..1; None where the dataset does not say.
+        info: its entry of scene_gt_info.json.
+    """
+
+    object_id: int
+    camera_from_model: np.ndarray
+    visible_share: float | None
+    info: dict
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image of a scene.
+
+    Attributes:
+        scene_id, image_id: BOP's numbers.
+        intrinsics: (3, 3) BOP's K, pixel centres at whole numbers.
+        depth_scale: millimetres of one step of the depth image; None where there is none.
+        camera_from_world: (4, 4) in mm, or None.
+        instances: in the order of scene_gt.json.
+        folder: the scene's folder.
+    """
+
+    scene_id: int
+    image_id: int
+    intrinsics: np.ndarray
+    depth_scale: float | None
+    camera_from_world: np.ndarray | None
+    instances: tuple[Instance, ...]
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """How messages call it."""
+        return f"scene {self.scene_id}, image {self.image_id}"
+
+    def picture(self, kind: str, instance: int | None = None) -> Path | None:
+        """The path of its `rgb`, `gray`, `depth`, or of an instance's `mask` or `mask_visib`; None where there is no such file."""
+        stem = f"{self.image_id:06d}" + ("" if instance is None else f"_{instance:06d}")
+        found = (self.folder / kind / f"{stem}{suffix}" for suffix in (".png", ".jpg", ".tif"))
+        return next((path for path in found if path.is_file()), None)
+
+    def depth_mm(self) -> np.ndarray:
+        """(height, width) float32 measured depth along the optical axis in mm, 0 where nothing was measured.
+
+        Raises:
+            StepError: no depth image, one that cannot be read, or no depth scale.
+        """
+        path = self.picture("depth")
+        if path is None:
+            raise StepError(
+                f"{self.folder / 'depth'} has no image {self.image_id:06d} ({self.name}); VSD compares with measured depth:"
+                " add it, or leave vsd out of --errors"
+            )
+        if self.depth_scale is None:
+            raise StepError(f"{self.folder / 'scene_camera.json'}: image {self.image_id} has depth but no depth_scale; add it")
+        raw = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+        if raw is None or raw.ndim != 2:
+            raise StepError(f"depth image {path} cannot be read as one channel of whole numbers; export it again as 16-bit PNG")
+        return raw.astype(np.float32) * np.float32(self.depth_scale)
+
+    def mask(self, instance: int, kind: str = "mask_visib") -> np.ndarray:
+        """(height, width) bool, one instance's visible pixels, or with `mask` its whole silhouette. Raises StepError without the file."""
+        path = self.picture(kind, instance)
+        if path is None:
+            raise StepError(f"{self.folder / kind} has no {self.image_id:06d}_{instance:06d}.png, the mask of an instance in scene_gt.json")
+        return read_mask(path)
+
+    def size_px(self) -> tuple[int, int] | None:
+        """(width, height) as its pictures say, None without any."""
+        for kind in ("depth", "rgb", "gray"):
+            path = self.picture(kind)
+            if path is not None:
+                image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+                if image is None:
+                    raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image")
+                return image.shape[1], image.shape[0]
+        return None
+
+    def camera(self, width_px: int, height_px: int) -> Camera:
+        """The project's camera of this image; its world is the model frame of the pose it is combined with: the camera's own."""
+        shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+        return Camera(f"{self.image_id:06d}.png", width_px, height_px, shift @ self.intrinsics, np.eye(4))
+
+
+def read_scene(folder: Path) -> dict[int, Frame]:
+    """Read scene_camera.json, scene_gt.json and, where it is there, scene_gt_info.json of a scene's folder.
+
+    Returns:
+        the images that have true poses, by number.
+
+    Raises:
+        StepError: a file is missing or of the wrong form, a depth scale is not positive, a pose is no pose in millimetres.
+    """
+    folder = Path(folder)
+    if not folder.name.isdigit():
+        raise StepError(f"{folder} is not named by a scene's number, such as 000048")
+    cameras = read_checked(folder / "scene_camera.json", "scene_camera")
+    truth = read_checked(folder / "scene_gt.json", "scene_gt")
+    has_info = (folder / "scene_gt_info.json").is_file()
+    info = read_checked(folder / "scene_gt_info.json", "scene_gt_info") if has_info else {}
+    _check_poses(folder, truth)
+    frames = {}
+    for number, instances in truth.items():
+        if number not in cameras:
+            raise StepError(f"{folder / 'scene_camera.json'} lacks image {number}, which scene_gt.json has")
+        details = info.get(number, [{}] * len(instances))
+        if len(details) != len(instances):
+            raise StepError(
+                f"{folder / 'scene_gt_info.json'}: image {number} has {len(details)} instances, scene_gt.json has {len(instances)};"
+                " the two files must list the same"
+            )
+        frames[int(number)] = _frame(folder, int(number), cameras[number], instances, details)
+    return frames
+
+
+def write_scene(folder: Path, frames: list[Frame]) -> None:
+    """Write the three JSON files of a scene; the pictures are written by the caller."""
+    cameras, truth, info = {}, {}, {}
+    for frame in frames:
+        key = str(frame.image_id)
+        cameras[key] = {"cam_K": frame.intrinsics.ravel().tolist()}
+        if frame.depth_scale is not None:
+            cameras[key]["depth_scale"] = frame.depth_scale
+        if frame.camera_from_world is not None:
+            cameras[key]["cam_R_w2c"] = frame.camera_from_world[:3, :3].ravel().tolist()
+            cameras[key]["cam_t_w2c"] = frame.camera_from_world[:3, 3].tolist()
+        truth[key] = [
+            {
+                "cam_R_m2c": instance.camera_from_model[:3, :3].ravel().tolist(),
+                "cam_t_m2c": instance.camera_from_model[:3, 3].tolist(),
+                "obj_id": instance.object_id,
+            }
+            for instance in frame.instances
+        ]
+        info[key] = [instance.info for instance in frame.instances]
+    write_json(Path(folder) / "scene_camera.json", cameras)
+    write_json(Path(folder) / "scene_gt.json", truth)
+    write_json(Path(folder) / "scene_gt_info.json", info)
+
+
+def scene_folders(split: Path) -> dict[int, Path]:
+    """The scenes of a split, such as `test/`, by number. Raises StepError where there is none."""
+    split = Path(split)
+    names = sorted(os.listdir(split)) if split.is_dir() else []
+    folders = {int(name): split / name for name in names if name.isdigit() and (split / name / "scene_camera.json").is_file()}
+    if not folders:
+        raise StepError(f"{split} holds no scene; expected folders such as 000001 with scene_camera.json and scene_gt.json")
+    return folders
+
+
+def _frame(folder: Path, number: int, camera: dict, instances: list[dict], details: list[dict]) -> Frame:
+    scale = camera.get("depth_scale")
+    if scale is not None and scale <= 0:
+        raise StepError(
+            f"{folder / 'scene_camera.json'}: depth_scale of image {number} is {scale:g}; expected the positive number of millimetres"
+            " that one step of the depth image means"
+        )
+    intrinsics = np.array(camera["cam_K"], float).reshape(3, 3)
+    if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
+        raise StepError(f"{folder / 'scene_camera.json'}: cam_K of image {number} has no positive focal lengths; expected K row by row")
+    world = None
+    if "cam_R_w2c" in camera and "cam_t_w2c" in camera:
+        world = as_transform(np.array(camera["cam_R_w2c"], float).reshape(3, 3), np.array(camera["cam_t_w2c"], float))
+    read = tuple(
+        Instance(
+            entry["obj_id"],
+            as_transform(np.array(entry["cam_R_m2c"], float).reshape(3, 3), np.array(entry["cam_t_m2c"], float)),
+            detail.get("visib_fract"),
+            detail,
+        )
+        for entry, detail in zip(instances, details, strict=True)
+    )
+    return Frame(int(folder.name), number, intrinsics, scale, world, read, folder)
+
+
+def _check_poses(folder: Path, truth: dict) -> None:
+    entries = [(f"image {number}, instance {index}", entry) for number, found in truth.items() for index, entry in enumerate(found)]
+    names = [name for name, _ in entries]
+    path = folder / "scene_gt.json"
+    check_rotations(np.array([entry["cam_R_m2c"] for _, entry in entries], float).reshape(-1, 3, 3), names, path)
+    check_translations(np.array([entry["cam_t_m2c"] for _, entry in entries], float).reshape(-1, 3), names, path)

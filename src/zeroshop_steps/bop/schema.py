@@ -1,0 +1,58 @@
+"""Checked reading of BOP's JSON files: what has the wrong form is named with its place in the file."""
+
+import functools
+import gzip
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
+
+
+def read_checked(path: Path, kind: str) -> Any:
+    """Read a JSON file (gzipped where its name ends in .gz) and check it against the schema `kind` in schemas.json.
+
+    Raises:
+        StepError: the file is missing or damaged, an entry has the wrong form, or a number is not finite.
+    """
+    content = _read_gzipped(path) if Path(path).suffix == ".gz" else read_json(path)
+    error = next(_validator(kind).iter_errors(content), None)
+    if error is not None:
+        raise StepError(f"{path}: {_place(error)}{error.message[:200]}; BOP's format is described in bop_datasets_format.md of bop_toolkit")
+    _check_finite(path, content, ())
+    return content
+
+
+@functools.cache
+def _validator(kind: str) -> jsonschema.Draft202012Validator:
+    schemas = read_json(Path(__file__).with_name("schemas.json"))
+    return jsonschema.Draft202012Validator({"$ref": f"#/$defs/{kind}", **schemas})
+
+
+def _place(error: jsonschema.ValidationError) -> str:
+    where = " / ".join(str(part) for part in error.absolute_path)
+    return f"at {where}: " if where else ""
+
+
+def _check_finite(path: Path, content: Any, where: tuple[str, ...]) -> None:
+    """Raise where a number is NaN or infinite: Python's parser takes them, JSON has none."""
+    if isinstance(content, float) and not math.isfinite(content):
+        raise StepError(f"{path}: at {' / '.join(where)}: {content} is not a finite number; remove or repair the entry")
+    if isinstance(content, dict | list):
+        for key, value in content.items() if isinstance(content, dict) else enumerate(content):
+            if isinstance(value, dict | list | float):
+                _check_finite(path, value, (*where, str(key)))
+
+
+def _read_gzipped(path: Path) -> Any:
+    try:
+        with gzip.open(path, "rt", encoding="utf-8") as file:
+            return json.load(file)
+    except FileNotFoundError:
+        raise StepError(f"{path} does not exist; run the step that writes it first") from None
+    except (OSError, EOFError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise StepError(f"{path} is not gzipped JSON ({error}); fetch it again") from None
