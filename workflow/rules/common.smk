@@ -174,6 +174,13 @@ def height_option(wildcards):
     return step_options({"height_m": photos_of(wildcards)["height_m"]})
 
 
+def height_method(wildcards):
+    """How the height of an object is measured: rendered ones are known, photographed ones as their row says."""
+    if is_virtual(wildcards.dataset):
+        return "known"
+    return "none" if photos_of(wildcards)["height_m"] is None else "known"
+
+
 def checked_object(wildcards):
     """The object in a path, or an error that lists the objects of its dataset."""
     check_object(wildcards)
@@ -221,7 +228,7 @@ def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
     training = TRAINING_RECORDS[known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
-    return [f"{folder}/{name}.json" for name in (training, "raw_mesh", "clean", "unwrapped", "texture")]
+    return [f"{folder}/{name}.json" for name in (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")]
 
 
 def published_option(wildcards):
