@@ -14,3 +14,11 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the real data (../shared/data) is not on this machine")
     return folder
+
+
+@pytest.fixture(scope="session")
+def carton(tmp_path_factory):
+    """A small printed carton on a table with its cameras (carton_scene.py)."""
+    from carton_scene import photographed_carton
+
+    return photographed_carton(tmp_path_factory.mktemp("carton"))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zeroshop_steps import capture, finish, nvs, register
+from zeroshop_steps import capture, finish, height, nvs, register
 from zeroshop_steps.cameras import Camera, read_sparse_model, similarity_between, write_cameras
 from zeroshop_steps.cli import stage_main, stage_methods
 from zeroshop_steps.errors import StepError
@@ -57,7 +57,9 @@ def test_damaged_json_is_named(tmp_path: Path) -> None:
         read_json(tmp_path / "absent.json")
 
 
-@pytest.mark.parametrize(("stage", "name"), [(capture, "capture"), (register, "register"), (nvs, "nvs"), (finish, "finish")])
+@pytest.mark.parametrize(
+    ("stage", "name"), [(capture, "capture"), (register, "register"), (nvs, "nvs"), (finish, "finish"), (height, "height")]
+)
 def test_every_listed_method_is_a_module(stage: object, name: str) -> None:
     import importlib
 

@@ -41,6 +41,12 @@ class Mesh:
         normals = sums[position]
         return replace(self, normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
 
+    def without_loose_vertices(self) -> "Mesh":
+        """The same mesh without vertices that no face has."""
+        used, index = np.unique(self.faces, return_inverse=True)
+        normals, uv = (None if values is None else values[used] for values in (self.normals, self.uv))
+        return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture)
+
     def as_trimesh(self) -> trimesh.Trimesh:
         """Geometry only, vertices kept as they are."""
         return trimesh.Trimesh(self.vertices, self.faces, process=False)

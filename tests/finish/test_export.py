@@ -14,6 +14,8 @@ from zeroshop_steps.finish.preview import draw
 from zeroshop_steps.finish.publish import publish
 from zeroshop_steps.finish.render import MeshRenderer, sample_texture
 from zeroshop_steps.finish.views import read_views
+from zeroshop_steps.height.record import Scale, height_record
+from zeroshop_steps.height.standing import standing_on
 from zeroshop_steps.images import read_image, write_image
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.o3d import o3d
@@ -25,7 +27,9 @@ def product(carton, tmp_path_factory: pytest.TempPathFactory) -> Path:
     views, _ = read_views(carton.cameras)
     write_ply(folder / "unwrapped.ply", carton.mesh)
     write_image(folder / "texture.png", carton.mesh.texture)
-    write_json(folder / "frame.json", object_frame(carton.mesh, views, None, 0.18) | {"seconds": 1.5})  # twice its size
+    standing = standing_on(carton.mesh, views, None)
+    scale = Scale("known_height", 0.18 / standing.extent, 0.001, {})  # twice its size
+    write_json(folder / "frame.json", object_frame(carton.mesh, views, height_record(standing, scale)) | {"seconds": 1.5})
     write_json(folder / "clean.json", {"seconds": 2.0, "parameters": {"smooth": 5}})
     write_json(folder / "registration.json", {"seconds": {"total": 30.25}})
     export.run(

@@ -8,13 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish import frame as frame_method
-from zeroshop_steps.finish.frame import known_height_m, object_frame
+from zeroshop_steps.finish.frame import object_frame
 from zeroshop_steps.finish.preview import seen_from
-from zeroshop_steps.finish.support_plane import background_points, fit_support_plane, up_from_roll
+from zeroshop_steps.finish.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
 from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.height.record import Scale, height_record
+from zeroshop_steps.height.standing import standing_on
 from zeroshop_steps.meshes import Mesh, write_ply
 
 HEIGHT_M = SIZE_MM[2] / 1000
@@ -33,7 +34,13 @@ def moved(similarity: np.ndarray, mesh: Mesh, views: list[View], points: np.ndar
 
 
 def frame_of(mesh: Mesh, views: list[View], points: np.ndarray, height_m: float | None = HEIGHT_M) -> dict:
-    return object_frame(mesh, views, fit_support_plane(points, mesh.vertices, views), height_m)
+    return frame_on(mesh, views, fit_support_plane(points, mesh.vertices, views), height_m)
+
+
+def frame_on(mesh: Mesh, views: list[View], plane: SupportPlane | None, height_m: float | None = HEIGHT_M) -> dict:
+    standing = standing_on(mesh, views, plane)
+    scale = Scale("known_height", height_m / standing.extent, 0.001, {}) if height_m else None
+    return object_frame(mesh, views, height_record(standing, scale))
 
 
 def test_the_frame_of_a_box_on_a_table(scene):
@@ -68,6 +75,34 @@ def test_unevenly_spread_tilted_cameras_do_not_tilt_the_frame(scene):
     assert np.degrees(np.arccos(z[2] / np.linalg.norm(z))) < 0.1
 
 
+@pytest.mark.parametrize("tilt_deg", [0.0, 20.0, 50.0])
+@pytest.mark.parametrize("azimuths_deg", [(0, 5, 10, 40, 200), (300, 310, 320, 325), (10, 100, 190, 280)])
+def test_the_frame_of_an_odd_shape_from_tilted_and_uneven_cameras(scene, tilt_deg, azimuths_deg):
+    """Cameras rolled about their axes, at uneven azimuths and heights: only the plane and the first camera's place count."""
+    _, views, points = scene
+    rng = np.random.default_rng(3)
+    vertices = np.array([[-30, -20, -45], [30, -20, -45], [5, 25, -45], [12, 3, 45.0]]) + [4.0, -6.0, 0.0]
+    shape = Mesh(vertices, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]))
+    cameras = []
+    for k, azimuth_deg in enumerate(azimuths_deg):
+        camera = camera_at(f"{k:06d}.png", azimuth_deg, rng.uniform(5.0, 70.0))
+        roll = np.eye(4)
+        roll[:3, :3] = Rotation.from_euler("z", rng.uniform(-tilt_deg, tilt_deg), degrees=True).as_matrix()
+        cameras.append(replace(camera, camera_from_world=roll @ camera.camera_from_world))
+    uneven = [replace(view, camera=camera) for view, camera in zip(views, cameras, strict=False)]
+    similarity = np.eye(4)
+    similarity[:3, :3] = 0.02 * Rotation.from_euler("xyz", [40, -75, 160], degrees=True).as_matrix()
+    similarity[:3, 3] = [3.0, -1.0, 7.0]
+    turned, turned_views, turned_points = moved(similarity, shape, uneven, points)
+    object_from_registration = np.array(frame_of(turned, turned_views, turned_points)["object_from_registration"])
+    product = turned.vertices @ object_from_registration[:3, :3].T + object_from_registration[:3, 3]
+    assert np.linalg.det(object_from_registration[:3, :3]) > 0, "right-handed"
+    assert product.max(0) == pytest.approx(-product.min(0), abs=1e-6), "origin at the middle of the box"
+    assert product[3, 2] - product[:3, 2].mean() == pytest.approx(90.0, abs=0.3) and np.ptp(product[:3, 2]) < 0.3, "z up"
+    towards = seen_from(turned_views[0].camera, object_from_registration).centre_in_world
+    assert abs(towards[1]) < 1e-4 * towards[0], "x towards the first camera"
+
+
 def test_a_wall_behind_the_object_is_not_its_support(scene):
     mesh, views, points = scene
     rng = np.random.default_rng(2)
@@ -80,7 +115,7 @@ def test_a_wall_behind_the_object_is_not_its_support(scene):
 
 def test_without_a_plane_up_comes_from_the_cameras_roll(scene):
     mesh, views, _ = scene
-    frame = object_frame(mesh, views, None, HEIGHT_M)
+    frame = frame_on(mesh, views, None)
     assert frame["up_source"] == "camera_roll"
     assert np.abs(np.array(frame["object_from_registration"]) - np.eye(4)).max() < 1e-6
     up, certainty = up_from_roll(views)
@@ -96,7 +131,7 @@ def test_too_few_points_give_no_plane(scene):
 @pytest.mark.parametrize("height_m", [0.027, 0.09, 0.22])
 def test_a_known_height_gives_the_exact_scale(scene, height_m):
     mesh, views, _ = scene
-    similarity = np.array(object_frame(mesh, views, None, height_m)["object_from_registration"])
+    similarity = np.array(frame_on(mesh, views, None, height_m)["object_from_registration"])
     assert np.ptp((mesh.vertices @ similarity[:3, :3].T)[:, 2]) == pytest.approx(height_m * 1000, rel=1e-9)
 
 
@@ -106,22 +141,16 @@ def test_a_spike_on_top_does_not_change_the_scale(scene):
     tip = np.flatnonzero(box.vertices[:, 2] == box.vertices[:, 2].max())[:1]
     vertices = np.concatenate([box.vertices, box.vertices[tip] + [[0, 0, 8.0], [0.05, 0, 8.0], [0, 0.05, 8.0]]])
     spiked = Mesh(vertices, np.concatenate([box.faces, [[len(vertices) - 3, len(vertices) - 2, len(vertices) - 1]]]))
-    frame = object_frame(spiked, views, None, HEIGHT_M)
+    frame = frame_on(spiked, views, None)
     assert frame["height_in_registration"] == pytest.approx(SIZE_MM[2], rel=1e-6)
 
 
-def test_an_unknown_height_is_marked_and_warned_about(carton, tmp_path, capsys):
-    write_ply(tmp_path / "clean.ply", Mesh(carton.mesh.vertices, carton.mesh.faces))
-    write_json(tmp_path / "capture.json", {"scene": "video", "known_height_m": None})
-    frame_method.run(argparse.Namespace(mesh=tmp_path / "clean.ply", cameras=carton.cameras, capture=tmp_path, out=tmp_path / "frame.json"))
+def test_an_unknown_scale_is_kept_as_it_is(carton, scene, tmp_path):
+    mesh, views, _ = scene
+    write_ply(tmp_path / "underside.ply", Mesh(mesh.vertices, mesh.faces))
+    write_json(tmp_path / "height.json", height_record(standing_on(mesh, views, None), None))
+    files = {"mesh": tmp_path / "underside.ply", "height": tmp_path / "height.json", "out": tmp_path / "frame.json"}
+    frame_method.run(argparse.Namespace(**files, cameras=carton.cameras, capture=tmp_path))
     frame = read_json(tmp_path / "frame.json")
-    assert frame["scale"] == frame["scale_source"] == "unknown"
+    assert frame["scale"] == frame["scale_source"] == "unknown" and frame["unit"] == "registration"
     assert np.linalg.det(np.array(frame["object_from_registration"])) == pytest.approx(1.0)
-    assert "height_m" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("height", [-1.0, 0.0, 50.0, "tall"])
-def test_absurd_heights_are_refused(tmp_path, height):
-    write_json(tmp_path / "capture.json", {"known_height_m": height})
-    with pytest.raises(StepError, match="known_height_m"):
-        known_height_m(tmp_path / "capture.json")

@@ -76,7 +76,10 @@ def test_a_second_run_does_nothing(cell):
     ("change", "expected"),
     [
         ("finish={texture_size_px: 128}", {"unwrap", "texture", "export", "preview", "quality", "grade", "publish"}),
-        ("finish={clean: {smooth: 2}}", {"clean", "frame", "unwrap", "texture", "export", "preview", "quality", "grade", "publish"}),
+        (
+            "finish={clean: {smooth: 2}}",
+            {"clean", "height", "underside", "frame", "unwrap", "texture", "export", "preview", "quality", "grade", "publish"},
+        ),
         ("finish={grade: {back_share: [0.03, 0.2]}}", {"grade", "publish"}),
         ("register={colmap: {max_features: 900}}", set()),
         ("tables={scenes: [se]}", set()),

@@ -174,6 +174,13 @@ def height_option(wildcards):
     return step_options({"height_m": photos_of(wildcards)["height_m"]})
 
 
+def height_method(wildcards):
+    """How the height of an object is measured: rendered ones are known, photographed ones as their row says."""
+    if is_virtual(wildcards.dataset):
+        return "known"
+    return "none" if photos_of(wildcards)["height_m"] is None else "known"
+
+
 def checked_object(wildcards):
     """The object in a path, or an error that lists the objects of its dataset."""
     check_object(wildcards)
@@ -222,7 +229,8 @@ def stage_facts(wildcards):
     training = TRAINING_RECORDS[known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
     stereo = "results/{dataset}/{object}/{scene}/{registration}/stereo/stereo.json".format(**wildcards)
-    return [stereo, *(f"{folder}/{name}.json" for name in (training, "raw_mesh", "clean", "unwrapped", "texture"))]
+    steps = (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
+    return [stereo, *(f"{folder}/{name}.json" for name in steps)]
 
 
 def published_option(wildcards):

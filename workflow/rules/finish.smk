@@ -28,9 +28,37 @@ rule clean:
         " --record-failure {output} > {log} 2>&1"
 
 
-rule frame:
+rule underside:
     input:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
+        height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height.json",
+    output:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.ply",
+        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/underside.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/underside.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        options=step_options({"underside": config["finish"]["underside"]}),
+    message:
+        "Finishing the underside of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method underside --mesh {input.mesh} --height {input.height}"
+        " {params.options} --out {output.mesh}"
+        " --record-failure {output} > {log} 2>&1"
+
+
+rule frame:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.ply",
+        height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height.json",
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
         capture="results/{dataset}/{object}/{scene}/capture",
     output:
@@ -46,16 +74,16 @@ rule frame:
         mem_mb=3000,
         runtime=10,
     message:
-        "Finding the object frame and scale of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+        "Finding the object frame of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method frame --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
+        "python -m zeroshop_steps.finish --method frame --mesh {input.mesh} --height {input.height} --cameras {input.cameras} --capture {input.capture}"
         " --out {output.frame}"
         " --record-failure {output} > {log} 2>&1"
 
 
 rule unwrap:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.ply",
     output:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
         facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.json",

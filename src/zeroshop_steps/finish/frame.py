@@ -1,120 +1,94 @@
-"""Give the mesh its object frame and metric scale.
+"""Give the mesh its object frame: up and scale are those of the height stage.
 
-z is the normal of the support plane, fitted to the sparse points around the object, or the cameras' common up where
-there is no plane; x points horizontally from the object to the first camera; the origin is the bounding-box centre.
-The known height of the object gives millimetres. An unknown scale is never guessed.
+z points away from the support plane (without one, along the cameras' common up); x points horizontally from the object
+to the first camera; the origin is the bounding-box centre. Lengths are millimetres, units of the registration where the
+scale is unknown.
 """
 
 import argparse
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.images import IMAGE_SUFFIXES
 from zeroshop_steps.meshes import Mesh, read_ply
 
-TOP_SHARE = 2e-4  # share of the surface's area that may stick out above the measured top: spikes, not the object
+KEPT = ("up_source", "scale_source", "scale", "height_m", "height_deviation_m", "height_measured_from", "height_in_registration")
+ROUNDS = 6  # the box turns by less than a hundredth of what x turns by, and x by a fraction of what the box's middle moves
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method\'s command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images, masks and sparse points")
-    parser.add_argument("--capture", type=Path, required=True, help="capture folder; its capture.json holds the known height")
+    parser.add_argument("--mesh", type=Path, required=True, help="mesh with its underside, registration frame")
+    parser.add_argument("--height", type=Path, required=True, help="height.json")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--capture", type=Path, required=True, help="capture folder; its first photo is what x should point to")
     parser.add_argument("--out", type=Path, required=True, help="frame.json")
 
 
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
-    views, model = read_views(args.cameras)
-    plane = fit_support_plane(model.points[background_points(model.points, views)], mesh.vertices, views)
-    height_m = known_height_m(args.capture / "capture.json")
-    frame = object_frame(mesh, views, plane, height_m)
+    views, _ = read_views(args.cameras)
+    frame = object_frame(mesh, views, read_json(args.height))
     frame |= _first_camera_note(args.capture, views)
-    if frame["scale_source"] == "unknown":
-        print(
-            "WARNING: the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. "
-            "Give the object's height in metres as height_m in config/objects.tsv.",
-            file=sys.stderr,
-        )
     if frame["warnings"]:
         print("WARNING: " + "; ".join(frame["warnings"]), file=sys.stderr)
     write_json(args.out, frame | {"seconds": round(time.monotonic() - start_s, 2)})
 
 
-def known_height_m(path: Path) -> float | None:
-    """The known height from capture.json, None when it is unknown."""
-    height_m = read_json(path).get("known_height_m")
-    if height_m is None:
-        return None
-    if not isinstance(height_m, int | float) or not 0.001 <= height_m <= 10.0:
-        raise StepError(f"{path}: known_height_m is {height_m}; expected metres between 0.001 and 10")
-    return float(height_m)
-
-
-def object_frame(mesh: Mesh, views: list[View], plane: SupportPlane | None, height_m: float | None) -> dict:
+def object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[str, Any]:
     """The object frame as the content of frame.json.
 
     `object_from_registration` is a (4, 4) similarity to millimetres (to registration units where the scale is unknown).
-    Everything is computed from the mesh, the cameras and the plane alone, so it moves with the registration frame.
+    Everything is computed from the mesh, the cameras and the height's plane alone, so it moves with the registration frame.
+
+    Args:
+        mesh: in the registration frame; its box gives the origin.
+        views: the first one gives x.
+        height: content of height.json.
     """
-    z, up_certainty = (plane.normal, None) if plane else up_from_roll(views)
-    x, warnings = _towards_camera(z, mesh, views[0])
-    rotation = np.stack([x, np.cross(z, x), z])
-    turned = mesh.vertices @ rotation.T
-    low_z, high_z = robust_extent(turned[:, 2], mesh)
-    bottom_z = plane.offset if plane else low_z
-    extent = high_z - bottom_z
-    if extent <= 0:
-        raise StepError("the mesh has no height above its support plane: the reconstruction is flat or stands on its head")
-    scale = height_m * 1000.0 / extent if height_m else 1.0
+    z, metric = np.array(height["up"]), height["scale"] == "known"
+    rotation, middle, warnings = _rotation(z, mesh, views[0])
+    scale = height["metres_per_unit"] * 1000.0 if metric else 1.0
     similarity = np.eye(4)
     similarity[:3, :3] = scale * rotation
-    similarity[:3, 3] = -scale * (turned.min(0) + turned.max(0)) / 2
-    unit = "mm" if height_m else "registration"
+    similarity[:3, 3] = -scale * middle
+    residual = height["up_uncertainty"]["plane_residual"]
     return {
         "object_from_registration": similarity.tolist(),
-        "up_source": "support_plane" if plane else "camera_roll",
-        "scale_source": "known_height" if height_m else "unknown",
-        "scale": "known" if height_m else "unknown",
-        "unit": unit,
-        "height_m": height_m,
-        "height_measured_from": "support plane to the mesh's top" if plane else "the mesh's bottom to its top",
-        "height_in_registration": float(extent),
-        "bottom_z": float(scale * bottom_z + similarity[2, 3]),
-        "up_uncertainty": {
-            "plane_inliers": plane.inliers if plane else 0,
-            "plane_residual": round(scale * plane.residual, 6) if plane else None,
-            "deviation_deg": round(plane.normal_deviation_deg, 5) if plane else None,
-            "roll_certainty": None if up_certainty is None else round(up_certainty, 4),
-        },
+        **{key: height[key] for key in KEPT},
+        "unit": "mm" if metric else "registration",
+        "bottom_z": float(scale * height["bottom"] + similarity[2, 3]),
+        "up_uncertainty": height["up_uncertainty"] | {"plane_residual": None if residual is None else round(scale * residual, 6)},
         "first_camera": views[0].camera.name,
         "warnings": warnings,
     }
 
 
-def robust_extent(heights: np.ndarray, mesh: Mesh) -> tuple[float, float]:
-    """Lowest and highest of the (V,) heights, but for spikes that hold less than `TOP_SHARE` of the area each."""
-    areas = mesh.as_trimesh().area_faces
-    weights = np.zeros(len(heights))
-    for corner in range(3):
-        np.add.at(weights, mesh.faces[:, corner], areas / 3)
-    order = np.argsort(heights)
-    below = np.cumsum(weights[order]) / weights.sum()
-    first, last = np.searchsorted(below, TOP_SHARE), np.searchsorted(below, 1.0 - TOP_SHARE)
-    return float(heights[order[first]]), float(heights[order[min(last, len(order) - 1)]])
+def _rotation(z: np.ndarray, mesh: Mesh, view: View) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """(3, 3) rotation object_from_registration, (3,) middle of the box after it, and warnings.
+
+    x leads from that middle to the camera, and the box follows x: a few rounds settle both.
+    """
+    centre = mesh.vertices.mean(0)
+    for _ in range(ROUNDS):
+        x, warnings = _towards_camera(z, centre, view)
+        rotation = np.stack([x, np.cross(z, x), z])
+        turned = mesh.vertices @ rotation.T
+        middle = (turned.min(0) + turned.max(0)) / 2
+        centre = middle @ rotation
+    return rotation, middle, warnings
 
 
-def _towards_camera(z: np.ndarray, mesh: Mesh, view: View) -> tuple[np.ndarray, list[str]]:
+def _towards_camera(z: np.ndarray, centre: np.ndarray, view: View) -> tuple[np.ndarray, list[str]]:
     """(3,) unit x: the horizontal direction from the object's centre to the first camera; from above, its image's lower side."""
-    direction = view.camera.centre_in_world - (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    direction = view.camera.centre_in_world - centre
     horizontal = direction - z * (z @ direction)
     warnings = []
     if np.linalg.norm(horizontal) < 0.1 * np.linalg.norm(direction):

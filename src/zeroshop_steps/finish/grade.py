@@ -2,7 +2,8 @@
 
 Two judgements are made, each by its worst measure. One needs no truth, so that own photos are graded too: registered
 photos, silhouettes, parts, open borders, backs, roughness, and the agreement of the photos with one another on the
-surface. Where quality.json is given, the other judges the distances to the true surface, and its grade is the cell's.
+surface. Where quality.json is given, the other judges the distances to the true surface, and its grade is the cell's. An
+underside that was closed without being seen counts for neither.
 Silhouettes and colours are judged in the registered photos, for rendered captures as for own ones, so that the limits
 mean the same for both; quality.json has the same two figures in photos that were held out.
 """
@@ -22,6 +23,7 @@ from zeroshop_steps.finish.judge import MEASURES, Verdict, judge
 from zeroshop_steps.finish.photo_measures import photo_agreement
 from zeroshop_steps.finish.preview import seen_from
 from zeroshop_steps.finish.surface_measures import largest_part_share, open_boundary, roughness_deg
+from zeroshop_steps.finish.underside import without_underside
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.meshes import Mesh, read_ply
 
@@ -43,12 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     limits = {measure.name: checked_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
-    facts = read_json(args.mesh.with_suffix(".json"))["frame_facts"]
+    notes = read_json(args.mesh.with_suffix(".json"))
+    facts = notes["frame_facts"]
     views, _ = read_views(args.cameras)
     object_from_registration = np.array(facts["object_from_registration"])
     views = [replace(view, camera=seen_from(view.camera, object_from_registration)) for view in views]
     record = read_json(args.cameras / "registration.json")
-    values = measured(read_ply(args.mesh), views, record["images"], facts["bottom_z"])
+    values = measured(without_underside(read_ply(args.mesh), notes), views, record["images"], facts["bottom_z"])
     true_values = None
     if args.quality:
         quality = read_json(args.quality)

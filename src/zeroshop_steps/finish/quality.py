@@ -1,11 +1,11 @@
 """Measure the finished mesh of a virtual capture against the truth.
 
 The mesh is brought to the true frame by the cameras (similarity of registered to true camera centres), never by ICP,
-which would hide a bad pose. Accuracy: mean distance of the mesh to the true surface. Completeness: mean distance of
-the true surface that at least two cameras see to the mesh. F-score: both at a threshold. PSNR: over the bounding box
-of the mask in photos that were held out, the mesh unlit, black outside the silhouette (the photo's mask, the mesh's
-own). The scale error compares the known height's scale with the cameras'; the other figures are free of it, because
-the alignment includes scale.
+which would hide a bad pose. Accuracy: mean distance of the mesh to the true surface; an underside that was closed without
+being seen does not count. Completeness: mean distance of the true surface that at least two cameras see to the mesh.
+F-score: both at a threshold. PSNR: over the bounding box of the mask in photos that were held out, the mesh unlit, black
+outside the silhouette (the photo's mask, the mesh's own). The scale error compares the known height's scale with the
+cameras'; the other figures are free of it, because the alignment includes scale.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from zeroshop_steps.files import read_json, write_json, written_whole
 from zeroshop_steps.finish.preview import seen_from
 from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.finish.surface_error import surface_error
+from zeroshop_steps.finish.underside import without_underside
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.meshes import Mesh, read_ply
 
@@ -40,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
-    facts = read_json(args.mesh.with_suffix(".json"))["frame_facts"]
+    notes = read_json(args.mesh.with_suffix(".json"))
+    facts = notes["frame_facts"]
     capture = read_json(args.capture / "capture.json")
     true_cameras = read_sparse_model(args.capture / "truth").cameras
     held_out, _ = read_views(args.capture / "held_out", sparse="truth")
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     truth, info = read_ply(args.model), read_json(args.model.with_name("model_info.json"))
     support_z_mm = float(truth.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None
     figures = grade(
-        read_ply(args.mesh),
+        without_underside(read_ply(args.mesh), notes),
         np.array(facts["object_from_registration"]),
         registered,
         true_cameras,

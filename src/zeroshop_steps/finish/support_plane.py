@@ -12,6 +12,7 @@ THRESHOLD_DIAGONALS = 0.01  # inliers lie this close to the plane
 TOUCH_DIAGONALS = 0.12  # the object's lowest part lies this close to its support
 MAX_ROLL_ANGLE_DEG = 60.0  # between the plane's normal and the cameras' up, where that is well defined
 MIN_INLIERS = 30
+TILTED_SHARE = 0.1  # a plane that agrees with the cameras' up and holds less than this share of another's points is no plane
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
     """Fit the plane under the object; None where no plane is supported by the points.
 
     RANSAC (Fischler and Bolles 1981), then reweighted total least squares with Tukey's weights. A candidate must leave
-    the object's vertices and the cameras on one side, touch the object, and agree roughly with the cameras' up: walls do not.
+    the object's vertices and the cameras on one side, and touch the object. One that agrees roughly with the cameras' up goes
+    before others, so that walls do not; where it holds far fewer points than another, the cameras were tilted.
 
     Args:
         points: (P, 3) background points in the registration frame.
@@ -69,7 +71,8 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
     vertices = vertices[rng.choice(len(vertices), min(2000, len(vertices)), replace=False)]
     cameras = np.array([view.camera.centre_in_world for view in views])
     up, certainty = up_from_roll(views)
-    best, best_score = None, 0.0
+    best: dict[bool, tuple[np.ndarray, float]] = {}
+    best_score = {True: 0.0, False: 0.0}
     for _ in range(TRIALS):
         a, b, c = near[rng.choice(len(near), 3, replace=False)]
         normal = np.cross(b - a, c - a)
@@ -79,11 +82,13 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
         normal, offset = _towards(normal / length, a @ normal / length, centre)
         distance = np.abs(near @ normal - offset) / (THRESHOLD_DIAGONALS * diagonal)
         score = np.clip(1.0 - distance**2, 0.0, None).sum()
-        if score > best_score and _supports(normal, offset, vertices, cameras, diagonal, up, certainty):
-            best, best_score = (normal, offset), score
-    if best is None:
+        upright = bool(certainty < 0.2 or normal @ up > np.cos(np.radians(MAX_ROLL_ANGLE_DEG)))
+        if score > best_score[upright] and _supports(normal, offset, vertices, cameras, diagonal):
+            best[upright], best_score[upright] = (normal, offset), score
+    if not best:
         return None
-    return _refined(*best, near, centre, diagonal)
+    upright = best_score[True] > TILTED_SHARE * best_score[False]
+    return _refined(*best[upright], near, centre, diagonal)
 
 
 def up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
@@ -107,15 +112,11 @@ def _towards(normal: np.ndarray, offset: float, point: np.ndarray) -> tuple[np.n
     return (normal, float(offset)) if normal @ point >= offset else (-normal, float(-offset))
 
 
-def _supports(
-    normal: np.ndarray, offset: float, vertices: np.ndarray, cameras: np.ndarray, diagonal: float, up: np.ndarray, certainty: float
-) -> bool:
+def _supports(normal: np.ndarray, offset: float, vertices: np.ndarray, cameras: np.ndarray, diagonal: float) -> bool:
     heights = vertices @ normal - offset
     if np.quantile(heights, 0.02) < -0.05 * diagonal or abs(np.quantile(heights, 0.01)) > TOUCH_DIAGONALS * diagonal:
         return False
-    if (cameras @ normal > offset).mean() < 0.8:
-        return False
-    return certainty < 0.2 or normal @ up > np.cos(np.radians(MAX_ROLL_ANGLE_DEG))
+    return bool((cameras @ normal > offset).mean() >= 0.8)
 
 
 def _refined(normal: np.ndarray, offset: float, points: np.ndarray, centre: np.ndarray, diagonal: float) -> SupportPlane | None:

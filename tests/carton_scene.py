@@ -1,14 +1,19 @@
-"""A small printed carton on a table, photographed by ten cameras: everything that `register` hands to `finish`."""
+"""A small printed carton on a table, photographed by ten cameras: everything that `register` hands to `height` and `finish`."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pycolmap
+import trimesh
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.cameras import Camera, write_cameras
+from zeroshop_steps.files import write_json
 from zeroshop_steps.finish.atlas import fill_gutters, rasterize
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.unwrap import unwrap_mesh
+from zeroshop_steps.images import write_image, write_mask
+from zeroshop_steps.meshes import Mesh, write_ply
 
 SIZE_MM = np.array([60.0, 40.0, 90.0])
 WIDTH_PX, HEIGHT_PX = 320, 240
@@ -60,3 +65,25 @@ def add_points(sparse: Path, points: np.ndarray) -> None:
     for point in points:
         reconstruction.add_point3D(point, pycolmap.Track(), np.zeros(3, np.uint8))
     reconstruction.write_binary(str(sparse))
+
+
+def photographed_carton(folder: Path) -> Carton:
+    """Write the carton's model, its registered photos and its capture below `folder`."""
+    box = trimesh.creation.box(SIZE_MM).subdivide().subdivide().subdivide().subdivide()
+    mesh, _ = unwrap_mesh(Mesh(np.array(box.vertices), np.array(box.faces, np.int64)), 512)
+    mesh = Mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.uv, printed(mesh, 512))
+    cameras = [camera_at(f"{k:06d}.png", 36.0 * k, 35.0 if k % 2 else 5.0) for k in range(10)]
+    held_out = [camera_at(f"{k:06d}.png", 20.0 + 170.0 * k, 20.0) for k in range(2)]
+    renderer = MeshRenderer(mesh)
+    for set_folder, views, sparse in ((folder / "cameras", cameras, "sparse"), (folder / "capture" / "held_out", held_out, "truth")):
+        for camera in views:
+            write_image(set_folder / "images" / camera.name, renderer.color(camera, (90, 160, 90), 3))
+            write_mask(set_folder / "masks" / camera.name, renderer.masked_color(camera, 3)[1])
+        write_cameras(set_folder / sparse, views)
+    write_cameras(folder / "capture" / "truth", cameras)
+    add_points(folder / "cameras" / "sparse", table_points(np.random.default_rng(1), 400))
+    write_json(folder / "capture" / "capture.json", {"scene": "su_h", "known_height_m": SIZE_MM[2] / 1000})
+    write_image(folder / "model" / "model.png", mesh.texture)
+    write_ply(folder / "model" / "model.ply", mesh, "model.png")
+    write_json(folder / "model" / "model_info.json", {"diameter": float(np.linalg.norm(SIZE_MM))})
+    return Carton(folder / "cameras", folder / "capture", folder / "model" / "model.ply", mesh)

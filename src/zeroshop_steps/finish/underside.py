@@ -1,0 +1,205 @@
+"""Close the underside, which no photo shows while the object stands on its support.
+
+Every open border near the support plane is led straight down to the plane and closed flat in it: an object touches its
+support there, and a robot or a pose estimator is better off with a bottom than with a hole. What is added is marked as
+unseen: it is the mesh's last faces, and neither quality nor grade counts it. Its colour comes with the texture, which
+fills what no photo sees from its surroundings.
+"""
+
+import argparse
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import manifold3d
+import numpy as np
+
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+
+STATES = ("closed", "open")
+NEAR_DIAGONALS = 0.05  # a wide border is the underside's where most of it is this near to the plane, in diagonals of the object
+FARTHEST_DIAGONALS = 0.15  # ... and none of it farther: a hole in the wall that reaches the ground is no underside
+MOST = 0.8
+SMALL_NEAR_DIAGONALS = 0.015  # a small border, of a foot or of a hole through the object, must be nearer
+SMALL_SHARE = 0.1  # in area, of the widest
+FIRST_STEP = 0.01  # width of the flat part's outermost ring, in its diagonals
+GROWTH = 1.4  # from ring to ring
+
+
+@dataclass(frozen=True)
+class Underside:
+    """What was closed, as it stands in the product's JSON.
+
+    Attributes:
+        state: closed or open.
+        first_face, faces: which faces of the mesh were added; none of them is seen in a photo.
+        borders: how many open borders were closed; left_open: how many stayed.
+        watertight: whether every edge now has as many faces on the one side as on the other, so that the mesh bounds a solid.
+    """
+
+    state: str
+    first_face: int
+    faces: int
+    borders: int
+    left_open: int
+    watertight: bool
+
+    def notes(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"seen": False, **self.__dict__}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
+    parser.add_argument("--height", type=Path, required=True, help="height.json, which has the support plane")
+    parser.add_argument("--underside", choices=STATES, default="closed", help="close it, or leave it open (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="mesh to write; its facts go beside it as .json")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the mesh with its underside."""
+    start_s = time.monotonic()
+    mesh, height = read_ply(args.mesh), read_json(args.height)
+    wanted = args.underside == "closed" and height["up_source"] == "support_plane"
+    mesh, underside = closed(mesh, np.array(height["up"]), height["bottom"]) if wanted else left_open(mesh)
+    write_ply(args.out, mesh)
+    facts = {"underside": underside.notes(), "parameters": {"underside": args.underside}}
+    write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
+    print(f"underside: {underside.state}, {underside.faces} faces, watertight: {underside.watertight}", file=sys.stderr)
+
+
+def left_open(mesh: Mesh) -> tuple[Mesh, Underside]:
+    """The mesh as it is."""
+    borders = open_borders(mesh.faces)
+    return mesh, Underside("open", len(mesh.faces), 0, 0, len(borders), watertight=not borders)
+
+
+def closed(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Underside]:
+    """Close the borders near the plane up . x = bottom.
+
+    Args:
+        mesh: any open or closed surface; its own vertices and faces stay the first ones, untouched.
+        up: (3,) unit normal of the support plane, towards the object.
+        bottom: the plane's height along it.
+
+    Returns:
+        The mesh with fresh normals, and what was added.
+    """
+    borders = open_borders(mesh.faces)
+    chosen = _of_the_underside(borders, mesh.vertices, up, bottom)
+    if not chosen:
+        return left_open(mesh)
+    ring = np.concatenate(chosen)
+    after = np.concatenate([np.roll(border, -1) for border in chosen])
+    foot = len(mesh.vertices) + np.arange(len(ring))  # below each vertex of the borders, on the plane
+    foot_after = np.concatenate([np.roll(part, -1) for part in np.split(foot, np.cumsum([len(border) for border in chosen])[:-1])])
+    feet = mesh.vertices[ring] - np.outer(mesh.vertices[ring] @ up - bottom, up)
+    skirt = np.concatenate([np.stack([after, ring, foot], 1), np.stack([after, foot, foot_after], 1)])
+    inner, flat = _flat_part(feet, [len(border) for border in chosen], up, len(mesh.vertices))
+    vertices = np.concatenate([mesh.vertices, feet, inner])
+    faces = np.concatenate([mesh.faces, skirt, flat])
+    whole = Mesh(vertices, faces).with_normals()
+    watertight = not open_borders(faces)
+    added = len(faces) - len(mesh.faces)
+    return whole, Underside("closed", len(mesh.faces), added, len(chosen), len(borders) - len(chosen), watertight)
+
+
+def without_underside(mesh: Mesh, notes: dict[str, Any]) -> Mesh:
+    """The mesh without the faces that the product's JSON marks as an unseen underside."""
+    first = (notes.get("underside") or {}).get("first_face", len(mesh.faces))
+    return Mesh(mesh.vertices, mesh.faces[:first], mesh.normals, mesh.uv, mesh.texture).without_loose_vertices()
+
+
+def open_borders(faces: np.ndarray) -> list[np.ndarray]:
+    """Closed chains of vertices along the edges of (F, 3) faces that have no partner in the other direction.
+
+    At every vertex as many such edges end as begin, so that all of them belong to chains; none passes a vertex twice.
+    """
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, index = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    index = index.reshape(-1)
+    forward = edges[:, 0] < edges[:, 1]
+    balance = np.bincount(index, np.where(forward, 1, -1))[index]
+    single = (balance != 0) & (forward == (balance > 0))
+    following: dict[int, list[int]] = {}
+    for start, end in np.unique(edges[single], axis=0):
+        following.setdefault(int(start), []).append(int(end))
+    borders = []
+    for first in sorted(following):
+        chain: list[int] = [first]
+        while following[chain[-1]]:
+            place = following[chain[-1]].pop()
+            if place in chain:
+                start = chain.index(place)
+                borders.append(np.array(chain[start:]))
+                del chain[start + 1 :]
+            else:
+                chain.append(place)
+    return borders
+
+
+def _of_the_underside(borders: list[np.ndarray], vertices: np.ndarray, up: np.ndarray, bottom: float) -> list[np.ndarray]:
+    """The borders that run along the plane."""
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    heights = [np.abs(vertices[border] @ up - bottom) / diagonal for border in borders]
+    areas = np.array([abs(up @ _vector_area(vertices[border])) for border in borders])
+    near = [float((above < NEAR_DIAGONALS).mean()) >= MOST and float(above.max()) < FARTHEST_DIAGONALS for above in heights]
+    wide = areas >= SMALL_SHARE * areas[near].max(initial=0.0)
+    small = [float(np.quantile(above, MOST)) < SMALL_NEAR_DIAGONALS for above in heights]
+    return [border for k, border in enumerate(borders) if near[k] and (wide[k] or small[k])]
+
+
+def _vector_area(chain: np.ndarray) -> np.ndarray:
+    """(3,) area that a closed (N, 3) chain encloses, as a vector along its normal."""
+    around = chain - chain.mean(0)
+    return np.cross(around, np.roll(around, -1, 0)).sum(0) / 2
+
+
+def _flat_part(feet: np.ndarray, lengths: list[int], up: np.ndarray, first_foot: int) -> tuple[np.ndarray, np.ndarray]:
+    """Fill the plane between the feet of the borders, by rings that become coarser inwards, so that triangles stay round.
+
+    Args:
+        feet: (N, 3) points on the plane, border after border.
+        lengths: points a border.
+        up: (3,) the plane's normal; the flat part faces the other way.
+        first_foot: index of the first of the feet among the mesh's vertices.
+
+    Returns:
+        (M, 3) further vertices inside, and (T, 3) faces.
+    """
+    across = np.linalg.svd(up[None])[2][1:]
+    if np.linalg.det(np.stack([*across, up])) > 0:
+        across = across[::-1]  # seen from below, where the borders run the other way round
+    plane = feet @ across.T
+    ends = np.cumsum(lengths)
+    index = [np.arange(end - length, end)[::-1] for end, length in zip(ends, lengths, strict=True)]
+    points, triangles = [plane], []
+    step = float(np.linalg.norm(np.ptp(plane, axis=0))) * FIRST_STEP
+    while True:
+        rings = [np.concatenate(points)[ring] for ring in index]
+        inset = [_resampled(ring, step) for ring in manifold3d.CrossSection(rings).offset(-step, manifold3d.JoinType.Round).to_polygons()]
+        inset = [ring for ring in inset if len(ring) > 2]
+        first = sum(map(len, points)) + np.cumsum([0, *map(len, inset)])
+        inner = [np.arange(start, start + len(ring)) for start, ring in zip(first, inset, strict=False)]
+        border = [*index, *(ring[::-1] for ring in inner)]
+        points += inset
+        everything = np.concatenate(points)
+        triangles.append(np.concatenate(border)[manifold3d.triangulate([everything[ring] for ring in border], allow_convex=False)])
+        if not inset:
+            break
+        index, step = inner, step * GROWTH
+    level = feet[0] @ up
+    inside = np.concatenate(points)[len(feet) :] @ across + level * up
+    return inside, np.concatenate(triangles) + first_foot
+
+
+def _resampled(ring: np.ndarray, step: float) -> np.ndarray:
+    """A closed (N, 2) chain with points about `step` apart."""
+    around = np.concatenate([ring, ring[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(around, axis=0), axis=1))])
+    places = np.linspace(0.0, length[-1], max(int(length[-1] / step), 0), endpoint=False)
+    return np.stack([np.interp(places, length, around[:, axis]) for axis in (0, 1)], 1)

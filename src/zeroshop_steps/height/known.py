@@ -1,0 +1,28 @@
+"""The height is known: measured with a ruler and given in the capture (height_m in objects.tsv), or true in a rendered one."""
+
+import argparse
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
+
+RULER_M = 0.0005  # how well a height is read off a ruler
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write height.json."""
+    write_height(args, "known", scale_of)
+
+
+def scale_of(subject: Subject) -> Scale:
+    """The scale that gives the object its known height. Raises StepError where none is given."""
+    if subject.known_height_m is None:
+        raise StepError(
+            f"{subject.capture / 'capture.json'} has no known_height_m; give the height in metres as height_m, or use another height_method"
+        )
+    height_m, extent = subject.known_height_m, subject.standing.extent
+    return Scale("known_height", height_m / extent, RULER_M / height_m, {"known_height_m": height_m})

@@ -1,0 +1,15 @@
+"""Nothing tells the scale: it stays unknown, and the mesh keeps the registration's arbitrary one. A scale is never guessed."""
+
+import argparse
+
+from zeroshop_steps.height.record import add_common_arguments, write_height
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write height.json."""
+    write_height(args, "none", lambda subject: None)

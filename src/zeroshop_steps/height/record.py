@@ -1,0 +1,116 @@
+"""What every height method reads and writes: height.json, the object's height and the metres a unit of the registration."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.height.standing import Standing, standing_of
+from zeroshop_steps.meshes import read_ply
+
+UNKNOWN = (
+    "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
+    "metres as height_m in config/objects.tsv, or measure it with a printed board (config/README.md)."
+)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Metres a unit of the registration.
+
+    Attributes:
+        source: what it comes from, as it stands in the product's JSON.
+        metres_per_unit: the factor.
+        deviation: its standard deviation, of itself as 1: 0.01 is one per cent.
+        evidence: what the method has to say of it, for height.json.
+    """
+
+    source: str
+    metres_per_unit: float
+    deviation: float
+    evidence: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a method measures: the object's stand, its registered views, and the capture that they come from."""
+
+    standing: Standing
+    views: list[View]
+    cameras: Path
+    capture: Path
+    known_height_m: float | None
+
+
+def add_common_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all height methods share."""
+    parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images, masks and sparse points")
+    parser.add_argument("--capture", type=Path, required=True, help="capture folder; its capture.json holds the known height")
+    parser.add_argument("--out", type=Path, required=True, help="height.json")
+
+
+def write_height(args: argparse.Namespace, method: str, measure: Callable[[Subject], Scale | None]) -> None:
+    """Measure with `measure`, which gives the scale or None where it stays unknown, and write height.json."""
+    start_s = time.monotonic()
+    views, model = read_views(args.cameras)
+    standing = standing_of(read_ply(args.mesh), views, model)
+    subject = Subject(standing, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json"))
+    scale = measure(subject)
+    content = {"method": method, **height_record(standing, scale), "seconds": round(time.monotonic() - start_s, 2)}
+    write_json(args.out, content)
+    print(height_line(content), file=sys.stderr)
+
+
+def height_record(standing: Standing, scale: Scale | None) -> dict[str, Any]:
+    """The content of height.json. `up`, `bottom` and `top` are in the registration frame and its unit."""
+    plane = standing.plane
+    height_m = standing.extent * scale.metres_per_unit if scale else None
+    deviation = float(np.hypot(standing.deviation / standing.extent, scale.deviation)) if scale else None
+    return {
+        "scale": "known" if scale else "unknown",
+        "scale_source": scale.source if scale else "unknown",
+        "height_m": height_m,
+        "height_deviation_m": height_m * deviation if scale else None,
+        "metres_per_unit": scale.metres_per_unit if scale else None,
+        "metres_per_unit_deviation_share": scale.deviation if scale else None,
+        "up": standing.up.tolist(),
+        "up_source": "support_plane" if plane else "camera_roll",
+        "bottom": standing.bottom,
+        "top": standing.top,
+        "height_in_registration": standing.extent,
+        "height_in_registration_deviation": standing.deviation,
+        "height_measured_from": "support plane to the mesh's top" if plane else "the mesh's bottom to its top",
+        "up_uncertainty": {
+            "plane_inliers": plane.inliers if plane else 0,
+            "plane_residual": plane.residual if plane else None,
+            "deviation_deg": round(plane.normal_deviation_deg, 5) if plane else None,
+            "roll_certainty": None if standing.roll_certainty is None else round(standing.roll_certainty, 4),
+        },
+        "evidence": scale.evidence if scale else {},
+    }
+
+
+def height_line(content: dict[str, Any]) -> str:
+    """One line for people."""
+    if content["scale"] == "unknown":
+        return f"WARNING: {UNKNOWN}"
+    return f"height: {content['height_m'] * 1000:.1f} mm +- {content['height_deviation_m'] * 1000:.1f} mm, from {content['scale_source']}"
+
+
+def known_height_m(path: Path) -> float | None:
+    """The known height from capture.json, None when it is unknown."""
+    height_m = read_json(path).get("known_height_m")
+    if height_m is None:
+        return None
+    if not isinstance(height_m, int | float) or not 0.001 <= height_m <= 10.0:
+        raise StepError(f"{path}: known_height_m is {height_m}; expected metres between 0.001 and 10")
+    return float(height_m)

@@ -1,0 +1,76 @@
+"""How the object stands in the registration frame: which way is up, where its support is, how far it reaches above it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zeroshop_steps.cameras import SparseModel
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.finish.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
+from zeroshop_steps.finish.views import View
+from zeroshop_steps.meshes import Mesh
+
+TOP_SHARE = 2e-4  # share of the surface's area that may stick out above the measured top: spikes, not the object
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The object above its support, in units of the registration.
+
+    Attributes:
+        up: (3,) unit vector.
+        bottom, top: heights along `up`, of the support plane (without one, of the mesh's bottom) and of the mesh's top.
+        deviation: standard deviation of top minus bottom, as far as the data show it: how the bounds change when half or twice
+            as much of the surface may stick out, and how well the plane is known.
+        plane: the support plane, None where there is none.
+        roll_certainty: of an `up` that comes from the cameras' roll (0 to 1), None with a plane.
+    """
+
+    up: np.ndarray
+    bottom: float
+    top: float
+    deviation: float
+    plane: SupportPlane | None
+    roll_certainty: float | None = None
+
+    @property
+    def extent(self) -> float:
+        """Height of the object."""
+        return self.top - self.bottom
+
+
+def standing_of(mesh: Mesh, views: list[View], model: SparseModel) -> Standing:
+    """Fit the support plane to the sparse points around the object and measure the mesh above it.
+
+    Raises:
+        StepError: the mesh does not rise above its support plane.
+    """
+    return standing_on(mesh, views, fit_support_plane(model.points[background_points(model.points, views)], mesh.vertices, views))
+
+
+def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> Standing:
+    """Measure the mesh above a plane; without one, along the cameras' common up from the mesh's bottom."""
+    up, certainty = (plane.normal, None) if plane else up_from_roll(views)
+    heights = mesh.vertices @ up
+    low, high = robust_extent(heights, mesh)
+    bounds = np.array([robust_extent(heights, mesh, share) for share in (TOP_SHARE / 2, TOP_SHARE * 2)])
+    low_deviation, high_deviation = np.abs(np.diff(bounds, axis=0))[0] / 2
+    bottom = plane.offset if plane else low
+    if high - bottom <= 0:
+        raise StepError("the mesh has no height above its support plane: the reconstruction is flat or stands on its head")
+    if plane:
+        half_width = np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / 2
+        low_deviation = np.hypot(plane.residual / np.sqrt(plane.inliers), np.radians(plane.normal_deviation_deg) * half_width)
+    return Standing(up, float(bottom), high, float(np.hypot(low_deviation, high_deviation)), plane, certainty)
+
+
+def robust_extent(heights: np.ndarray, mesh: Mesh, share: float = TOP_SHARE) -> tuple[float, float]:
+    """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the area each."""
+    areas = mesh.as_trimesh().area_faces
+    weights = np.zeros(len(heights))
+    for corner in range(3):
+        np.add.at(weights, mesh.faces[:, corner], areas / 3)
+    order = np.argsort(heights)
+    below = np.cumsum(weights[order]) / weights.sum()
+    first, last = np.searchsorted(below, share), np.searchsorted(below, 1.0 - share)
+    return float(heights[order[first]]), float(heights[order[min(last, len(order) - 1)]])

@@ -1,0 +1,140 @@
+"""The unseen underside: closed flat in the support plane, marked, and without effect on what is measured."""
+
+import numpy as np
+import pytest
+import trimesh
+from carton_scene import SIZE_MM
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.cli import stage_main
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.finish.__main__ import METHODS
+from zeroshop_steps.finish.surface_fields import welded
+from zeroshop_steps.finish.texture import bake
+from zeroshop_steps.finish.underside import closed, open_borders, without_underside
+from zeroshop_steps.finish.unwrap import unwrap_mesh
+from zeroshop_steps.finish.views import read_views
+from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def open_below(mesh: trimesh.Trimesh, cut_z: float) -> Mesh:
+    """The part of a closed mesh above `cut_z`."""
+    vertices, faces, _ = trimesh.intersections.slice_faces_plane(mesh.vertices, mesh.faces, np.array([0, 0, 1.0]), np.array([0, 0, cut_z]))
+    cut = trimesh.Trimesh(vertices, faces)
+    return Mesh(np.array(cut.vertices), np.array(cut.faces)).without_loose_vertices()
+
+
+def shapes() -> dict[str, Mesh]:
+    """Objects that stand on z = 0, open below."""
+    cylinder = trimesh.creation.cylinder(30.0, 80.0, sections=48).subdivide().subdivide()
+    cylinder.apply_translation([0, 0, 40])
+    ring = trimesh.creation.torus(40.0, 12.0, major_sections=64, minor_sections=32)
+    ring.apply_translation([0, 0, 11.0])
+    ball = trimesh.creation.icosphere(4, 30.0)
+    ball.apply_translation([0, 0, 28.0])
+    legs = trimesh.util.concatenate([trimesh.creation.cylinder(5.0, 40.0, sections=24).subdivide() for _ in range(3)])
+    for number in range(3):
+        start = number * len(legs.vertices) // 3
+        legs.vertices[start : start + len(legs.vertices) // 3] += [30.0 * number, 10.0 * number**2, 20.0]
+    return {
+        "cylinder": open_below(cylinder, 1.0),
+        "ring": open_below(ring, 1.5),
+        "ball": open_below(ball, 1.0),
+        "three legs": open_below(legs, 1.0),
+    }
+
+
+@pytest.mark.parametrize("name", shapes())
+def test_an_open_underside_is_closed_flat(name):
+    mesh = shapes()[name]
+    whole, underside = closed(mesh, UP, 0.0)
+    assert open_borders(mesh.faces) and not open_borders(whole.faces)
+    assert underside.watertight and whole.as_trimesh().is_watertight and whole.as_trimesh().is_winding_consistent
+    assert underside.borders == {"cylinder": 1, "ring": 2, "ball": 1, "three legs": 3}[name]
+    assert whole.as_trimesh().volume > 0
+    added = whole.faces[underside.first_face :]
+    assert np.array_equal(whole.faces[: underside.first_face], mesh.faces)
+    assert np.array_equal(whole.vertices[: len(mesh.vertices)], mesh.vertices)
+    fresh = whole.vertices[len(mesh.vertices) :]
+    assert np.abs(fresh[:, 2]).max() < 1e-9, "everything new lies in the plane"
+    flat = added[(added >= len(mesh.vertices)).all(1)]
+    corners = whole.vertices[flat]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (normals[:, 2] <= 1e-9).all(), "the bottom faces down"
+
+
+def test_the_area_of_the_bottom_is_that_of_its_border():
+    mesh = shapes()["cylinder"]
+    whole, underside = closed(mesh, UP, 0.0)
+    corners = whole.vertices[whole.faces[underside.first_face :]]
+    corners = corners[(corners[:, :, 2] < 1e-9).all(1)]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(48 / 2 * 30.0**2 * np.sin(2 * np.pi / 48), rel=1e-6)
+
+
+@given(rotation=st.tuples(*[st.floats(-1, 1) for _ in range(4)]).filter(lambda q: np.linalg.norm(q) > 0.1), seed=st.integers(0, 99))
+@settings(max_examples=15, deadline=None)
+def test_ragged_borders_in_any_frame_are_closed(rotation, seed):
+    mesh = shapes()["cylinder"]
+    rng = np.random.default_rng(seed)
+    ragged = mesh.vertices + np.where(mesh.vertices[:, 2:] < 3.0, rng.uniform(-1.0, 1.0, mesh.vertices.shape), 0.0)
+    turn = Rotation.from_quat(rotation).as_matrix()
+    whole, underside = closed(Mesh(ragged @ turn.T, mesh.faces), turn @ UP, 0.0)
+    assert underside.state == "closed" and underside.watertight and not open_borders(whole.faces)
+
+
+def test_a_hole_in_the_wall_is_no_underside():
+    cylinder = trimesh.creation.cylinder(30.0, 80.0, sections=48).subdivide().subdivide()
+    cylinder.apply_translation([0, 0, 40])
+    faces = np.delete(np.array(cylinder.faces), cylinder.triangles_center[:, 0].argmax(), axis=0)
+    mesh = Mesh(np.array(cylinder.vertices), faces)
+    same, underside = closed(mesh, UP, 0.0)
+    assert underside.state == "open" and not underside.watertight and underside.left_open == 1
+    assert np.array_equal(same.faces, mesh.faces)
+
+
+def test_without_the_underside_the_mesh_is_what_it_was():
+    mesh = shapes()["ball"]
+    whole, underside = closed(mesh, UP, 0.0)
+    seen = without_underside(whole, {"underside": underside.notes()})
+    assert np.array_equal(seen.vertices, mesh.vertices) and np.array_equal(seen.faces, mesh.faces)
+    assert len(without_underside(whole, {"underside": None}).faces) == len(whole.faces)
+
+
+def test_the_underside_takes_its_colour_from_its_border(carton):
+    box = trimesh.creation.box(SIZE_MM).subdivide().subdivide().subdivide().subdivide()
+    mesh = open_below(box, -SIZE_MM[2] / 2 + 1e-6)
+    whole, underside = closed(mesh, UP, -SIZE_MM[2] / 2)
+    mesh, _ = unwrap_mesh(whole, 256)
+    assert mesh.uv.min() >= 0.0 and mesh.uv.max() <= 1.0
+    joined, index = welded(mesh)
+    assert np.array_equal(joined.vertices[index[mesh.faces]], whole.vertices[whole.faces]), "unwrapping keeps the order of the faces"
+    views, _ = read_views(carton.cameras)
+    texture, _ = bake(mesh, views, 256)
+    added = mesh.faces[underside.first_face :]
+    places = np.clip(((mesh.uv[added].mean(1)) * [256, -256] + [0, 256]).astype(int), 0, 255)
+    colors = texture[places[:, 1], places[:, 0]].astype(float)
+    wall = carton.mesh.texture.reshape(-1, 3).astype(float)
+    assert (colors.mean(0) > wall.min(0)).all() and (colors.mean(0) < wall.max(0)).all()
+    assert colors.std() < wall.std(), "smooth inside"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "up_source", "state"),
+    [("closed", "support_plane", "closed"), ("open", "support_plane", "open"), ("closed", "camera_roll", "open")],
+)
+def test_the_step_says_what_it_did(tmp_path, wanted, up_source, state):
+    write_ply(tmp_path / "clean.ply", shapes()["ball"])
+    write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": 0.0, "up_source": up_source})
+    words = ["--method", "underside", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json"]
+    words += ["--underside", wanted, "--out", tmp_path / "underside.ply"]
+    assert stage_main("zeroshop_steps.finish", METHODS, [str(word) for word in words]) == 0
+    facts = read_json(tmp_path / "underside.json")
+    notes, mesh = facts["underside"], read_ply(tmp_path / "underside.ply")
+    assert notes["state"] == state and notes["seen"] is False and facts["parameters"] == {"underside": wanted}
+    assert notes["first_face"] + notes["faces"] == len(mesh.faces)
+    assert notes["watertight"] == (state == "closed") == (not open_borders(mesh.faces))

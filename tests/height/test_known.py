@@ -1,0 +1,58 @@
+"""Heights that are known, and scales that stay unknown."""
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.cli import stage_main
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.height.__main__ import METHODS
+from zeroshop_steps.height.record import known_height_m
+from zeroshop_steps.meshes import write_ply
+
+
+@pytest.fixture
+def height(carton, tmp_path):
+    """Run a method on the carton (0.09 m high) with this known height; gives the exit status and the record."""
+
+    def run(method, known):
+        write_ply(tmp_path / "clean.ply", carton.mesh)
+        write_json(tmp_path / "capture" / "capture.json", {"known_height_m": known})
+        words = ["--method", method, "--mesh", tmp_path / "clean.ply", "--cameras", carton.cameras, "--capture", tmp_path / "capture"]
+        status = stage_main("zeroshop_steps.height", METHODS, [str(word) for word in [*words, "--out", tmp_path / "height.json"]])
+        return status, read_json(tmp_path / "height.json") if status == 0 else None
+
+    return run
+
+
+@pytest.mark.parametrize("height_m", [0.027, 0.09, 0.22])
+def test_a_known_height_gives_the_exact_scale(height, height_m):
+    _, record = height("known", height_m)
+    assert (record["scale"], record["scale_source"], record["up_source"]) == ("known", "known_height", "support_plane")
+    assert record["height_m"] == pytest.approx(height_m, rel=1e-12)
+    assert record["metres_per_unit"] * record["height_in_registration"] == pytest.approx(height_m, rel=1e-12)
+    # The carton's unit is the millimetre.
+    assert record["metres_per_unit"] == pytest.approx(height_m / 90.0, rel=2e-3)
+    assert record["top"] - record["bottom"] == record["height_in_registration"]
+    assert np.array(record["up"]) == pytest.approx([0, 0, 1], abs=1e-3)
+    assert 0.0005 <= record["height_deviation_m"] < 0.002
+
+
+def test_without_a_height_the_scale_is_unknown_and_that_is_said(height, capsys):
+    status, record = height("none", None)
+    assert status == 0 and record["scale"] == record["scale_source"] == "unknown"
+    assert record["height_m"] is None and record["metres_per_unit"] is None
+    message = capsys.readouterr().err
+    assert "WARNING: the scale is unknown" in message and "height_m" in message
+
+
+def test_a_known_height_that_is_missing_is_an_error(height, capsys):
+    assert height("known", None)[0] == 1
+    assert "known_height_m" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("absurd", [-1.0, 0.0, 50.0, "tall"])
+def test_absurd_heights_are_refused(tmp_path, absurd):
+    write_json(tmp_path / "capture.json", {"known_height_m": absurd})
+    with pytest.raises(StepError, match="known_height_m"):
+        known_height_m(tmp_path / "capture.json")
