@@ -24,6 +24,8 @@ def test_a_profile_changes_how_jobs_run_and_not_which(snakemake, profile):
         "train_2dgs",
         "fuse_2dgs",
         "clean",
+        "height",
+        "underside",
         "frame",
         "unwrap",
         "texture",

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="raw mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--max-faces", type=int, default=50000)
+    parser.add_argument("--max-faces", type=int, default=45000)
     parser.add_argument("--min-part", type=float, default=0.05, help="parts below this share of the largest part's area are floaters")
     parser.add_argument("--smooth", type=int, default=30, help="Taubin smoothing steps (they do not shrink the surface); 0 for none")
     parser.add_argument("--max-hole-edges", type=int, default=30, help="holes with at most this many edges are closed")
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def clean_mesh(
-    raw: Mesh, views: list[View], max_faces: int = 50000, min_part: float = 0.05, smooth: int = 30, max_hole_edges: int = 30
+    raw: Mesh, views: list[View], max_faces: int = 45000, min_part: float = 0.05, smooth: int = 30, max_hole_edges: int = 30
 ) -> tuple[Mesh, dict[str, int]]:
     """Clean `raw`; see the module's text.
 
