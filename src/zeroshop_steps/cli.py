@@ -17,14 +17,14 @@ from zeroshop_steps.cache import run_cached
 from zeroshop_steps.errors import StepError
 
 
-def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None = None, reads_failures: bool = False) -> int:
+def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None = None, reads_failures: Sequence[str] = ()) -> int:
     """Run one method of a stage and return the exit status.
 
     Args:
         package: the stage's package, e.g. "zeroshop_steps.register".
         methods: the names of its modules (or sub-packages) that are methods.
         argv: the command line without the program's name; the process's own by default.
-        reads_failures: whether the stage's inputs may be records of failures (failures.py); others pass them on unread.
+        reads_failures: the methods whose inputs may be records of failures (failures.py); others pass them on unread.
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     choose = argparse.ArgumentParser(prog=f"python -m {package}", add_help=False)
@@ -35,7 +35,7 @@ def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None 
         return 0
     known, rest = choose.parse_known_args(argv)
     step = f"{package.rpartition('.')[2]}.{known.method}"
-    earlier = None if reads_failures else failures.failure_among(rest)
+    earlier = None if known.method in reads_failures else failures.failure_among(rest)
     if earlier:
         return _give_up(earlier, known.record_failure)
     module = importlib.import_module(f"{package}.{known.method}")

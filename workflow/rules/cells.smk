@@ -78,3 +78,23 @@ def measurements_of(wildcards):
     """The measurements of a cell and its grade; of one that failed, the record of its failure."""
     outcome = checkpoints.outcome.get(**wildcards).output.outcome
     return [outcome] if failures.read_failure(outcome) else [f"{CELL}/{name}.csv".format(**wildcards) for name in ("quality", "grade")]
+
+
+def true_models_of(wildcards):
+    """The true models of a dataset's objects."""
+    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "Photos have no true models.")
+    return [f"results/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
+
+
+def alignments_of(wildcards):
+    """How the mesh of the chosen cell of each object lies on its true model."""
+    usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
+    chosen = config["chosen"]["virtual"]
+    cells = cells_of(wildcards.dataset, objects_of(wildcards.dataset), [chosen["scene"]], [chosen["registration"]], [wildcards.nvs])
+    return [f"{CELL}/aligned.json".format(**cell) for cell in cells]
+
+
+def mesh_or_failure_of(wildcards):
+    """The finished mesh of a cell; of one that failed, the record of its failure."""
+    outcome = checkpoints.outcome.get(**wildcards).output.outcome
+    return outcome if failures.read_failure(outcome) else f"{CELL}/mesh.ply".format(**wildcards)

@@ -82,6 +82,11 @@ def seen_count(points: np.ndarray, normals: np.ndarray, truth: Mesh, cameras: li
     return count
 
 
+def distances_to(mesh: Mesh, points: np.ndarray) -> np.ndarray:
+    """(N,) distances of (N, 3) points to the surface of `mesh`, in its unit."""
+    return _nearest(mesh, points)[0]
+
+
 def _nearest(mesh: Mesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     answer = _scene(mesh).compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
     return np.linalg.norm(answer["points"].numpy() - points, axis=1), answer["primitive_ids"].numpy().astype(np.int64)

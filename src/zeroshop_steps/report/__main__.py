@@ -7,4 +7,4 @@ from zeroshop_steps.cli import stage_main
 METHODS = ("table", "reconstruction")
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.report", METHODS, reads_failures=True))
+    sys.exit(stage_main("zeroshop_steps.report", METHODS, reads_failures=METHODS))

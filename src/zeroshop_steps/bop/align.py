@@ -1,0 +1,92 @@
+"""Align a reconstructed mesh with its true model: a similarity, found from shape and print alone.
+
+A search from all sides, then iterated closest points over the surface that the mesh has. Where shape decides nothing (a can
+turned about its axis), print does; where the model is symmetric, the symmetry that turns the mesh least is taken. Writes
+the transform and how far the two surfaces then lie apart.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.similarity_icp import Fit, Refinement
+from zeroshop_steps.bop.similarity_search import search
+from zeroshop_steps.bop.surface_points import surface_points
+from zeroshop_steps.bop.symmetry import symmetry_transforms
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.finish.surface_error import distances_to
+from zeroshop_steps.meshes import Mesh, read_ply
+
+SOURCE_SAMPLES, TARGET_SAMPLES = 8000, 40000
+WORST_MESH_DIAMETERS, WORST_TRUTH_DIAMETERS = 0.03, 0.1
+METRES, PLAUSIBLE_SCALE = (500.0, 2000.0), (0.8, 1.25)
+DIGITS = 7
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="reconstructed mesh.ply")
+    parser.add_argument("--model", type=Path, required=True, help="true model.ply; model_info.json beside it gives its symmetries")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="aligned.json")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Align one mesh."""
+    start_s = time.monotonic()
+    mesh, truth = read_ply(args.mesh), read_ply(args.model)
+    info = read_json(args.model.with_name("model_info.json"))
+    fit = align(mesh, truth, symmetry_transforms(info), args.seed)
+    figures = residuals(mesh, truth, fit, info["diameter"], args.seed)
+    apart_mm, missing_mm = figures["mesh_to_truth_mm"], figures["truth_to_mesh_median_mm"]
+    if apart_mm > WORST_MESH_DIAMETERS * info["diameter"] or missing_mm > WORST_TRUTH_DIAMETERS * info["diameter"]:
+        raise StepError(
+            f"{args.mesh} cannot be aligned with {args.model}: at best it lies {apart_mm:.1f} mm from it, and half of the model"
+            f" more than {missing_mm:.1f} mm from the mesh; the mesh is not this object, or too little of it"
+        )
+    notice = scale_notice(figures["scale"])
+    if notice:
+        print(f"warning: {args.mesh}: {notice}", file=sys.stderr)
+    content = {"truth_from_mesh": np.round(fit.transform, DIGITS).tolist(), **figures, "notice": notice, "model_info": info}
+    write_json(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
+    print(f"aligned: {figures['mesh_to_truth_mm']:.2f} mm from the truth, scale {figures['scale']:.4f}", file=sys.stderr)
+
+
+def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> Fit:
+    """The best similarity truth_from_mesh; `symmetries` are (S, 4, 4) of the truth."""
+    rng = np.random.default_rng(seed)
+    source, target = surface_points(mesh, SOURCE_SAMPLES, rng), surface_points(truth, TARGET_SAMPLES, rng)
+    best = Refinement(source, target).best_of(search(source, target))[0]
+    alike = symmetries @ best.transform
+    turned_least = np.argmax(np.round(np.trace(alike[:, :3, :3], axis1=1, axis2=2), 9))
+    return Fit(alike[turned_least], best.distance, best.likeness)
+
+
+def residuals(mesh: Mesh, truth: Mesh, fit: Fit, diameter_mm: float, seed: int) -> dict:
+    """What remains between the aligned mesh and the truth: figures for aligned.json; scale is that of truth_from_mesh."""
+    aligned = Mesh(mesh.vertices @ fit.transform[:3, :3].T + fit.transform[:3, 3], mesh.faces)
+    rng = np.random.default_rng(seed)
+    there = distances_to(truth, surface_points(aligned, SOURCE_SAMPLES, rng).points)
+    back = distances_to(aligned, surface_points(truth, SOURCE_SAMPLES, rng).points)
+    figures = {
+        "scale": float(np.cbrt(np.linalg.det(fit.transform[:3, :3]))),
+        "mesh_to_truth_mm": float(there.mean()),
+        "mesh_to_truth_95_percent_mm": float(np.percentile(there, 95)),
+        "truth_to_mesh_median_mm": float(np.median(back)),
+        "mesh_to_truth_diameters": float(there.mean() / diameter_mm),
+        "print_likeness": fit.likeness,
+    }
+    return {name: round(value, 5) for name, value in figures.items()}
+
+
+def scale_notice(scale: float) -> str | None:
+    """What a scale far from 1 means, in words; None where it is near."""
+    if METRES[0] <= scale <= METRES[1]:
+        return f"it had to grow {scale:.0f} times: it is in metres, where millimetres are expected"
+    if not PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
+        return f"it had to be scaled by {scale:.4g}: its unit is not the millimetre"
+    return None

@@ -1,0 +1,74 @@
+"""Gather models of a dataset into a folder in BOP's layout: obj_000001.ply, its texture, ..., and models_info.json.
+
+The parts are true models (folders with model.ply and model_info.json) or alignments (aligned.json with mesh.ply beside it),
+whose meshes are brought into the frames of their true models. Any BOP method takes such a folder as its models. Objects
+whose part records a failure are left out, with a warning.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.models import model_file
+from zeroshop_steps.capture.bop_models import checked_diameter_mm
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.failures import read_failure
+from zeroshop_steps.files import read_json, write_json, written_whole_dir
+from zeroshop_steps.images import write_image
+from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--parts", type=Path, nargs="+", required=True, help="model folders, or aligned.json files")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write one folder of models."""
+    listed: dict[int, dict] = {}
+    with written_whole_dir(args.out) as folder:
+        for part in args.parts:
+            failure = read_failure(part)
+            if failure:
+                print(f"warning: {part} is left out of {args.out}: {failure}", file=sys.stderr)
+                continue
+            mesh, info = read_part(part)
+            number = info["obj_id"]
+            if number in listed:
+                raise StepError(f"{part} is object {number}, and so is an earlier part; give every object once")
+            listed[number] = write_model(folder, mesh, info)
+        if not listed:
+            raise StepError(f"no object is left for {args.out}: every part is the record of a failure; the warnings give the reasons")
+        write_json(folder / "models_info.json", {str(number): listed[number] for number in sorted(listed)})
+    print(f"{args.out}: {len(listed)} of {len(args.parts)} objects", file=sys.stderr)
+
+
+def read_part(part: Path) -> tuple[Mesh, dict]:
+    """A mesh in the frame of its true model, mm, and that model's entry of models_info.json."""
+    if part.is_dir():
+        return read_ply(part / "model.ply"), read_json(part / "model_info.json")
+    aligned = read_json(part)
+    mesh, transform = read_ply(part.with_name("mesh.ply")), np.array(aligned["truth_from_mesh"])
+    vertices = mesh.vertices @ transform[:3, :3].T + transform[:3, 3]
+    return Mesh(vertices, mesh.faces, None, mesh.uv, mesh.texture).with_normals(), aligned["model_info"]
+
+
+def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:
+    """Write one model and its texture; returns its entry of models_info.json, measured on the mesh, with the true symmetries.
+
+    Raises:
+        StepError: the mesh cannot be in millimetres.
+    """
+    path = model_file(folder, info["obj_id"])
+    texture = path.with_suffix(".png") if mesh.texture is not None else None
+    if texture:
+        write_image(texture, mesh.texture)
+    write_ply(path, mesh if mesh.normals is not None else mesh.with_normals(), texture and texture.name)
+    low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
+    entry = {"name": info.get("name", path.stem), "diameter": checked_diameter_mm(path, mesh, None)}
+    entry |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
+    entry |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
+    return entry | {key: info[key] for key in ("symmetries_discrete", "symmetries_continuous") if info.get(key)}

@@ -1,0 +1,132 @@
+"""From a coarse alignment to the exact one: point-to-plane ICP with scale, and where shape decides nothing, print does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zeroshop_steps.bop.similarity_search import Candidates, changed, solved
+from zeroshop_steps.bop.surface_points import SurfacePoints
+
+SAMPLES = 4000
+STEPS = 40
+NEAR_SHARE = 0.9
+ALIKE_DIAMETERS = 0.003  # candidates whose residuals differ by less fit the shape equally well
+TRIED = 6
+PRINT_DIAMETERS = 0.01  # so much worse may a shape fit that makes up for print without any likeness
+NEIGHBOURS = 12
+PRINT_WEIGHT = 0.1
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One alignment.
+
+    Attributes:
+        transform: (4, 4) similarity target_from_source.
+        distance: mean distance of the nearer `NEAR_SHARE` of the source's samples to the target's surface.
+        likeness: correlation of the brightness of the two surfaces, -1..1; 0 where one has no print.
+    """
+
+    transform: np.ndarray
+    distance: float
+    likeness: float
+
+
+class Refinement:
+    """Refines candidates against one target."""
+
+    def __init__(self, source: SurfacePoints, target: SurfacePoints) -> None:
+        self._source, self._target = source.part(SAMPLES), target
+        self._tree = cKDTree(target.points)
+        self._middle = target.points.mean(0)
+        self._size = float(np.linalg.norm(np.ptp(target.points, axis=0)))
+        self._printed = source.colors is not None and target.colors is not None
+        if self._printed:
+            self._slopes = _brightness_slopes(target, self._tree)
+
+    def best_of(self, candidates: Candidates) -> list[Fit]:
+        """Refined alignments, the best first, by shape and print; only those that begin with about the best shape are tried."""
+        limit = candidates.residuals[0] + ALIKE_DIAMETERS * self._size
+        alike = candidates.transforms[candidates.residuals <= limit]
+        likeness = np.array([self.fit(transform).likeness for transform in alike])
+        tried = alike[np.argsort(-likeness, kind="stable")[:TRIED]]
+        fits = [self.refined(transform) for transform in tried]
+        return sorted(fits, key=lambda fit: fit.distance / self._size + PRINT_DIAMETERS * (1.0 - fit.likeness))
+
+    def refined(self, transform: np.ndarray) -> Fit:
+        """The alignment after `STEPS` steps."""
+        for _ in range(STEPS):
+            transform = self._step(transform)
+        return self.fit(transform)
+
+    def fit(self, transform: np.ndarray) -> Fit:
+        """How well an alignment fits."""
+        moved, nearest, gaps, weights = self._match(transform)
+        within = self._target.points[nearest] - moved
+        planes = np.abs(np.einsum("ni,ni->n", within, self._target.normals[nearest]))
+        distance = float(np.sort(planes)[: int(NEAR_SHARE * len(planes))].mean())
+        if not self._printed:
+            return Fit(transform, distance, 0.0)
+        ours, theirs = self._source.colors[weights > 0], self._target.colors[nearest][weights > 0]
+        return Fit(transform, distance, _likeness(ours, theirs))
+
+    def _match(self, transform: np.ndarray):
+        moved = self._source.points @ transform[:3, :3].T + transform[:3, 3]
+        distance, nearest = self._tree.query(moved)
+        normals = self._target.normals[nearest]
+        turned = self._source.normals @ transform[:3, :3].T
+        weights = (distance <= np.quantile(distance, NEAR_SHARE)) & (np.einsum("ni,ni->n", turned, normals) > 0)
+        gaps = np.einsum("ni,ni->n", self._target.points[nearest] - moved, normals)
+        return moved, nearest, gaps, weights.astype(float)
+
+    def _step(self, transform: np.ndarray) -> np.ndarray:
+        """One Gauss-Newton step on shape and print together (Park et al., Colored Point Cloud Registration, 2017), with scale."""
+        moved, nearest, gaps, weights = self._match(transform)
+        offsets, normals = moved - self._middle, self._target.normals[nearest]
+        rows, gaps = _rows(offsets, normals), gaps
+        if self._printed:
+            ours, theirs = _brightness(self._source.colors), _brightness(self._target.colors)[nearest]
+            used = weights > 0
+            spread = max(theirs[used].std(), 1e-6)
+            ours = (ours - ours[used].mean()) / max(ours[used].std(), 1e-6) * spread + theirs[used].mean()
+            slopes = self._slopes[nearest]
+            across = moved - self._target.points[nearest]
+            here = theirs + np.einsum("ni,ni->n", slopes, across)
+            strength = PRINT_WEIGHT * self._size / spread * 0.1
+            rows = np.concatenate([rows, strength * _rows(offsets, slopes)])
+            error = np.clip(ours - here, -1.5 * spread, 1.5 * spread)
+            gaps, weights = np.concatenate([gaps, strength * error]), np.concatenate([weights, weights])
+        change = solved(rows[None], gaps[None], weights[None])
+        return changed(transform[None], change, self._middle)[0]
+
+
+def _rows(offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(N, 7) how a turn, a move and a growth shift points along directions."""
+    return np.concatenate([np.cross(offsets, directions), directions, np.einsum("ni,ni->n", offsets, directions)[:, None]], 1)
+
+
+def _brightness(colors: np.ndarray) -> np.ndarray:
+    return colors @ [0.299, 0.587, 0.114]
+
+
+def _likeness(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Mean correlation of brightness, red against green and yellow against blue, each as far as it varies."""
+    axes = np.array([[0.299, 0.587, 0.114], [0.7, -0.7, 0.0], [0.5, 0.5, -1.0]]).T
+    a, b = ours @ axes, theirs @ axes
+    a, b = a - a.mean(0), b - b.mean(0)
+    return float((a * b).sum() / np.sqrt(max((a**2).sum() * (b**2).sum(), 1e-12)))
+
+
+def _brightness_slopes(target: SurfacePoints, tree: cKDTree) -> np.ndarray:
+    """(N, 3) change of brightness along the surface at each sample, by least squares over its neighbours."""
+    _, near = tree.query(target.points, NEIGHBOURS)
+    brightness = _brightness(target.colors)
+    offsets = target.points[near] - target.points[:, None]
+    offsets -= np.einsum("nki,ni->nk", offsets, target.normals)[..., None] * target.normals[:, None]
+    rises = brightness[near] - brightness[:, None]
+    normal = np.einsum("nki,nkj->nij", offsets, offsets)
+    scale = np.einsum("nii->n", normal)[:, None, None]
+    # along the normal nothing is known: the slope there is held at zero
+    normal += scale * (target.normals[:, :, None] * target.normals[:, None, :] + 1e-3 * np.eye(3)) + 1e-12 * np.eye(3)
+    return np.linalg.solve(normal, np.einsum("nki,nk->ni", offsets, rises)[..., None])[..., 0]

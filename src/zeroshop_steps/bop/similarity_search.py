@@ -1,0 +1,124 @@
+"""Where to begin an alignment: iterated closest points with scale from rotations all over, many at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.bop.surface_points import SurfacePoints
+
+DIRECTIONS, TURNS = 60, 12
+FIRST_STEPS, LAST_STEPS = 10, 16
+KEPT_SHARE = 0.25
+FIRST_SAMPLES, SAMPLES, TARGET_SAMPLES = 100, 250, 6000
+NEAR_SHARE, FAR_SHARE = 0.85, 0.7
+LEAST_SCALE_CHANGE = 0.75
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Alignments found, the best first.
+
+    Attributes:
+        transforms: (C, 4, 4) similarities target_from_source.
+        residuals: (C,) mean distance of the nearer samples, both ways, in the target's unit.
+    """
+
+    transforms: np.ndarray
+    residuals: np.ndarray
+
+
+def search(source: SurfacePoints, target: SurfacePoints) -> Candidates:
+    """Align samples of a surface that may lack parts with those of the whole one, from every side.
+
+    The farther samples count for nothing: `NEAR_SHARE` of the source's must fit, and of the target's, part of which nobody
+    may have seen, `FAR_SHARE`.
+    """
+    search_in = _Search(source, target)
+    transforms = _starts(source, target)
+    scale = float(np.cbrt(np.linalg.det(transforms[0, :3, :3])))
+    for _ in range(FIRST_STEPS):
+        transforms = search_in.step(transforms, FIRST_SAMPLES, scale)
+    order = np.argsort(search_in.residuals(transforms, FIRST_SAMPLES), kind="stable")
+    transforms = transforms[order[: int(KEPT_SHARE * len(order))]]
+    for _ in range(LAST_STEPS):
+        transforms = search_in.step(transforms, SAMPLES, scale)
+    residuals = search_in.residuals(transforms, SAMPLES)
+    order = np.argsort(residuals, kind="stable")
+    return Candidates(transforms[order], residuals[order])
+
+
+class _Search:
+    """Two surfaces, ready to be asked for nearest samples."""
+
+    def __init__(self, source: SurfacePoints, target: SurfacePoints) -> None:
+        self._source, self._target = source.part(TARGET_SAMPLES), target.part(TARGET_SAMPLES)
+        self._source_tree, self._target_tree = cKDTree(self._source.points), cKDTree(self._target.points)
+        self._middle = self._target.points.mean(0)
+
+    def step(self, transforms: np.ndarray, samples: int, scale: float) -> np.ndarray:
+        """One step of point-to-plane ICP with scale for all transforms (Chen and Medioni 1991; Zinsser et al. 2005 for the scale)."""
+        moved = _apply(transforms, self._source.points[:samples])
+        distance, nearest = (found.reshape(moved.shape[:2]) for found in self._target_tree.query(moved.reshape(-1, 3)))
+        turned = self._source.normals[:samples] @ transforms[:, :3, :3].transpose(0, 2, 1)
+        normals = self._target.normals[nearest]
+        weights = (distance <= np.quantile(distance, NEAR_SHARE, axis=1, keepdims=True)) & (np.einsum("cni,cni->cn", turned, normals) > 0)
+        offsets, gaps = moved - self._middle, np.einsum("cni,cni->cn", self._target.points[nearest] - moved, normals)
+        rows = np.concatenate([np.cross(offsets, normals), normals, np.einsum("cni,cni->cn", offsets, normals)[..., None]], 2)
+        updated = changed(transforms, solved(rows, gaps, weights.astype(float)), self._middle)
+        sizes = np.cbrt(np.linalg.det(updated[:, :3, :3]))
+        within = np.clip(sizes, LEAST_SCALE_CHANGE * scale, scale / LEAST_SCALE_CHANGE) / sizes
+        updated[:, :3, 3] = self._middle + within[:, None] * (updated[:, :3, 3] - self._middle)
+        updated[:, :3, :3] *= within[:, None, None]
+        return updated
+
+    def residuals(self, transforms: np.ndarray, samples: int) -> np.ndarray:
+        """(C,) mean distance of the nearer samples, both ways, in the target's unit."""
+        moved = _apply(transforms, self._source.points[:samples])
+        near = np.sort(self._target_tree.query(moved.reshape(-1, 3))[0].reshape(moved.shape[:2]), axis=1)
+        back = _apply(np.linalg.inv(transforms), self._target.points[:samples])
+        sizes = np.cbrt(np.linalg.det(transforms[:, :3, :3]))
+        far = np.sort(self._source_tree.query(back.reshape(-1, 3))[0].reshape(back.shape[:2]), axis=1) * sizes[:, None]
+        return (near[:, : int(NEAR_SHARE * samples)].mean(1) + far[:, : int(FAR_SHARE * samples)].mean(1)) / 2
+
+
+def _starts(source: SurfacePoints, target: SurfacePoints) -> np.ndarray:
+    """(DIRECTIONS * TURNS, 4, 4): middles of the boxes on each other, sizes alike, rotations spread evenly (Fibonacci's sphere)."""
+    index = np.arange(DIRECTIONS) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * index / DIRECTIONS), np.pi * (1 + 5**0.5) * index
+    tilts = Rotation.from_euler("zy", np.stack([azimuth, polar], 1))
+    turns = Rotation.from_euler("z", np.arange(TURNS)[:, None] * 2 * np.pi / TURNS)
+    rotations = np.concatenate([(tilt * turns).as_matrix() for tilt in tilts])
+    source_middle, target_middle = (np.percentile(part.points, (1, 99), axis=0).mean(0) for part in (source, target))
+    source_size, target_size = (
+        np.percentile(np.linalg.norm(part.points - middle, axis=1), 95)
+        for part, middle in ((source, source_middle), (target, target_middle))
+    )
+    transforms = np.tile(np.eye(4), (len(rotations), 1, 1))
+    transforms[:, :3, :3] = rotations * target_size / source_size
+    transforms[:, :3, 3] = target_middle - transforms[:, :3, :3] @ source_middle
+    return transforms
+
+
+def solved(rows: np.ndarray, gaps: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(C, 7) least-squares changes (turn, move, growth) from (C, N, 7) rows; slightly damped, so that what nothing fixes stays."""
+    normal = np.einsum("cni,cnj,cn->cij", rows, rows, weights, optimize=True)
+    right = np.einsum("cni,cn,cn->ci", rows, gaps, weights, optimize=True)
+    damping = 1e-4 * np.einsum("cii->ci", normal)[..., None] * np.eye(7) + 1e-9 * np.eye(7)
+    return np.linalg.solve(normal + damping, right[..., None])[..., 0]
+
+
+def changed(transforms: np.ndarray, changes: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Apply (C, 7) small changes about a point to (C, 4, 4) similarities."""
+    turn = Rotation.from_rotvec(np.clip(changes[:, :3], -0.5, 0.5)).as_matrix()
+    grown = turn * np.exp(np.clip(changes[:, 6], -0.1, 0.1))[:, None, None]
+    updated = transforms.copy()
+    updated[:, :3, :3] = grown @ transforms[:, :3, :3]
+    updated[:, :3, 3] = np.einsum("cij,cj->ci", grown, transforms[:, :3, 3] - middle) + middle + changes[:, 3:6]
+    return updated
+
+
+def _apply(transforms: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(C, N, 3) of (C, 4, 4) and (N, 3)."""
+    return points @ transforms[:, :3, :3].transpose(0, 2, 1) + transforms[:, None, :3, 3]

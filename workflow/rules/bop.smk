@@ -1,0 +1,124 @@
+"""BOP: a dataset's models, true and reconstructed, in BOP's layout, and scores of what any method found with them.
+
+results/DATASET/bop/models          the true models; models_NVS: the chosen cells of a method, aligned with them
+results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside it is made of them
+"""
+
+
+rule align:
+    input:
+        mesh=mesh_or_failure_of,
+        model="results/{dataset}/{object}/model",
+    output:
+        aligned="results/{dataset}/{object}/{scene}/{registration}/{nvs}/aligned.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/align.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/align.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        seed=config["seed"],
+    message:
+        "Aligning with the true model: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.bop --method align --mesh {input.mesh} --model {input.model}/model.ply --seed {params.seed}"
+        " --out {output.aligned} --record-failure {output} > {log} 2>&1"
+
+
+rule true_models:
+    input:
+        models=true_models_of,
+    output:
+        models=directory("results/{dataset}/bop/models"),
+    log:
+        "results/{dataset}/bop/logs/models.log",
+    benchmark:
+        "results/{dataset}/bop/benchmarks/models.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    message:
+        "Gathering the true models of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.bop --method export_models --parts {input.models} --out {output.models} > {log} 2>&1"
+
+
+rule reconstructed_models:
+    input:
+        parts=alignments_of,
+    output:
+        models=directory("results/{dataset}/bop/models_{nvs}"),
+    log:
+        "results/{dataset}/bop/logs/models_{nvs}.log",
+    benchmark:
+        "results/{dataset}/bop/benchmarks/models_{nvs}.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    message:
+        "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
+    shell:
+        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} --out {output.models} > {log} 2>&1"
+
+
+rule score_poses:
+    input:
+        estimates="results/{dataset}/bop/{estimator}/poses.csv",
+        models="results/{dataset}/bop/models",
+        scenes="results/{dataset}/bop/test",
+        targets="results/{dataset}/bop/test_targets_bop19.json",
+    output:
+        scores="results/{dataset}/bop/{estimator}/scores.csv",
+        errors="results/{dataset}/bop/{estimator}/errors.csv",
+    log:
+        "results/{dataset}/bop/{estimator}/logs/score_poses.log",
+    benchmark:
+        "results/{dataset}/bop/{estimator}/benchmarks/score_poses.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 2
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    message:
+        "Scoring the poses of {wildcards.estimator} in {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.bop --method score_poses --estimates {input.estimates} --targets {input.targets}"
+        " --scenes {input.scenes} --models {input.models} --errors-out {output.errors} --out {output.scores} > {log} 2>&1"
+
+
+rule score_detections:
+    input:
+        detections="results/{dataset}/bop/{estimator}/detections.json",
+        scenes="results/{dataset}/bop/test",
+        targets="results/{dataset}/bop/test_targets_bop19.json",
+    output:
+        scores="results/{dataset}/bop/{estimator}/precision.csv",
+    log:
+        "results/{dataset}/bop/{estimator}/logs/score_detections.log",
+    benchmark:
+        "results/{dataset}/bop/{estimator}/benchmarks/score_detections.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    message:
+        "Scoring the masks of {wildcards.estimator} in {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.bop --method score_detections --detections {input.detections} --targets {input.targets}"
+        " --scenes {input.scenes} --out {output.scores} > {log} 2>&1"
