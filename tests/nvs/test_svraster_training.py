@@ -14,8 +14,9 @@ from zeroshop_steps.nvs.optimizer import AdamWithSurgery
 from zeroshop_steps.nvs.svraster.adapt import prune_and_subdivide
 from zeroshop_steps.nvs.svraster.field import Field, half_value, signed_distances
 from zeroshop_steps.nvs.svraster.octree import CELLS, Octree
+from zeroshop_steps.nvs.svraster.settings import TrainingSettings
 from zeroshop_steps.nvs.svraster.start import start_voxels
-from zeroshop_steps.nvs.svraster.train import BETAS, LEARNING_RATES, Trainer, TrainingSettings
+from zeroshop_steps.nvs.svraster.train import BETAS, LEARNING_RATES, Trainer
 from zeroshop_steps.nvs.svraster.voxels import Voxels, read_voxels, write_voxels
 from zeroshop_steps.nvs.svraster_mesh import faced, marching_cubes, surface, view_depth
 from zeroshop_steps.nvs.training import Views

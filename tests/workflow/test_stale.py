@@ -8,6 +8,7 @@ from running import planned, run_snakemake
 
 CHOSEN, CELL, PHOTO = "results/demo/mug/2dgs.ply", "results/demo/mug/su_l/truth/2dgs/cell.csv", "results/photos/cup/2dgs.ply"
 TARGETS = (CHOSEN, CELL, PHOTO)
+VOXELS = CHOSEN.replace("2dgs", "svraster")
 STAGES = ["register", "stereo", "train_2dgs", "fuse_2dgs", "clean", "height", "underside", "frame", "unwrap", "texture"]
 ENDS = {
     "chosen": ["export", "preview", "quality", "grade", "publish"],
@@ -37,7 +38,7 @@ def finished(tmp_path_factory):
     def snakemake(*arguments, config=()):
         return run_snakemake(folder, *arguments, "--config", f"objects_table={table}", *config)
 
-    pretend(snakemake, folder, *TARGETS)
+    pretend(snakemake, folder, *TARGETS, VOXELS)
     return folder, snakemake
 
 
@@ -49,7 +50,7 @@ def stale(finished, *targets, config=()):
 
 
 def test_nothing_is_stale_at_first(finished):
-    assert stale(finished, *TARGETS) == {}
+    assert stale(finished, *TARGETS, VOXELS) == {}
 
 
 @pytest.mark.parametrize(
@@ -69,6 +70,12 @@ def test_nothing_is_stale_at_first(finished):
 )
 def test_a_changed_choice_reruns_exactly_what_depends_on_it(finished, change, expected):
     assert stale(finished, *TARGETS, config=[change]) == expected
+
+
+def test_a_changed_weight_of_svraster_reruns_its_training_and_what_follows_alone(finished):
+    rules = ["train_svraster", "mesh_svraster", *STAGES[STAGES.index("clean") :], *ENDS["chosen"]]
+    change = "nvs={svraster: {train: {lambda_normal: 0.123}}}"
+    assert stale(finished, *TARGETS, VOXELS, config=[change]) == dict.fromkeys(rules, 1)
 
 
 def test_a_changed_photo_reruns_its_own_product_alone(finished):

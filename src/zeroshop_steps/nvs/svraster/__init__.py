@@ -12,6 +12,7 @@ import numpy as np
 
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.nvs.options import add_training_arguments
+from zeroshop_steps.nvs.svraster.settings import LOSSES, TrainingSettings
 
 CACHED = Cached(
     inputs=("cameras/images", "cameras/masks", "cameras/sparse", "stereo"),
@@ -22,7 +23,9 @@ CACHED = Cached(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_training_arguments(parser, "voxels.npz", iterations=600, image_width_px=800, sh_degree=1)
+    add_training_arguments(parser, "voxels.npz", iterations=TrainingSettings.iterations, image_width_px=800, sh_degree=1)
+    for name, text in LOSSES.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=getattr(TrainingSettings, name), help=text)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -30,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.files import write_json
     from zeroshop_steps.nvs.start import find_start
     from zeroshop_steps.nvs.svraster.start import start_voxels
-    from zeroshop_steps.nvs.svraster.train import Trainer, TrainingSettings
+    from zeroshop_steps.nvs.svraster.train import Trainer
     from zeroshop_steps.nvs.svraster.voxels import write_voxels
     from zeroshop_steps.nvs.threads import use_threads
     from zeroshop_steps.nvs.training import TrainingInputs, write_curve
@@ -40,7 +43,8 @@ def run(args: argparse.Namespace) -> None:
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     inputs = TrainingInputs.read(args)
     views, identity = inputs.views, inputs.identity
-    settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed)
+    weights = {name: getattr(args, name) for name in LOSSES}
+    settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed, **weights)
     checkpoint = args.out / "checkpoint.pt"
     start = find_start(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, 0, args.seed)
     trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None

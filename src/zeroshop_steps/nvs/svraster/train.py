@@ -1,7 +1,6 @@
 """Training of sparse voxels (Sun et al. 2025) on the cropped views of one object."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,34 +12,10 @@ from zeroshop_steps.nvs.start import Start
 from zeroshop_steps.nvs.svraster.adapt import VoxelMeter, prune_and_subdivide
 from zeroshop_steps.nvs.svraster.octree import Octree
 from zeroshop_steps.nvs.svraster.render import Rendering, RenderView, render
+from zeroshop_steps.nvs.svraster.settings import TrainingSettings
 from zeroshop_steps.nvs.svraster.voxels import Voxels
 from zeroshop_steps.nvs.training import Views, ViewTrainer, depth_loss, image_losses
 from zeroshop_steps.nvs.views import TrainingView
-
-
-@dataclass(frozen=True)
-class TrainingSettings:
-    """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
-
-    iterations: int = 600
-    sh_degree: int = 1
-    seed: int = 0
-    lambda_dssim: float = 0.02
-    lambda_mask: float = 0.5
-    lambda_transmittance: float = 0.1
-    lambda_color: float = 0.01
-    lambda_away: float = 0.01
-    lambda_normal: float = 0.05
-    lambda_depth: float = 0.5
-    depth_until_share: float = 0.7
-    normal_from_share: float = 0.25
-    coarse_share: float = 0.5
-    adapt_shares: tuple[float, ...] = (0.05, 0.25, 0.5, 0.6, 0.75)
-    weight_min: float = 0.005
-    level_start: int = 6
-    level_max: int = 8
-    count_max: int = 130_000
-
 
 LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
 BETAS = (0.9, 0.99)
@@ -62,7 +37,7 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettin
     terms["transmittance"] = settings.lambda_transmittance * (clear * active).sum() / pixels
     spread = rendering.color_square - 2 * (rendering.color * view.color).sum(0) + rendering.alpha * view.color.square().sum(0)
     terms["color"] = settings.lambda_color * (spread * active).sum() / pixels
-    terms["away"] = settings.lambda_away * (rendering.away * active).sum() / pixels
+    terms["away"] = settings.lambda_ascending * (rendering.away * active).sum() / pixels
     if with_normals:
         k = view.camera.intrinsics
         surface = normals_from_depth(rendering.median_depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2])

@@ -1,0 +1,38 @@
+"""What the training of sparse voxels depends on besides its images; apart from what it imports: help should not wait for PyTorch."""
+
+from dataclasses import dataclass
+
+LOSSES = {
+    "lambda_dssim": "share of structural dissimilarity in the photometric loss; the rest is L1",
+    "lambda_mask": "weight of the opacity's difference from the mask",
+    "lambda_transmittance": "weight of transmittance concentration: a pixel is full or empty",
+    "lambda_color": "weight of colour concentration: all that a ray sees has the photo's colour",
+    "lambda_ascending": "weight of the ascending loss: density rises along the ray",
+    "lambda_normal": "weight of normal consistency with the median depth",
+    "lambda_depth": "weight of depths that stereo confirmed",
+}
+"""The weights of the loss, by their names in TrainingSettings."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
+
+    iterations: int = 600
+    sh_degree: int = 1
+    seed: int = 0
+    lambda_dssim: float = 0.02
+    lambda_mask: float = 0.5
+    lambda_transmittance: float = 0.1
+    lambda_color: float = 0.01
+    lambda_ascending: float = 0.01
+    lambda_normal: float = 0.05
+    lambda_depth: float = 0.5
+    depth_until_share: float = 0.7
+    normal_from_share: float = 0.25
+    coarse_share: float = 0.5
+    adapt_shares: tuple[float, ...] = (0.05, 0.25, 0.5, 0.6, 0.75)
+    weight_min: float = 0.005
+    level_start: int = 6
+    level_max: int = 8
+    count_max: int = 130_000
