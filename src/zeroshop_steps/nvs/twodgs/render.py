@@ -7,7 +7,7 @@ import torch
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.twodgs import project, rasterize, surface_depth, tiles
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.nvs.views import TILE_PX, TrainingView
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class RenderView:
             depths and keeps its sums of squares precise in single precision.
         """
         if tile_active is None:
-            tile_active = np.ones((-(-camera.height_px // tiles.TILE_PX), -(-camera.width_px // tiles.TILE_PX)), bool)
+            tile_active = np.ones((-(-camera.height_px // TILE_PX), -(-camera.width_px // TILE_PX)), bool)
         stretch = near * far / (far - near)
         middle = 2.0 * near * far / (near + far)
         return RenderView(camera.row, camera.width_px, camera.height_px, tile_active, near, (stretch / middle, stretch))
@@ -86,7 +86,7 @@ class _Splat(torch.autograd.Function):
     def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, footprint):
         arrays = [tensor.detach().contiguous().numpy() for tensor in (positions, log_scales, quaternions, opacity_logits, sh)]
         splats, boxes, lists, image = _drawn(arrays, degree, view)
-        footprint.visible = np.diff(lists.slot_starts) > 0
+        footprint.visible[lists.splat_of] = True
         context.kept = (arrays, degree, view, footprint, splats, boxes, lists, image)
         return torch.from_numpy(image[: rasterize.GRAD_PLANES, : view.height_px, : view.width_px])
 
@@ -100,26 +100,32 @@ class _Splat(torch.autograd.Function):
         workers, tiles_x = project.numba.get_num_threads(), view.tile_active.shape[1]
         by_splat = np.empty_like(splats)
         rasterize.blend_backward(
-            splats, boxes, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.slot_starts,
+            splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.slot_starts, lists.blocks,
             tiles_x, k1, k2, workers, image, padded, by_splat,
         )  # fmt: skip
-        outputs = [np.empty_like(array) for array in (positions, log_scales, quaternions, opacity_logits, sh)]
-        project.project_backward(positions, log_scales, quaternions, sh, degree, view.camera, splats, boxes, by_splat, *outputs)
+        outputs = [np.zeros_like(array) for array in (positions, log_scales, quaternions, opacity_logits, sh)]
+        project.project_backward(
+            positions, log_scales, quaternions, sh, degree, view.camera, workers, splats, boxes, by_splat, *outputs
+        )  # fmt: skip
         footprint.centre_gradient = np.linalg.norm(by_splat[:, :2], axis=1)
         return *(torch.from_numpy(output) for output in outputs), None, None, None
 
 
 def _drawn(arrays, degree: int, view: RenderView):
     """Splat rows, boxes, tile lists and the padded (12, H, W) image of a view."""
-    count = len(arrays[0])
-    splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.zeros((count, 4), np.int32)
-    project.project_forward(*arrays, degree, view.camera, view.width_px, view.height_px, view.near, splats, boxes)
-    lists = tiles.list_tiles(splats, boxes, view.tile_active)
+    count, workers = len(arrays[0]), project.numba.get_num_threads()
+    splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.empty((count, 4), np.int32)
+    outlines = np.empty((count, project.OUTLINE_WIDTH), np.float32)
+    project.project_forward(
+        *arrays, degree, view.camera, view.width_px, view.height_px, view.near, workers, splats, outlines, boxes
+    )  # fmt: skip
+    lists = tiles.list_tiles(splats, outlines, boxes, view.tile_active, workers)
     tiles_y, tiles_x = view.tile_active.shape
-    image = np.zeros((rasterize.OUT_PLANES, tiles_y * tiles.TILE_PX, tiles_x * tiles.TILE_PX), np.float32)
+    image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
     k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
-    workers = project.numba.get_num_threads()
-    rasterize.blend_forward(splats, boxes, lists.tiles, lists.starts, lists.splat_of, tiles_x, k1, k2, workers, image)
+    rasterize.blend_forward(
+        splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.blocks, tiles_x, k1, k2, workers, image
+    )  # fmt: skip
     return splats, boxes, lists, image
 
 

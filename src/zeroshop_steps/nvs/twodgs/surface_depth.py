@@ -8,7 +8,7 @@ import numpy as np
 
 from zeroshop_steps.nvs.twodgs.project import A1, A2, ALPHA_MIN, CX, CY, OPACITY, U1, U2, V1, V2, ZC
 from zeroshop_steps.nvs.twodgs.rasterize import _ALPHA_MAX, _STOP, _meet
-from zeroshop_steps.nvs.twodgs.tiles import TILE_PX
+from zeroshop_steps.nvs.views import TILE_PX
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
