@@ -34,7 +34,11 @@ GRAZING_MIN = 1e-7
 """Sine of the angle between ray and disk below which only the low-pass filter draws the disk."""
 
 
-@numba.njit(cache=True)
+# Divisions may become products with a reciprocal, and sums fused: all is in double precision. Infinity keeps its meaning.
+_REORDERED = {"arcp", "contract", "nsz"}
+
+
+@numba.njit(cache=True, fastmath=_REORDERED)
 def rotation_of(w, x, y, z, rotation):
     """Fill rotation (3, 3) from a quaternion of any length; returns one over the length."""
     inverse = 1.0 / max(math.sqrt(w * w + x * x + y * y + z * z), 1e-12)
@@ -45,7 +49,7 @@ def rotation_of(w, x, y, z, rotation):
     return inverse
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=_REORDERED)
 def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outline):
     """Fill outline (6,) of a disk.
 
@@ -69,7 +73,7 @@ def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outlin
     outline[COVARIANCE] = mid_x * mid_y - f * (tu0 * tv0 + tu1 * tv1)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=_REORDERED)
 def _box(splat, outline, width_px, height_px, box):
     """Fill box (4,) with the first and last column and row of pixels, half open, whose centres lie in the outline's bounds."""
     if outline[HALF_X] == np.inf:
@@ -85,7 +89,7 @@ def _box(splat, outline, width_px, height_px, box):
     box[3] = int(min(max(math.floor(splat[CY] + bottom + 0.5 + MARGIN_PX), 0.0), height_px))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=_REORDERED)
 def _in_camera(position, quaternion, camera, p, rotation, tangents):
     """Fill p (3,), rotation (3, 3) and tangents (3, 3): position, and as rows the two tangents and the normal, in the camera frame.
 
@@ -101,7 +105,7 @@ def _in_camera(position, quaternion, camera, p, rotation, tangents):
     return inverse, (tangents[2, 0] * p[0] + tangents[2, 1] * p[1] + tangents[2, 2] * p[2]) / p[2]
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
 def project_forward(
     positions, log_scales, quaternions, opacity_logits, sh, degree, camera, width_px, height_px, near, workers, splats, outlines, boxes
 ):
@@ -154,7 +158,7 @@ def project_forward(
             _box(splats[i], outlines[i], width_px, height_px, boxes[i])
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
 def project_backward(
     positions, log_scales, quaternions, sh, degree, camera, workers, splats, boxes, splat_gradients,
     position_gradients, log_scale_gradients, quaternion_gradients, opacity_gradients, sh_gradients,
@@ -180,7 +184,7 @@ def project_backward(
             _color_backward(positions[i], sh[i], degree, camera, splats[i], g, basis, slopes, position_gradients[i], sh_gradients[i])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
 def _disk_backward(log_scales, splat, g, fx, fy, p, tangents, q, gp, gt, log_scale_gradients):
     """From gradients g (16,) of the splat to gp (3,) of its centre and gt (3, 3) of its axes in the camera frame."""
     n0, n1, n2 = tangents[2, 0], tangents[2, 1], tangents[2, 2]
@@ -216,7 +220,7 @@ def _disk_backward(log_scales, splat, g, fx, fy, p, tangents, q, gp, gt, log_sca
     gp[0], gp[1], gp[2] = g0 + gq * n0, g1 + gq * n1, g2 + gq * (n2 - q)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=_REORDERED)
 def _quaternion_backward(quaternion, inverse, g, out):
     w, x, y, z = quaternion[0] * inverse, quaternion[1] * inverse, quaternion[2] * inverse, quaternion[3] * inverse
     gw = 2 * (x * (g[2, 1] - g[1, 2]) + y * (g[0, 2] - g[2, 0]) + z * (g[1, 0] - g[0, 1]))
@@ -228,7 +232,7 @@ def _quaternion_backward(quaternion, inverse, g, out):
     out[2], out[3] = (gy - along * y) * inverse, (gz - along * z) * inverse
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=_REORDERED)
 def _color_backward(position, sh, degree, camera, splat, g, basis, slopes, position_gradient, out):
     dx, dy, dz, length = view_direction(position, camera)
     sh_basis(degree, dx, dy, dz, basis)

@@ -16,6 +16,7 @@ from zeroshop_steps.nvs.views import TILE_PX
 BLOCK_PX = 4
 """Width and height of a block: as many pixels as fit into one 512-bit register in single precision."""
 ACROSS = TILE_PX // BLOCK_PX
+_FAR, _TINY = np.float32(1e30), np.float32(1e-6)
 
 
 @dataclass(frozen=True)
@@ -84,52 +85,53 @@ def _count_slots(boxes, counts):
         counts[i] = (right - left) * (bottom - top)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _reach(splat, outline, first_y, last_y):
-    """Leftmost and rightmost position, in pixels, of a splat's footprint between two positions along y."""
-    cy, left, right = splat[CY], 1e30, -1e30
-    half_y = max(outline[HALF_Y], np.float32(1e-6))
-    top, bottom = first_y - cy - outline[MID_Y], last_y - cy - outline[MID_Y]
-    if top <= half_y and bottom >= -half_y:
-        # The ellipse's edges are at x = middle + slope t -+ half sqrt(1 - (t / half_y)^2), t along y from its centre.
-        slope = outline[COVARIANCE] / (half_y * half_y)
-        half = math.sqrt(max(outline[HALF_X] * outline[HALF_X] - slope * outline[COVARIANCE], 0.0))
-        farthest = outline[COVARIANCE] / max(outline[HALF_X], np.float32(1e-6))
-        t = min(max(farthest, top), bottom)
-        right = outline[MID_X] + slope * t + half * math.sqrt(max(1.0 - (t / half_y) ** 2, 0.0))
-        t = min(max(-farthest, top), bottom)
-        left = outline[MID_X] + slope * t - half * math.sqrt(max(1.0 - (t / half_y) ** 2, 0.0))
-    off = max(first_y - cy, cy - last_y, 0.0)
-    square = outline[LOW_PASS] * outline[LOW_PASS] - off * off
-    if square >= 0.0:
-        left, right = min(left, -math.sqrt(square)), max(right, math.sqrt(square))
-    return splat[CX] + left, splat[CX] + right
-
-
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def _mark_blocks(splats, outlines, boxes, tile_active, slot_starts, workers, blocks):
     """Set the bits of the blocks that each splat meets, in active tiles."""
-    width_px = tile_active.shape[1] * TILE_PX
+    one, zero, half_px = np.float32(1.0), np.float32(0.0), np.float32(0.5 - MARGIN_PX)
+    width_px = np.float32(tile_active.shape[1] * TILE_PX)
     for worker in numba.prange(workers):
         for i in range(worker * len(boxes) // workers, (worker + 1) * len(boxes) // workers):
             tile_left, tile_right, tile_top, tile_bottom = _tiles_of(boxes[i])
             if tile_left >= tile_right:
                 continue
-            everywhere = outlines[i, HALF_X] == np.inf
+            mid_x, mid_y, half_x, half_y = outlines[i, MID_X], outlines[i, MID_Y], outlines[i, HALF_X], outlines[i, HALF_Y]
+            covariance, low_pass = outlines[i, COVARIANCE], outlines[i, LOW_PASS]
+            everywhere = half_x == np.inf
+            # The ellipse's edges are at x = middle + slope s -+ half sqrt(1 - s^2), s along y from -1 to 1; they are
+            # farthest to the right at s = farthest, and to the left at -farthest.
+            inverse = one / max(half_y, _TINY)
+            slope = covariance * inverse
+            half = np.sqrt(max(half_x * half_x - slope * slope, zero))
+            farthest = slope / max(half_x, _TINY)
             for band in range(boxes[i, 2] // BLOCK_PX, (boxes[i, 3] - 1) // BLOCK_PX + 1):
-                left, right = 0.0, float(width_px)
-                if not everywhere:
-                    first_y, last_y = band * BLOCK_PX + 0.5 - MARGIN_PX, band * BLOCK_PX + BLOCK_PX - 0.5 + MARGIN_PX
-                    left, right = _reach(splats[i], outlines[i], first_y, last_y)
+                left, right = _FAR, -_FAR
                 # Pixel j's centre is at j + 0.5.
-                first = max(int(math.ceil(min(max(left - 0.5 - MARGIN_PX, 0.0), width_px))), boxes[i, 0])
-                last = min(int(math.floor(max(min(right - 0.5 + MARGIN_PX, width_px), -1.0))), boxes[i, 1] - 1)
+                first_y = np.float32(band * BLOCK_PX) + half_px - splats[i, CY]
+                last_y = np.float32(band * BLOCK_PX + BLOCK_PX) - half_px - splats[i, CY]
+                top, bottom = (first_y - mid_y) * inverse, (last_y - mid_y) * inverse
+                if (top <= one) & (bottom >= -one):
+                    s = min(max(farthest, top), bottom)
+                    right = mid_x + slope * s + half * np.sqrt(max(one - s * s, zero))
+                    s = min(max(-farthest, top), bottom)
+                    left = mid_x + slope * s - half * np.sqrt(max(one - s * s, zero))
+                off = max(max(first_y, -last_y), zero)
+                if off <= low_pass:
+                    reach = np.sqrt(low_pass * low_pass - off * off)
+                    left, right = min(left, -reach), max(right, reach)
+                if everywhere:
+                    left, right = -_FAR, _FAR
+                left = min(max(splats[i, CX] + left - one + half_px, zero), width_px)
+                right = min(max(splats[i, CX] + right - half_px, -one), width_px)
+                first, last = max(int(math.ceil(left)), boxes[i, 0]), min(int(math.floor(right)), boxes[i, 1] - 1)
                 if first > last:
                     continue
-                slot = slot_starts[i] + (band // ACROSS - tile_top) * (tile_right - tile_left) - tile_left
-                for column in range(first // BLOCK_PX, last // BLOCK_PX + 1):
-                    if tile_active[band // ACROSS, column // ACROSS]:
-                        blocks[slot + column // ACROSS] |= np.uint16(1 << (band % ACROSS * ACROSS + column % ACROSS))
+                ty, shift = band // ACROSS, band % ACROSS * ACROSS
+                slot = slot_starts[i] + (ty - tile_top) * (tile_right - tile_left) - tile_left
+                for tx in range(first // TILE_PX, last // TILE_PX + 1):
+                    low, high = max(first // BLOCK_PX - tx * ACROSS, 0), min(last // BLOCK_PX - tx * ACROSS, ACROSS - 1)
+                    if tile_active[ty, tx]:
+                        blocks[slot + tx] |= np.uint16(((2 << high) - (1 << low)) << shift)
 
 
 @numba.njit(cache=True, parallel=True)
