@@ -74,9 +74,9 @@ def camera_centre(camera, axis):
 
 
 @numba.njit(cache=True, inline="always")
-def view_direction(position, camera):
-    """Unit direction from the centre of a camera row (16,) to the position, in the world frame, and the distance."""
-    x, y, z = position[0] - camera_centre(camera, 0), position[1] - camera_centre(camera, 1), position[2] - camera_centre(camera, 2)
+def view_direction(points, i, camera):
+    """Unit direction from the centre of a camera row (16,) to row i of points (N, 3), in the world frame, and the distance."""
+    x, y, z = points[i, 0] - camera_centre(camera, 0), points[i, 1] - camera_centre(camera, 1), points[i, 2] - camera_centre(camera, 2)
     length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
     return x / length, y / length, z / length, length
 

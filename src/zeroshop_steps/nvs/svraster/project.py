@@ -96,7 +96,7 @@ def project_forward(centres, sizes, corners, densities, sh, degree, camera, widt
         inverse = -1.0 / math.sqrt(p[1] * p[1] + p[2] * p[2] + p[3] * p[3] + FLAT)
         for r in range(3):
             row[NX + r] = inverse * (camera[3 * r] * p[1] + camera[3 * r + 1] * p[2] + camera[3 * r + 2] * p[3])
-        dx, dy, dz, _ = view_direction(centres[i], camera)
+        dx, dy, dz, _ = view_direction(centres, i, camera)
         sh_basis(degree, dx, dy, dz, basis)
         for channel in range(3):
             value = 0.5
@@ -153,7 +153,7 @@ def project_backward(centres, degree, camera, rows, boxes, gradients, corner_gra
         _polynomial_backward(g, out)
         for k in range(8):
             corner_gradients[i, k] = out[k]
-        dx, dy, dz, _ = view_direction(centres[i], camera)
+        dx, dy, dz, _ = view_direction(centres, i, camera)
         sh_basis(degree, dx, dy, dz, basis)
         for channel in range(3):
             if rows[i, RED + channel] > 0.0:

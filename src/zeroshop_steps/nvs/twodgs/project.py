@@ -50,8 +50,8 @@ def rotation_of(w, x, y, z, rotation):
 
 
 @numba.njit(cache=True, fastmath=_REORDERED)
-def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outline):
-    """Fill outline (6,) of a disk.
+def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outlines, i):
+    """Fill row i of outlines (N, 6).
 
     camera_tangents (3, 3): rows are the tangents and the normal in the camera frame; kx, ky: principal point relative to the centre.
     The ellipse is the projection of u^2 + v^2 = radius_squared (Weyrich et al. 2007, as used in 2DGS, sec. 4.2).
@@ -60,44 +60,44 @@ def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outlin
     tu0, tu1 = su * (fx * t[0, 0] + kx * t[0, 2]), sv * (fx * t[1, 0] + kx * t[1, 2])
     tv0, tv1 = su * (fy * t[0, 1] + ky * t[0, 2]), sv * (fy * t[1, 1] + ky * t[1, 2])
     tw0, tw1 = su * t[0, 2], sv * t[1, 2]
-    outline[LOW_PASS] = math.sqrt(0.5 * radius_squared)
-    outline[HALF_X] = np.inf
+    outlines[i, LOW_PASS] = math.sqrt(0.5 * radius_squared)
+    outlines[i, HALF_X] = np.inf
     d = radius_squared * (tw0 * tw0 + tw1 * tw1) - zc * zc
     if d >= -1e-6 * zc * zc:
         return
     f = radius_squared / d
     mid_x, mid_y = f * (tu0 * tw0 + tu1 * tw1), f * (tv0 * tw0 + tv1 * tw1)
-    outline[MID_X], outline[MID_Y] = mid_x, mid_y
-    outline[HALF_X] = math.sqrt(max(mid_x * mid_x - f * (tu0 * tu0 + tu1 * tu1), 0.0))
-    outline[HALF_Y] = math.sqrt(max(mid_y * mid_y - f * (tv0 * tv0 + tv1 * tv1), 0.0))
-    outline[COVARIANCE] = mid_x * mid_y - f * (tu0 * tv0 + tu1 * tv1)
+    outlines[i, MID_X], outlines[i, MID_Y] = mid_x, mid_y
+    outlines[i, HALF_X] = math.sqrt(max(mid_x * mid_x - f * (tu0 * tu0 + tu1 * tu1), 0.0))
+    outlines[i, HALF_Y] = math.sqrt(max(mid_y * mid_y - f * (tv0 * tv0 + tv1 * tv1), 0.0))
+    outlines[i, COVARIANCE] = mid_x * mid_y - f * (tu0 * tv0 + tu1 * tv1)
 
 
 @numba.njit(cache=True, fastmath=_REORDERED)
-def _box(splat, outline, width_px, height_px, box):
-    """Fill box (4,) with the first and last column and row of pixels, half open, whose centres lie in the outline's bounds."""
-    if outline[HALF_X] == np.inf:
-        box[0], box[1], box[2], box[3] = 0, width_px, 0, height_px
+def _box(splats, outlines, i, width_px, height_px, boxes):
+    """Fill row i of boxes (N, 4) with the first and last column and row of pixels, half open, whose centres lie in the outline's bounds."""
+    if outlines[i, HALF_X] == np.inf:
+        boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = 0, width_px, 0, height_px
         return
-    low_pass = outline[LOW_PASS]
-    left, right = min(outline[MID_X] - outline[HALF_X], -low_pass), max(outline[MID_X] + outline[HALF_X], low_pass)
-    top, bottom = min(outline[MID_Y] - outline[HALF_Y], -low_pass), max(outline[MID_Y] + outline[HALF_Y], low_pass)
+    low_pass = outlines[i, LOW_PASS]
+    left, right = min(outlines[i, MID_X] - outlines[i, HALF_X], -low_pass), max(outlines[i, MID_X] + outlines[i, HALF_X], low_pass)
+    top, bottom = min(outlines[i, MID_Y] - outlines[i, HALF_Y], -low_pass), max(outlines[i, MID_Y] + outlines[i, HALF_Y], low_pass)
     # Pixel j's centre is at j + 0.5; clamped in floating point, before the cast can overflow.
-    box[0] = int(min(max(math.ceil(splat[CX] + left - 0.5 - MARGIN_PX), 0.0), width_px))
-    box[1] = int(min(max(math.floor(splat[CX] + right + 0.5 + MARGIN_PX), 0.0), width_px))
-    box[2] = int(min(max(math.ceil(splat[CY] + top - 0.5 - MARGIN_PX), 0.0), height_px))
-    box[3] = int(min(max(math.floor(splat[CY] + bottom + 0.5 + MARGIN_PX), 0.0), height_px))
+    boxes[i, 0] = int(min(max(math.ceil(splats[i, CX] + left - 0.5 - MARGIN_PX), 0.0), width_px))
+    boxes[i, 1] = int(min(max(math.floor(splats[i, CX] + right + 0.5 + MARGIN_PX), 0.0), width_px))
+    boxes[i, 2] = int(min(max(math.ceil(splats[i, CY] + top - 0.5 - MARGIN_PX), 0.0), height_px))
+    boxes[i, 3] = int(min(max(math.floor(splats[i, CY] + bottom + 0.5 + MARGIN_PX), 0.0), height_px))
 
 
 @numba.njit(cache=True, fastmath=_REORDERED)
-def _in_camera(position, quaternion, camera, p, rotation, tangents):
+def _in_camera(positions, quaternions, i, camera, p, rotation, tangents):
     """Fill p (3,), rotation (3, 3) and tangents (3, 3): position, and as rows the two tangents and the normal, in the camera frame.
 
     Returns one over the quaternion's length and q, the cosine between normal and the ray to the centre times the ray's length.
     """
     for r in range(3):
-        p[r] = camera[9 + r] + camera[3 * r] * position[0] + camera[3 * r + 1] * position[1] + camera[3 * r + 2] * position[2]
-    inverse = rotation_of(quaternion[0], quaternion[1], quaternion[2], quaternion[3], rotation)
+        p[r] = camera[9 + r] + camera[3 * r] * positions[i, 0] + camera[3 * r + 1] * positions[i, 1] + camera[3 * r + 2] * positions[i, 2]
+    inverse = rotation_of(quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3], rotation)
     for axis in range(3):
         for r in range(3):
             total = camera[3 * r] * rotation[0, axis] + camera[3 * r + 1] * rotation[1, axis]
@@ -126,7 +126,7 @@ def project_forward(
         for i in range(worker * len(positions) // workers, (worker + 1) * len(positions) // workers):
             boxes[i, 0] = boxes[i, 1] = boxes[i, 2] = boxes[i, 3] = 0
             opacity = 1.0 / (1.0 + math.exp(-opacity_logits[i]))
-            _, q = _in_camera(positions[i], quaternions[i], camera, p, rotation, tangents)
+            _, q = _in_camera(positions, quaternions, i, camera, p, rotation, tangents)
             if p[2] <= near or opacity <= ALPHA_MIN:
                 continue
             t, n0, n1, n2 = tangents, tangents[2, 0], tangents[2, 1], tangents[2, 2]
@@ -145,7 +145,7 @@ def project_forward(
             splats[i, NX], splats[i, NY], splats[i, NZ] = facing * n0, facing * n1, facing * n2
             splats[i, OPACITY] = opacity
 
-            dx, dy, dz, _ = view_direction(positions[i], camera)
+            dx, dy, dz, _ = view_direction(positions, i, camera)
             sh_basis(degree, dx, dy, dz, basis)
             red = green = blue = 0.5
             for k in range((degree + 1) * (degree + 1)):
@@ -154,8 +154,8 @@ def project_forward(
                 blue += basis[k] * sh[i, k, 2]
             splats[i, RED], splats[i, GREEN], splats[i, BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
             radius_squared = 2.0 * math.log(opacity / ALPHA_MIN)
-            _outline(p[2], fx, fy, cx0 - splats[i, CX], cy0 - splats[i, CY], su, sv, tangents, radius_squared, outlines[i])
-            _box(splats[i], outlines[i], width_px, height_px, boxes[i])
+            _outline(p[2], fx, fy, cx0 - splats[i, CX], cy0 - splats[i, CY], su, sv, tangents, radius_squared, outlines, i)
+            _box(splats, outlines, i, width_px, height_px, boxes)
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
@@ -171,35 +171,36 @@ def project_backward(
         for i in range(worker * len(positions) // workers, (worker + 1) * len(positions) // workers):
             if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
                 continue
-            g = splat_gradients[i]
-            inverse, q = _in_camera(positions[i], quaternions[i], camera, p, rotation, tangents)
-            _disk_backward(log_scales[i], splats[i], g, fx, fy, p, tangents, q, gp, gt, log_scale_gradients[i])
+            inverse, q = _in_camera(positions, quaternions, i, camera, p, rotation, tangents)
+            _disk_backward(log_scales, splats, splat_gradients, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients)
             for c in range(3):
                 position_gradients[i, c] = camera[c] * gp[0] + camera[3 + c] * gp[1] + camera[6 + c] * gp[2]
                 for axis in range(3):
                     grotation[c, axis] = camera[c] * gt[axis, 0] + camera[3 + c] * gt[axis, 1] + camera[6 + c] * gt[axis, 2]
-            _quaternion_backward(quaternions[i], inverse, grotation, quaternion_gradients[i])
+            _quaternion_backward(quaternions, i, inverse, grotation, quaternion_gradients)
             opacity = splats[i, OPACITY]
-            opacity_gradients[i] = g[OPACITY] * opacity * (1.0 - opacity)
-            _color_backward(positions[i], sh[i], degree, camera, splats[i], g, basis, slopes, position_gradients[i], sh_gradients[i])
+            opacity_gradients[i] = splat_gradients[i, OPACITY] * opacity * (1.0 - opacity)
+            _color_backward(
+                positions, sh, i, degree, camera, splats, splat_gradients, basis, slopes, position_gradients, sh_gradients
+            )  # fmt: skip
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
-def _disk_backward(log_scales, splat, g, fx, fy, p, tangents, q, gp, gt, log_scale_gradients):
-    """From gradients g (16,) of the splat to gp (3,) of its centre and gt (3, 3) of its axes in the camera frame."""
+def _disk_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients):
+    """From row i of gradients g (N, 16) of the splats to gp (3,) of its centre and gt (3, 3) of its axes in the camera frame."""
     n0, n1, n2 = tangents[2, 0], tangents[2, 1], tangents[2, 2]
-    g0, g1, g2 = g[CX] * fx / p[2], g[CY] * fy / p[2], g[ZC] - (g[CX] * fx * p[0] + g[CY] * fy * p[1]) / (p[2] * p[2])
+    g0, g1, g2 = g[i, CX] * fx / p[2], g[i, CY] * fy / p[2], g[i, ZC] - (g[i, CX] * fx * p[0] + g[i, CY] * fy * p[1]) / (p[2] * p[2])
     facing = -1.0 if q > 0 else 1.0
-    gn0, gn1, gn2 = facing * g[NX], facing * g[NY], facing * g[NZ]
+    gn0, gn1, gn2 = facing * g[i, NX], facing * g[i, NY], facing * g[i, NZ]
     gq = 0.0
     for axis in range(2):
         gt[axis, 0] = gt[axis, 1] = gt[axis, 2] = 0.0
     if abs(q) > GRAZING_MIN:
         for axis in range(2):
             t0, t1, t2 = tangents[axis, 0], tangents[axis, 1], tangents[axis, 2]
-            scale = math.exp(log_scales[axis])
+            scale = math.exp(log_scales[i, axis])
             first = U1 + 2 * axis
-            g_first, g_second = g[first] / (fx * scale), g[first + 1] / (fy * scale)
+            g_first, g_second = g[i, first] / (fx * scale), g[i, first + 1] / (fy * scale)
             along = (t0 * p[0] + t1 * p[1] + t2 * p[2]) / q
             dot = (g_first * n0 + g_second * n1) / q
             gn0 -= g_first * along
@@ -211,43 +212,43 @@ def _disk_backward(log_scales, splat, g, fx, fy, p, tangents, q, gp, gt, log_sca
             g0 -= dot * t0
             g1 -= dot * t1
             g2 += g_first * t0 + g_second * t1 - dot * t2
-            log_scale_gradients[axis] = -(g[first] * splat[first] + g[first + 1] * splat[first + 1])
-        gn0 += g[A1] / (fx * q)
-        gn1 += g[A2] / (fy * q)
-        gq -= (g[A1] * splat[A1] + g[A2] * splat[A2]) / q
+            log_scale_gradients[i, axis] = -(g[i, first] * splats[i, first] + g[i, first + 1] * splats[i, first + 1])
+        gn0 += g[i, A1] / (fx * q)
+        gn1 += g[i, A2] / (fy * q)
+        gq -= (g[i, A1] * splats[i, A1] + g[i, A2] * splats[i, A2]) / q
     gq /= p[2]
     gt[2, 0], gt[2, 1], gt[2, 2] = gn0 + gq * p[0], gn1 + gq * p[1], gn2 + gq * p[2]
     gp[0], gp[1], gp[2] = g0 + gq * n0, g1 + gq * n1, g2 + gq * (n2 - q)
 
 
 @numba.njit(cache=True, fastmath=_REORDERED)
-def _quaternion_backward(quaternion, inverse, g, out):
-    w, x, y, z = quaternion[0] * inverse, quaternion[1] * inverse, quaternion[2] * inverse, quaternion[3] * inverse
+def _quaternion_backward(quaternions, i, inverse, g, out):
+    w, x, y, z = quaternions[i, 0] * inverse, quaternions[i, 1] * inverse, quaternions[i, 2] * inverse, quaternions[i, 3] * inverse
     gw = 2 * (x * (g[2, 1] - g[1, 2]) + y * (g[0, 2] - g[2, 0]) + z * (g[1, 0] - g[0, 1]))
     gx = 2 * (-2 * x * (g[1, 1] + g[2, 2]) + y * (g[1, 0] + g[0, 1]) + z * (g[2, 0] + g[0, 2]) + w * (g[2, 1] - g[1, 2]))
     gy = 2 * (x * (g[1, 0] + g[0, 1]) - 2 * y * (g[0, 0] + g[2, 2]) + z * (g[2, 1] + g[1, 2]) + w * (g[0, 2] - g[2, 0]))
     gz = 2 * (x * (g[2, 0] + g[0, 2]) + y * (g[2, 1] + g[1, 2]) - 2 * z * (g[0, 0] + g[1, 1]) + w * (g[1, 0] - g[0, 1]))
     along = gw * w + gx * x + gy * y + gz * z
-    out[0], out[1] = (gw - along * w) * inverse, (gx - along * x) * inverse
-    out[2], out[3] = (gy - along * y) * inverse, (gz - along * z) * inverse
+    out[i, 0], out[i, 1] = (gw - along * w) * inverse, (gx - along * x) * inverse
+    out[i, 2], out[i, 3] = (gy - along * y) * inverse, (gz - along * z) * inverse
 
 
 @numba.njit(cache=True, fastmath=_REORDERED)
-def _color_backward(position, sh, degree, camera, splat, g, basis, slopes, position_gradient, out):
-    dx, dy, dz, length = view_direction(position, camera)
+def _color_backward(positions, sh, i, degree, camera, splats, g, basis, slopes, position_gradients, out):
+    dx, dy, dz, length = view_direction(positions, i, camera)
     sh_basis(degree, dx, dy, dz, basis)
     sh_gradient(degree, dx, dy, dz, slopes)
-    red = g[RED] if splat[RED] > 0.0 else 0.0
-    green = g[GREEN] if splat[GREEN] > 0.0 else 0.0
-    blue = g[BLUE] if splat[BLUE] > 0.0 else 0.0
+    red = g[i, RED] if splats[i, RED] > 0.0 else 0.0
+    green = g[i, GREEN] if splats[i, GREEN] > 0.0 else 0.0
+    blue = g[i, BLUE] if splats[i, BLUE] > 0.0 else 0.0
     gx = gy = gz = 0.0
     for k in range((degree + 1) * (degree + 1)):
-        out[k, 0], out[k, 1], out[k, 2] = red * basis[k], green * basis[k], blue * basis[k]
-        along = red * sh[k, 0] + green * sh[k, 1] + blue * sh[k, 2]
+        out[i, k, 0], out[i, k, 1], out[i, k, 2] = red * basis[k], green * basis[k], blue * basis[k]
+        along = red * sh[i, k, 0] + green * sh[i, k, 1] + blue * sh[i, k, 2]
         gx += along * slopes[k, 0]
         gy += along * slopes[k, 1]
         gz += along * slopes[k, 2]
     along = gx * dx + gy * dy + gz * dz
-    position_gradient[0] += (gx - along * dx) / length
-    position_gradient[1] += (gy - along * dy) / length
-    position_gradient[2] += (gz - along * dz) / length
+    position_gradients[i, 0] += (gx - along * dx) / length
+    position_gradients[i, 1] += (gy - along * dy) / length
+    position_gradients[i, 2] += (gz - along * dz) / length

@@ -55,11 +55,24 @@ def _splat_kernel(distortion: bool):
     """The kernel of one splat, with or without the distortion sum, which few losses need: decided when it is compiled."""
 
     @numba.njit(cache=True, fastmath=True, error_model="numpy")
-    def blend_splat(s, b, blocks, k1, k2):
-        """Blend one splat into some blocks (one bit a block) of a tile's buffer; returns those that no light passes any more."""
-        cx, cy, zc, a1, a2 = s[CX], s[CY], s[ZC], s[A1], s[A2]
-        u1, u2, v1, v2 = s[U1] * HALF_SQRT, s[U2] * HALF_SQRT, s[V1] * HALF_SQRT, s[V2] * HALF_SQRT
-        opacity, red, green, blue, nx, ny, nz = s[OPACITY], s[RED], s[GREEN], s[BLUE], s[NX], s[NY], s[NZ]
+    def blend_splat(splats, index, b, blocks, k1, k2):
+        """Blend splat `index` into some blocks (one bit a block) of a tile's buffer; returns those that no light passes any more."""
+        cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]
+        u1, u2, v1, v2 = (
+            splats[index, U1] * HALF_SQRT,
+            splats[index, U2] * HALF_SQRT,
+            splats[index, V1] * HALF_SQRT,
+            splats[index, V2] * HALF_SQRT,
+        )
+        opacity, red, green, blue, nx, ny, nz = (
+            splats[index, OPACITY],
+            splats[index, RED],
+            splats[index, GREEN],
+            splats[index, BLUE],
+            splats[index, NX],
+            splats[index, NY],
+            splats[index, NZ],
+        )
         k2_zc = k2 / zc
         dark = np.uint64(0)
         while blocks:
@@ -122,8 +135,11 @@ def blend_forward(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, dis
                 met = np.uint64(blocks[slot]) & living
                 blocks[slot] = met
                 if met:
-                    s = splats[splat_of[entry]]
-                    living &= ~(_blend_splat_with_distortion(s, b, met, k1, k2) if distortion else _blend_splat(s, b, met, k1, k2))
+                    i = splat_of[entry]
+                    if distortion:
+                        living &= ~_blend_splat_with_distortion(splats, i, b, met, k1, k2)
+                    else:
+                        living &= ~_blend_splat(splats, i, b, met, k1, k2)
             for block in range(BLOCKS):
                 y0, x0 = tile_y * TILE_PX + block // ACROSS * BLOCK_PX, tile_x * TILE_PX + block % ACROSS * BLOCK_PX
                 start = block * _PLANES * LANES

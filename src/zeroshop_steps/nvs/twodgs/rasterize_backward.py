@@ -63,12 +63,25 @@ def _splat_kernel(distortion: bool):
     """The kernel of one splat, with or without a gradient of the distortion sum: decided when it is compiled."""
 
     @numba.njit(cache=True, fastmath=True, error_model="numpy")
-    def differentiate_splat(s, b, sums, blocks, k1, k2, out):
-        """Gradients of one splat over some blocks (one bit a block) of a tile, into out (16,); sums (16 * 16,) holds zeros."""
-        cx, cy, zc, a1, a2 = s[CX], s[CY], s[ZC], s[A1], s[A2]
-        u1, u2, v1, v2 = s[U1] * HALF_SQRT, s[U2] * HALF_SQRT, s[V1] * HALF_SQRT, s[V2] * HALF_SQRT
+    def differentiate_splat(splats, index, b, sums, blocks, k1, k2, out, slot):
+        """Gradients of splat `index` over some blocks (one bit a block) of a tile, into row `slot` of out; sums (16 * 16,) holds zeros."""
+        cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]
+        u1, u2, v1, v2 = (
+            splats[index, U1] * HALF_SQRT,
+            splats[index, U2] * HALF_SQRT,
+            splats[index, V1] * HALF_SQRT,
+            splats[index, V2] * HALF_SQRT,
+        )
         inverse_zc = ONE / zc
-        opacity, red, green, blue, nx, ny, nz = s[OPACITY], s[RED], s[GREEN], s[BLUE], s[NX], s[NY], s[NZ]
+        opacity, red, green, blue, nx, ny, nz = (
+            splats[index, OPACITY],
+            splats[index, RED],
+            splats[index, GREEN],
+            splats[index, BLUE],
+            splats[index, NX],
+            splats[index, NY],
+            splats[index, NZ],
+        )
         while blocks:
             rest = blocks & (blocks - np.uint64(1))
             first = BIT[(blocks ^ rest) % np.uint64(19)] * np.uint64(_PLANES * LANES)
@@ -165,9 +178,17 @@ def _splat_kernel(distortion: bool):
             g_nz += sums[lane + PLANE[NZ]]
             sums[lane + PLANE[NZ]] = ZERO
         root = -TWO * HALF_SQRT
-        out[CX], out[CY], out[ZC], out[A1], out[A2] = TWO * g_cx, TWO * g_cy, g_zc, -TWO * g_a1, -TWO * g_a2
-        out[U1], out[U2], out[V1], out[V2] = root * g_u1, root * g_u2, root * g_v1, root * g_v2
-        out[OPACITY], out[RED], out[GREEN], out[BLUE], out[NX], out[NY], out[NZ] = g_op / opacity, g_red, g_green, g_blue, g_nx, g_ny, g_nz
+        out[slot, CX], out[slot, CY], out[slot, ZC], out[slot, A1], out[slot, A2] = TWO * g_cx, TWO * g_cy, g_zc, -TWO * g_a1, -TWO * g_a2
+        out[slot, U1], out[slot, U2], out[slot, V1], out[slot, V2] = root * g_u1, root * g_u2, root * g_v1, root * g_v2
+        out[slot, OPACITY], out[slot, RED], out[slot, GREEN], out[slot, BLUE], out[slot, NX], out[slot, NY], out[slot, NZ] = (
+            g_op / opacity,
+            g_red,
+            g_green,
+            g_blue,
+            g_nx,
+            g_ny,
+            g_nz,
+        )
 
     return differentiate_splat
 
@@ -214,11 +235,11 @@ def blend_backward(
                 slot = slot_of[entry]
                 met = np.uint64(blocks[slot])
                 if met:
-                    s, out_row = splats[splat_of[entry]], slots[slot]
+                    i = splat_of[entry]
                     if distortion:
-                        _differentiate_splat_with_distortion(s, b, sums, met, k1, k2, out_row)
+                        _differentiate_splat_with_distortion(splats, i, b, sums, met, k1, k2, slots, slot)
                     else:
-                        _differentiate_splat(s, b, sums, met, k1, k2, out_row)
+                        _differentiate_splat(splats, i, b, sums, met, k1, k2, slots, slot)
     for i in numba.prange(len(splats)):
         out[i] = ZERO
         for slot in range(slot_starts[i], slot_starts[i + 1]):

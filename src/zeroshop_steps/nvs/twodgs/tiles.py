@@ -71,17 +71,17 @@ def _front_to_back(depths: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True)
-def _tiles_of(box):
-    """First and last column and row, half open, of the tiles that a box meets."""
-    if box[0] >= box[1] or box[2] >= box[3]:
+def _tiles_of(boxes, i):
+    """First and last column and row, half open, of the tiles that box i meets."""
+    if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
         return 0, 0, 0, 0
-    return box[0] // TILE_PX, (box[1] - 1) // TILE_PX + 1, box[2] // TILE_PX, (box[3] - 1) // TILE_PX + 1
+    return boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1, boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1
 
 
 @numba.njit(cache=True)
 def _count_slots(boxes, counts):
     for i in range(len(boxes)):
-        left, right, top, bottom = _tiles_of(boxes[i])
+        left, right, top, bottom = _tiles_of(boxes, i)
         counts[i] = (right - left) * (bottom - top)
 
 
@@ -92,7 +92,7 @@ def _mark_blocks(splats, outlines, boxes, tile_active, slot_starts, workers, blo
     width_px = np.float32(tile_active.shape[1] * TILE_PX)
     for worker in numba.prange(workers):
         for i in range(worker * len(boxes) // workers, (worker + 1) * len(boxes) // workers):
-            tile_left, tile_right, tile_top, tile_bottom = _tiles_of(boxes[i])
+            tile_left, tile_right, tile_top, tile_bottom = _tiles_of(boxes, i)
             if tile_left >= tile_right:
                 continue
             mid_x, mid_y, half_x, half_y = outlines[i, MID_X], outlines[i, MID_Y], outlines[i, HALF_X], outlines[i, HALF_Y]
@@ -139,7 +139,7 @@ def _count(order, boxes, slot_starts, blocks, tiles_x, workers, per_tile):
     # Every worker looks at all splats, and counts (or lists) those in its own rows of tiles: no order depends on their number.
     for worker in numba.prange(workers):
         for i in order:
-            left, right, top, bottom = _tiles_of(boxes[i])
+            left, right, top, bottom = _tiles_of(boxes, i)
             for ty in range(top + (worker - top) % workers, bottom, workers):
                 slot = slot_starts[i] + (ty - top) * (right - left)
                 for tx in range(left, right):
@@ -151,7 +151,7 @@ def _count(order, boxes, slot_starts, blocks, tiles_x, workers, per_tile):
 def _fill(order, boxes, slot_starts, blocks, tiles_x, workers, cursor, splat_of, slot_of):
     for worker in numba.prange(workers):
         for i in order:
-            left, right, top, bottom = _tiles_of(boxes[i])
+            left, right, top, bottom = _tiles_of(boxes, i)
             for ty in range(top + (worker - top) % workers, bottom, workers):
                 slot = slot_starts[i] + (ty - top) * (right - left)
                 for tx in range(left, right):
