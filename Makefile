@@ -1,12 +1,13 @@
 # make mesh    the demo object, end to end
 # make test    every check and test
 # make lint    the checks alone
+# make bench   measures the optimizers' kernels: rates, ratios, share of the processor's peak
 # Each sets up .venv first where it is missing or older than the list of versions; PYTHON=... chooses another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: mesh test lint
+.PHONY: mesh test lint bench
 .DELETE_ON_ERROR:
 
 mesh: $(READY)
@@ -16,10 +17,13 @@ test: lint
 	$(BIN)/python -m pytest -x -q --durations=15
 
 lint: $(READY)
-	$(BIN)/ruff check src tests
-	$(BIN)/ruff format --check src tests
+	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check src tests benchmarks
 	$(BIN)/snakefmt --check workflow
 	$(BIN)/snakemake --lint
+
+bench: $(READY)
+	$(BIN)/python benchmarks/kernels.py
 
 # torch goes first and alone: asked for together with others, pip may choose another build of it.
 $(READY): requirements.lock pyproject.toml

@@ -59,7 +59,7 @@ def scene(kind: str, seed: int) -> list[np.ndarray]:
 def both(arrays: list[np.ndarray], degree: int) -> tuple[tuple, tuple]:
     view = RenderView.of(camera(), NEAR, FAR)
     ours = [torch.tensor(array, requires_grad=True) for array in arrays]
-    r = render(*ours, degree, view)
+    r = render(*ours, degree, view, distortion=True)
     mine = torch.cat([r.color, r.depth[None], r.normal, r.alpha[None], r.median_depth[None], r.distortion[None]])
     twins = [torch.tensor(array.astype(np.float64), requires_grad=True) for array in arrays]
     theirs, undecided = render_reference(*twins, degree, torch.tensor(view.camera), WIDTH_PX, HEIGHT_PX, view.near, view.depth_map)
@@ -101,7 +101,7 @@ def test_same_bytes_with_one_and_two_threads() -> None:
     for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
         numba.set_num_threads(threads)
         tensors = [torch.tensor(array, requires_grad=True) for array in arrays]
-        r = render(*tensors, 3, view)
+        r = render(*tensors, 3, view, distortion=True)
         (r.color.sum() + r.depth.sum() + r.distortion.sum()).backward()
         results.append([r.color.detach().numpy().tobytes()] + [tensor.grad.numpy().tobytes() for tensor in tensors])
     assert results[0] == results[1]

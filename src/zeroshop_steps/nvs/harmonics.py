@@ -3,7 +3,6 @@
 import math
 
 import numba
-import numpy as np
 import torch
 
 SH_CONSTANT = 0.28209479177387814
@@ -21,20 +20,36 @@ _C3 = (
 
 
 @numba.njit(cache=True, inline="never")
-def sh_basis(degree, x, y, z, basis, gradient):
-    """Fill basis (16,) with the real spherical harmonics at the unit direction and gradient (16, 3) with its derivatives."""
+def sh_basis(degree, x, y, z, basis):
+    """Fill basis (16,) with the real spherical harmonics at the unit direction, as far as the degree goes."""
     basis[0] = SH_CONSTANT
-    gradient[0, 0] = gradient[0, 1] = gradient[0, 2] = 0.0
     if degree < 1:
         return
     basis[1], basis[2], basis[3] = -_C1 * y, _C1 * z, -_C1 * x
-    gradient[1:4] = 0.0
-    gradient[1, 1], gradient[2, 2], gradient[3, 0] = -_C1, _C1, -_C1
     if degree < 2:
         return
     xx, yy, zz = x * x, y * y, z * z
     basis[4], basis[5], basis[6] = _C2[0] * x * y, _C2[1] * y * z, _C2[2] * (2.0 * zz - xx - yy)
     basis[7], basis[8] = _C2[3] * x * z, _C2[4] * (xx - yy)
+    if degree < 3:
+        return
+    basis[9], basis[10] = _C3[0] * y * (3.0 * xx - yy), _C3[1] * x * y * z
+    basis[11], basis[12] = _C3[2] * y * (4.0 * zz - xx - yy), _C3[3] * z * (2.0 * zz - 3.0 * xx - 3.0 * yy)
+    basis[13], basis[14] = _C3[4] * x * (4.0 * zz - xx - yy), _C3[5] * z * (xx - yy)
+    basis[15] = _C3[6] * x * (xx - 3.0 * yy)
+
+
+@numba.njit(cache=True, inline="never")
+def sh_gradient(degree, x, y, z, gradient):
+    """Fill gradient (16, 3) with the derivatives of `sh_basis` by the direction."""
+    gradient[0, 0] = gradient[0, 1] = gradient[0, 2] = 0.0
+    if degree < 1:
+        return
+    gradient[1:4] = 0.0
+    gradient[1, 1], gradient[2, 2], gradient[3, 0] = -_C1, _C1, -_C1
+    if degree < 2:
+        return
+    xx, yy, zz = x * x, y * y, z * z
     gradient[4, 0], gradient[4, 1], gradient[4, 2] = _C2[0] * y, _C2[0] * x, 0.0
     gradient[5, 0], gradient[5, 1], gradient[5, 2] = 0.0, _C2[1] * z, _C2[1] * y
     gradient[6, 0], gradient[6, 1], gradient[6, 2] = -2.0 * _C2[2] * x, -2.0 * _C2[2] * y, 4.0 * _C2[2] * z
@@ -42,10 +57,6 @@ def sh_basis(degree, x, y, z, basis, gradient):
     gradient[8, 0], gradient[8, 1], gradient[8, 2] = 2.0 * _C2[4] * x, -2.0 * _C2[4] * y, 0.0
     if degree < 3:
         return
-    basis[9], basis[10] = _C3[0] * y * (3.0 * xx - yy), _C3[1] * x * y * z
-    basis[11], basis[12] = _C3[2] * y * (4.0 * zz - xx - yy), _C3[3] * z * (2.0 * zz - 3.0 * xx - 3.0 * yy)
-    basis[13], basis[14] = _C3[4] * x * (4.0 * zz - xx - yy), _C3[5] * z * (xx - yy)
-    basis[15] = _C3[6] * x * (xx - 3.0 * yy)
     gradient[9, 0], gradient[9, 1], gradient[9, 2] = 6.0 * _C3[0] * x * y, _C3[0] * (3.0 * xx - 3.0 * yy), 0.0
     gradient[10, 0], gradient[10, 1], gradient[10, 2] = _C3[1] * y * z, _C3[1] * x * z, _C3[1] * x * y
     gradient[11, 0], gradient[11, 1], gradient[11, 2] = -2.0 * _C3[2] * x * y, _C3[2] * (4.0 * zz - xx - 3.0 * yy), 8.0 * _C3[2] * y * z
@@ -56,16 +67,18 @@ def sh_basis(degree, x, y, z, basis, gradient):
     gradient[15, 0], gradient[15, 1], gradient[15, 2] = _C3[6] * (3.0 * xx - 3.0 * yy), -6.0 * _C3[6] * x * y, 0.0
 
 
-@numba.njit(cache=True)
-def view_direction(position, camera):
-    """Unit direction from the centre of a camera row (16,) to the position, in the world frame, and the distance."""
-    direction = np.empty(3)
-    for c in range(3):
-        direction[c] = position[c]
-        for r in range(3):
-            direction[c] += camera[3 * r + c] * camera[9 + r]
-    length = max(math.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2), 1e-12)
-    return direction[0] / length, direction[1] / length, direction[2] / length, length
+@numba.njit(cache=True, inline="always")
+def camera_centre(camera, axis):
+    """Coordinate of the centre of a camera row (16,) along one axis of the world."""
+    return -(camera[axis] * camera[9] + camera[3 + axis] * camera[10] + camera[6 + axis] * camera[11])
+
+
+@numba.njit(cache=True, inline="always")
+def view_direction(points, i, camera):
+    """Unit direction from the centre of a camera row (16,) to row i of points (N, 3), in the world frame, and the distance."""
+    x, y, z = points[i, 0] - camera_centre(camera, 0), points[i, 1] - camera_centre(camera, 1), points[i, 2] - camera_centre(camera, 2)
+    length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+    return x / length, y / length, z / length, length
 
 
 def spherical_harmonics(directions: torch.Tensor) -> torch.Tensor:

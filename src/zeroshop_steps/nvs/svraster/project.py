@@ -67,7 +67,7 @@ def project_forward(centres, sizes, corners, densities, sh, degree, camera, widt
     fx, fy, cx, cy = camera[12], camera[13], camera[14], camera[15]
     for i in numba.prange(len(centres)):
         boxes[i] = 0
-        v, p, basis, gradient = np.empty(8), np.empty(8), np.empty(16), np.empty((16, 3))
+        v, p, basis = np.empty(8), np.empty(8), np.empty(16)
         c = np.empty(3)
         for r in range(3):
             c[r] = camera[9 + r]
@@ -96,8 +96,8 @@ def project_forward(centres, sizes, corners, densities, sh, degree, camera, widt
         inverse = -1.0 / math.sqrt(p[1] * p[1] + p[2] * p[2] + p[3] * p[3] + FLAT)
         for r in range(3):
             row[NX + r] = inverse * (camera[3 * r] * p[1] + camera[3 * r + 1] * p[2] + camera[3 * r + 2] * p[3])
-        dx, dy, dz, _ = view_direction(centres[i], camera)
-        sh_basis(degree, dx, dy, dz, basis, gradient)
+        dx, dy, dz, _ = view_direction(centres, i, camera)
+        sh_basis(degree, dx, dy, dz, basis)
         for channel in range(3):
             value = 0.5
             for k in range((degree + 1) * (degree + 1)):
@@ -137,7 +137,7 @@ def project_backward(centres, degree, camera, rows, boxes, gradients, corner_gra
         sh_gradients[i] = 0.0
         if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
             continue
-        g, out, basis, gradient = np.empty(8), np.empty(8), np.empty(16), np.empty((16, 3))
+        g, out, basis = np.empty(8), np.empty(8), np.empty(16)
         for k in range(8):
             g[k] = gradients[i, G_P + k]
         p1, p2, p3 = float(rows[i, PX]), float(rows[i, PY]), float(rows[i, PZ])
@@ -153,8 +153,8 @@ def project_backward(centres, degree, camera, rows, boxes, gradients, corner_gra
         _polynomial_backward(g, out)
         for k in range(8):
             corner_gradients[i, k] = out[k]
-        dx, dy, dz, _ = view_direction(centres[i], camera)
-        sh_basis(degree, dx, dy, dz, basis, gradient)
+        dx, dy, dz, _ = view_direction(centres, i, camera)
+        sh_basis(degree, dx, dy, dz, basis)
         for channel in range(3):
             if rows[i, RED + channel] > 0.0:
                 for k in range((degree + 1) * (degree + 1)):

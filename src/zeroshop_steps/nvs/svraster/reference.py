@@ -30,8 +30,8 @@ def render_reference(
     rotation, translation = camera[:9].reshape(3, 3), camera[9:12]
     fx, fy, cx, cy = camera[12:16]
     origin = -rotation.T @ translation
-    centres, sizes = torch.from_numpy(octree.centres), torch.from_numpy(octree.sizes)
-    offsets = torch.from_numpy(CORNER_OFFSETS).double()
+    centres, sizes = torch.from_numpy(octree.centres).to(camera), torch.from_numpy(octree.sizes).to(camera)
+    offsets = torch.from_numpy(CORNER_OFFSETS).to(camera)
     corner_values = densities[torch.from_numpy(octree.corners).long()]
     gradient = torch.einsum("nc,ca->na", corner_values, 2 * offsets - 1) / 4
     normals = -(gradient / (gradient.square().sum(1, keepdim=True) + FLAT).sqrt()) @ rotation.T
@@ -40,7 +40,8 @@ def render_reference(
     colors = (torch.einsum("nk,nkc->nc", spherical_harmonics(direction)[:, :coefficients], sh[:, :coefficients]) + 0.5).clamp(min=0)
 
     ys, xs = torch.meshgrid(torch.arange(height_px) + 0.5, torch.arange(width_px) + 0.5, indexing="ij")
-    in_camera = torch.stack([(xs.reshape(-1) - cx) / fx, (ys.reshape(-1) - cy) / fy, torch.ones(width_px * height_px)], 1).double()
+    xs, ys = xs.reshape(-1).to(camera), ys.reshape(-1).to(camera)
+    in_camera = torch.stack([(xs - cx) / fx, (ys - cy) / fy, torch.ones_like(xs)], 1)
     rays = in_camera @ rotation
     low = (centres - 0.5 * sizes[:, None] - origin)[:, None] / rays
     high = (centres + 0.5 * sizes[:, None] - origin)[:, None] / rays
@@ -67,7 +68,7 @@ def render_reference(
     facing = (normals @ in_camera.T) / rays.norm(dim=1)
     values = [colors[:, :1], colors[:, 1:2], colors[:, 2:], None, *normals.T[:, :, None], torch.ones(len(centres), 1)]
     planes = [(weight * (sorted_(value) if value is not None else entry + 0.5 * length)).sum(0) for value in values]
-    half = torch.log(torch.tensor(2.0, dtype=torch.float64))
+    half = torch.log(torch.tensor(2.0, dtype=camera.dtype))
     crosses = (before < half) & (after >= half)
     median = torch.where(crosses, entry + length * (half - before) / thickness.clamp(min=1e-30), 0.0).sum(0)
     planes += [median, (weight * sorted_(colors.square().sum(1, keepdim=True))).sum(0), (weight * sorted_(facing.clamp(min=0))).sum(0)]

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.twodgs import project, rasterize, surface_depth, tiles
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.nvs.twodgs import project, rasterize, rasterize_backward, surface_depth, tiles
+from zeroshop_steps.nvs.views import TILE_PX, TrainingView
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class RenderView:
             depths and keeps its sums of squares precise in single precision.
         """
         if tile_active is None:
-            tile_active = np.ones((-(-camera.height_px // tiles.TILE_PX), -(-camera.width_px // tiles.TILE_PX)), bool)
+            tile_active = np.ones((-(-camera.height_px // TILE_PX), -(-camera.width_px // TILE_PX)), bool)
         stretch = near * far / (far - near)
         middle = 2.0 * near * far / (near + far)
         return RenderView(camera.row, camera.width_px, camera.height_px, tile_active, near, (stretch / middle, stretch))
@@ -48,6 +48,10 @@ class RenderView:
         """A training view, near and far two units from the origin: the normalized object lies within one."""
         distance = float(np.linalg.norm(view.camera.camera_from_world[:3, 3]))
         return RenderView.of(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
+
+
+PARTS = (slice(0, 3), 3, slice(4, 7), 7, 8, 9)
+"""Planes of the image that make up the parts of a `Rendering`, in its order."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,7 @@ class Rendering:
         normal: (3, H, W) weighted normal in the camera frame, facing the camera.
         alpha: (H, W) accumulated opacity.
         median_depth: (H, W) depth at which half of the light is stopped; 0 where nothing is hit.
-        distortion: (H, W) depth distortion (Huang et al. 2024, eq. 13, in mapped depth).
+        distortion: (H, W) depth distortion (Huang et al. 2024, eq. 13, in mapped depth), where asked for.
         footprint: holds the (N,) boxes and, after `backward`, the screen-space gradients for densification.
     """
 
@@ -83,43 +87,54 @@ class Footprint:
 
 class _Splat(torch.autograd.Function):
     @staticmethod
-    def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, footprint):
+    def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, footprint):
         arrays = [tensor.detach().contiguous().numpy() for tensor in (positions, log_scales, quaternions, opacity_logits, sh)]
-        splats, boxes, lists, image = _drawn(arrays, degree, view)
-        footprint.visible = np.diff(lists.slot_starts) > 0
-        context.kept = (arrays, degree, view, footprint, splats, boxes, lists, image)
-        return torch.from_numpy(image[: rasterize.GRAD_PLANES, : view.height_px, : view.width_px])
+        splats, boxes, lists, image = _drawn(arrays, degree, view, distortion)
+        footprint.visible[lists.splat_of] = True
+        context.kept = (arrays, degree, view, distortion, footprint, splats, boxes, lists, image)
+        context.set_materialize_grads(False)
+        planes = torch.from_numpy(image[:, : view.height_px, : view.width_px])
+        return tuple(planes[part] for part in PARTS)
 
     @staticmethod
-    def backward(context, gradient):
-        arrays, degree, view, footprint, splats, boxes, lists, image = context.kept
+    def backward(context, *gradients):
+        arrays, degree, view, distortion, footprint, splats, boxes, lists, image = context.kept
         positions, log_scales, quaternions, opacity_logits, sh = arrays
-        padded = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
-        padded[:, : view.height_px, : view.width_px] = gradient.numpy()
+        gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
+        for part, by_part in zip(PARTS, gradients, strict=True):
+            if by_part is not None:
+                gradient[part][..., : view.height_px, : view.width_px] = by_part.numpy()
+        distortion = distortion and gradients[-1] is not None
         k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
         workers, tiles_x = project.numba.get_num_threads(), view.tile_active.shape[1]
         by_splat = np.empty_like(splats)
-        rasterize.blend_backward(
-            splats, boxes, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.slot_starts,
-            tiles_x, k1, k2, workers, image, padded, by_splat,
+        rasterize_backward.blend_backward(
+            splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.slot_starts, lists.blocks,
+            tiles_x, distortion, k1, k2, workers, image, gradient, by_splat,
         )  # fmt: skip
-        outputs = [np.empty_like(array) for array in (positions, log_scales, quaternions, opacity_logits, sh)]
-        project.project_backward(positions, log_scales, quaternions, sh, degree, view.camera, splats, boxes, by_splat, *outputs)
-        footprint.centre_gradient = np.linalg.norm(by_splat[:, :2], axis=1)
-        return *(torch.from_numpy(output) for output in outputs), None, None, None
+        outputs = [np.zeros_like(array) for array in (positions, log_scales, quaternions, opacity_logits, sh)]
+        project.project_backward(
+            positions, log_scales, quaternions, sh, degree, view.camera, workers, splats, boxes, by_splat, *outputs
+        )  # fmt: skip
+        footprint.centre_gradient = np.hypot(by_splat[:, project.CX], by_splat[:, project.CY])
+        return *(torch.from_numpy(output) for output in outputs), None, None, None, None
 
 
-def _drawn(arrays, degree: int, view: RenderView):
+def _drawn(arrays, degree: int, view: RenderView, distortion: bool = False):
     """Splat rows, boxes, tile lists and the padded (12, H, W) image of a view."""
-    count = len(arrays[0])
-    splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.zeros((count, 4), np.int32)
-    project.project_forward(*arrays, degree, view.camera, view.width_px, view.height_px, view.near, splats, boxes)
-    lists = tiles.list_tiles(splats, boxes, view.tile_active)
+    count, workers = len(arrays[0]), project.numba.get_num_threads()
+    splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.empty((count, 4), np.int32)
+    outlines = np.empty((count, project.OUTLINE_WIDTH), np.float32)
+    project.project_forward(
+        *arrays, degree, view.camera, view.width_px, view.height_px, view.near, workers, splats, outlines, boxes
+    )  # fmt: skip
+    lists = tiles.list_tiles(splats, outlines, boxes, view.tile_active, workers)
     tiles_y, tiles_x = view.tile_active.shape
-    image = np.zeros((rasterize.OUT_PLANES, tiles_y * tiles.TILE_PX, tiles_x * tiles.TILE_PX), np.float32)
+    image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
     k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
-    workers = project.numba.get_num_threads()
-    rasterize.blend_forward(splats, boxes, lists.tiles, lists.starts, lists.splat_of, tiles_x, k1, k2, workers, image)
+    rasterize.blend_forward(
+        splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.blocks, tiles_x, distortion, k1, k2, workers, image
+    )  # fmt: skip
     return splats, boxes, lists, image
 
 
@@ -149,7 +164,7 @@ def render_surface_depth(
 
 def render(
     positions: torch.Tensor, log_scales: torch.Tensor, quaternions: torch.Tensor, opacity_logits: torch.Tensor, sh: torch.Tensor,
-    degree: int, view: RenderView,
+    degree: int, view: RenderView, distortion: bool = False,
 ) -> Rendering:  # fmt: skip
     """Render surfels, differentiably.
 
@@ -161,7 +176,8 @@ def render(
         sh: (N, 16, 3) spherical-harmonics coefficients; those above `degree` are unused.
         degree: 0 to 3.
         view: camera and tiles.
+        distortion: whether the loss needs the depth distortion, which is zero otherwise.
     """
     footprint = Footprint(np.zeros(len(positions), bool))
-    planes = _Splat.apply(positions, log_scales, quaternions, opacity_logits, sh, degree, view, footprint)
-    return Rendering(planes[0:3], planes[3], planes[4:7], planes[7], planes[8], planes[9], footprint)
+    parts = _Splat.apply(positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, footprint)
+    return Rendering(*parts, footprint)

@@ -6,9 +6,10 @@ The median alone jumps from disk to disk; the mean of all mixes a surface with w
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.twodgs.intersection import HALF_SQRT, meet
 from zeroshop_steps.nvs.twodgs.project import A1, A2, ALPHA_MIN, CX, CY, OPACITY, U1, U2, V1, V2, ZC
-from zeroshop_steps.nvs.twodgs.rasterize import _ALPHA_MAX, _STOP, _meet
-from zeroshop_steps.nvs.twodgs.tiles import TILE_PX
+from zeroshop_steps.nvs.twodgs.rasterize import ALPHA_MAX, STOP
+from zeroshop_steps.nvs.views import TILE_PX
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
@@ -27,11 +28,13 @@ def mean_near_median(splats, boxes, tiles, starts, splat_of, tiles_x, median, re
             for y in range(max(box[2], top), min(box[3], top + TILE_PX)):
                 for x in range(max(box[0], left), min(box[1], left + TILE_PX)):
                     j, i = y - top, x - left
-                    if light[j, i] < _STOP:
+                    if light[j, i] < STOP:
                         continue
                     dx, dy = np.float32(x + 0.5) - s[CX], np.float32(y + 0.5) - s[CY]
-                    _, _, _, _, z, _, value = _meet(dx, dy, s[ZC], s[U1], s[U2], s[V1], s[V2], s[A1], s[A2])
-                    alpha = min(s[OPACITY] * value, _ALPHA_MAX)
+                    u1, u2, v1, v2 = s[U1] * HALF_SQRT, s[U2] * HALF_SQRT, s[V1] * HALF_SQRT, s[V2] * HALF_SQRT
+                    _, _, r, _, _, _, value = meet(dx, dy, u1, u2, v1, v2, s[A1], s[A2])
+                    z = s[ZC] * r
+                    alpha = min(s[OPACITY] * value, ALPHA_MAX)
                     if alpha < ALPHA_MIN:
                         continue
                     if abs(z - median[y, x]) <= reach:

@@ -89,7 +89,8 @@ class Trainer(ViewTrainer):
     def render(self, index: int, degree: int) -> Rendering:
         s = self.surfels
         sh = torch.cat([s.sh_constant, s.sh_rest], dim=1)
-        return render(s.positions, s.log_scales, s.quaternions, s.opacity_logits, sh, degree, self.render_views[index])
+        parameters = (s.positions, s.log_scales, s.quaternions, s.opacity_logits, sh)
+        return render(*parameters, degree, self.render_views[index], distortion=self.settings.lambda_distortion > 0)
 
     def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
         settings, view = self.settings, self.views[index]

@@ -1,0 +1,88 @@
+"""How many samples a view blends: pairs of a pixel and a primitive that adds to it, counted one by one."""
+
+import math
+
+import numba
+import numpy as np
+
+from zeroshop_steps.nvs.svraster import project as voxels
+from zeroshop_steps.nvs.svraster import rasterize as voxel_rasterize
+from zeroshop_steps.nvs.svraster import render as voxel_render
+from zeroshop_steps.nvs.svraster.tiles import octant_of, ray_direction
+from zeroshop_steps.nvs.twodgs import project as disks
+from zeroshop_steps.nvs.twodgs import render as disk_render
+from zeroshop_steps.nvs.views import TILE_PX
+
+LIGHT_MIN = 1e-4
+"""Transmittance below which both optimizers end a pixel."""
+
+
+def blended_samples(scene, view) -> int:
+    """Pairs of a pixel and a disk or voxel that adds to it, in one view of a scene."""
+    arrays = [tensor.detach().numpy() for tensor in scene.tensors]
+    if scene.title == "2dgs":
+        splats, boxes, lists, _ = disk_render._drawn(arrays, 0, view)
+        return _disks(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
+    rows, boxes, lists, _ = voxel_render._drawn(*arrays, scene.octree, 0, view)
+    items = view.items
+    return _voxels(
+        rows, boxes, view.camera, items.tiles, items.octants, lists.items, lists.starts, lists.voxel_of, view.tile_shape[1]
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _disks(splats, boxes, tiles, starts, splat_of, tiles_x):
+    blended = 0
+    for tile in tiles:
+        left, top = tile % tiles_x * TILE_PX, tile // tiles_x * TILE_PX
+        light = np.ones((TILE_PX, TILE_PX))
+        for entry in range(starts[tile], starts[tile + 1]):
+            s, box = splats[splat_of[entry]], boxes[splat_of[entry]]
+            for y in range(max(box[2], top), min(box[3], top + TILE_PX)):
+                for x in range(max(box[0], left), min(box[1], left + TILE_PX)):
+                    dx, dy = x + 0.5 - s[disks.CX], y + 0.5 - s[disks.CY]
+                    a = 1.0 + s[disks.A1] * dx + s[disks.A2] * dy
+                    rho = 2.0 * (dx * dx + dy * dy)
+                    if a > 1e-6:
+                        u, v = (s[disks.U1] * dx + s[disks.U2] * dy) / a, (s[disks.V1] * dx + s[disks.V2] * dy) / a
+                        rho = min(rho, u * u + v * v)
+                    alpha = min(s[disks.OPACITY] * math.exp(-0.5 * rho), 0.99)
+                    if alpha >= disks.ALPHA_MIN and light[y - top, x - left] >= LIGHT_MIN:
+                        light[y - top, x - left] *= 1.0 - alpha
+                        blended += 1
+    return blended
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _voxels(rows, boxes, camera, item_tiles, item_octants, items, starts, voxel_of, tiles_x):
+    blended = 0
+    for item in items:
+        left, top = item_tiles[item] % tiles_x * TILE_PX, item_tiles[item] // tiles_x * TILE_PX
+        thickness = np.zeros((TILE_PX, TILE_PX))
+        for entry in range(starts[item], starts[item + 1]):
+            s, box = rows[voxel_of[entry]], boxes[voxel_of[entry]]
+            for y in range(max(box[2], top), min(box[3], top + TILE_PX)):
+                for x in range(max(box[0], left), min(box[1], left + TILE_PX)):
+                    lit = math.exp(-thickness[y - top, x - left]) >= LIGHT_MIN
+                    if not lit or octant_of(camera, x + 0.5, y + 0.5) != item_octants[item]:
+                        continue
+                    first, last, square = s[voxels.TAU_MIN], 1e30, 0.0
+                    e, d = np.empty(3), np.empty(3)
+                    for axis in range(3):
+                        d[axis] = ray_direction(camera, x + 0.5, y + 0.5, axis)
+                        square += d[axis] * d[axis]
+                        e[axis] = s[voxels.A0 + axis] * (x + 0.5 - s[voxels.X0]) + s[voxels.B0 + axis] * (y + 0.5 - s[voxels.Y0])
+                        e[axis] += s[voxels.C0 + axis]
+                        first = max(first, -e[axis] / d[axis] - 0.5 / abs(d[axis]))
+                        last = min(last, -e[axis] / d[axis] + 0.5 / abs(d[axis]))
+                    if last <= first:
+                        continue
+                    blended += 1
+                    u, v, w = e + 0.5 * (first + last) * d
+                    p = s[voxels.P1 : voxels.P1 + 8]
+                    value = p[0] + p[1] * u + p[2] * v + p[3] * w + p[4] * u * v + p[5] * u * w + p[6] * v * w + p[7] * u * v * w
+                    knee = voxel_rasterize.LINEAR_FROM
+                    sigma = value if value > knee else knee * math.exp(value / knee - 1.0)
+                    length = (last - first) * s[voxels.SIZE] * math.sqrt(square)
+                    thickness[y - top, x - left] += sigma * length * voxel_rasterize.DENSITY_SCALE
+    return blended

@@ -1,0 +1,144 @@
+"""The fixed, seeded scenes that the kernels are measured on: a bumpy ball of disks or of voxels, and a cloud of disks.
+
+The sizes and opacities of the disks, and the levels and densities of the voxels, are those of trained models: at the usual
+size, about 20,000 disks or 130,000 voxels seen in a crop of 160 x 160 pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.nvs.svraster import render as voxel_render
+from zeroshop_steps.nvs.svraster.octree import Octree
+from zeroshop_steps.nvs.svraster.reference import render_reference as voxel_reference
+from zeroshop_steps.nvs.twodgs import render as disk_render
+from zeroshop_steps.nvs.twodgs.reference import render_reference as disk_reference
+from zeroshop_steps.nvs.twodgs.surfels import quaternions_towards
+
+DISTANCE, RADIUS = 3.0, 0.8
+NEAR, FAR = 1.0, 5.0
+DISK_DEGREE, VOXEL_DEGREE = 2, 1
+
+
+def look_at(azimuth: float, edge_px: int) -> Camera:
+    """A square view from one side, a little from above, that the ball nearly fills."""
+    centre = DISTANCE * np.array([np.cos(azimuth) * np.cos(0.5), np.sin(azimuth) * np.cos(0.5), np.sin(0.5)])
+    forward = -centre / DISTANCE
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ centre
+    focal_px = 1.6 * edge_px
+    intrinsics = np.array([[focal_px, 0, edge_px / 2], [0, focal_px, edge_px / 2], [0, 0, 1]])
+    return Camera(f"{azimuth:.2f}", edge_px, edge_px, intrinsics, camera_from_world)
+
+
+def bumpy_radius(directions: np.ndarray) -> np.ndarray:
+    """(N,) distance of the ball's surface from its centre in (N, 3) directions."""
+    return RADIUS * (1.0 + 0.05 * np.sin(7.0 * directions).sum(1))
+
+
+@dataclass(frozen=True)
+class DiskScene:
+    """Disks and views of them; `tensors` are the arguments of `render.render` before the degree."""
+
+    name: str
+    tensors: list[torch.Tensor]
+    cameras: list[Camera]
+
+    title = "2dgs"
+
+    def __len__(self) -> int:
+        return len(self.tensors[0])
+
+    def view(self, index: int) -> disk_render.RenderView:
+        return disk_render.RenderView.of(self.cameras[index], NEAR, FAR)
+
+    def render(self, view: disk_render.RenderView) -> list[torch.Tensor]:
+        r = disk_render.render(*self.tensors, DISK_DEGREE, view)
+        return [r.color, r.depth, r.normal, r.alpha]
+
+    def twin(self, view: disk_render.RenderView) -> list[torch.Tensor]:
+        camera = torch.tensor(view.camera, dtype=torch.float32)
+        planes, _ = disk_reference(*self.tensors, DISK_DEGREE, camera, view.width_px, view.height_px, view.near, view.depth_map)
+        return [planes[0:3], planes[3], planes[4:7], planes[7]]
+
+
+def ball_of_disks(name: str, count: int, edge_px: int, views: int = 1) -> DiskScene:
+    """Disks that lie about along the surface, several deep, half of them more than half opaque."""
+    rng = np.random.default_rng(count)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    positions = directions * (bumpy_radius(directions) + rng.normal(0.0, 0.01, count))[:, None]
+    log_scales = np.log(0.0175 * np.sqrt(20_000 / count)) + rng.normal(0.0, 0.4, (count, 2))
+    normals = directions + rng.normal(0.0, 0.25, (count, 3))
+    quaternions = quaternions_towards(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    quaternions += rng.normal(0.0, 0.05, (count, 4))
+    return _disk_scene(name, rng, positions, log_scales, quaternions, edge_px, views)
+
+
+def cloud_of_disks(name: str, count: int, edge_px: int, views: int = 1) -> DiskScene:
+    """Disks anywhere in the ball, turned at random."""
+    rng = np.random.default_rng(count)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    positions = directions * RADIUS * rng.uniform(size=(count, 1)) ** (1 / 3)
+    log_scales = np.log(0.02) + rng.normal(0.0, 0.4, (count, 2))
+    return _disk_scene(name, rng, positions, log_scales, rng.normal(size=(count, 4)), edge_px, views)
+
+
+def _disk_scene(name, rng, positions, log_scales, quaternions, edge_px, views) -> DiskScene:
+    count = len(positions)
+    arrays = (positions, log_scales, quaternions, rng.normal(0.0, 1.0, count), rng.normal(0.0, 0.3, (count, 16, 3)))
+    tensors = [torch.tensor(array, dtype=torch.float32, requires_grad=True) for array in arrays]
+    return DiskScene(name, tensors, [look_at(2.4 * index, edge_px) for index in range(views)])
+
+
+@dataclass(frozen=True)
+class VoxelScene:
+    """Voxels and views of them; `tensors` are densities and colours."""
+
+    name: str
+    octree: Octree
+    tensors: list[torch.Tensor]
+    cameras: list[Camera]
+
+    title = "svraster"
+
+    def __len__(self) -> int:
+        return len(self.octree)
+
+    def view(self, index: int) -> voxel_render.RenderView:
+        return voxel_render.RenderView.of(self.cameras[index])
+
+    def render(self, view: voxel_render.RenderView) -> list[torch.Tensor]:
+        r = voxel_render.render(self.octree, *self.tensors, VOXEL_DEGREE, view)
+        return [r.color, r.depth, r.normal, r.alpha]
+
+    def twin(self, view: voxel_render.RenderView) -> list[torch.Tensor]:
+        camera = torch.tensor(view.camera, dtype=torch.float32)
+        planes, _ = voxel_reference(self.octree, *self.tensors, VOXEL_DEGREE, camera, view.width_px, view.height_px, view.near)
+        return [planes[0:3], planes[3], planes[4:7], planes[7]]
+
+
+def ball_of_voxels(name: str, level: int, edge_px: int, views: int = 1) -> VoxelScene:
+    """Leaves of two levels in a shell around the surface, thin before it and dense behind it."""
+    rng = np.random.default_rng(level)
+    edge = 2.0 / (1 << level)
+    cells = np.stack(np.meshgrid(*[np.arange(1 << level)] * 3, indexing="ij"), -1)
+    octree = Octree.uniform(np.abs(_height((cells.reshape(-1, 3) + 0.5) * edge - 1.0)).reshape(cells.shape[:3]) < edge)
+    octree, _ = octree.refined(np.ones(len(octree), bool), rng.uniform(size=len(octree)) < 0.17)
+    corners = octree.corner_points * (2.0 / 1024) - 1.0
+    densities = np.clip(-1.0 - 2.5 / edge * _height(corners), -6.0, 6.0) + rng.normal(0.0, 1.5, len(corners))
+    arrays = (densities, rng.normal(0.0, 0.3, (len(octree), (VOXEL_DEGREE + 1) ** 2, 3)))
+    tensors = [torch.tensor(array, dtype=torch.float32, requires_grad=True) for array in arrays]
+    return VoxelScene(name, octree, tensors, [look_at(2.4 * index, edge_px) for index in range(views)])
+
+
+def _height(points: np.ndarray) -> np.ndarray:
+    """(N,) distance of (N, 3) points beyond the surface, along the ray from the centre."""
+    length = np.linalg.norm(points, axis=1)
+    return length - bumpy_radius(points / np.maximum(length, 1e-9)[:, None])
