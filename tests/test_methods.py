@@ -33,6 +33,11 @@ def test_what_is_missing_is_named(tmp_path, monkeypatch):
     assert left_out({"learned": learned}, root=tmp_path) is None
 
 
+def test_the_table_of_photos_may_name_every_height_method():
+    schema = yaml.safe_load((Path(__file__).parents[1] / "workflow/schemas/objects.schema.yaml").read_text())
+    assert sorted(schema["properties"]["height_method"]["enum"]) == sorted(["", *methods.HEIGHTS])
+
+
 @pytest.mark.parametrize(("table", "key"), [(methods.REGISTRATIONS, "virtual_registration"), (methods.NVS, "nvs_method")])
 def test_the_config_may_name_every_method(table, key):
     schema = yaml.safe_load((Path(__file__).parents[1] / "workflow/schemas/config.schema.yaml").read_text())

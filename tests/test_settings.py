@@ -30,6 +30,13 @@ def test_rows_by_dataset_and_object(read):
     assert rows["own", "cup"]["images"] == "a b"
 
 
+def test_columns_that_may_be_missing_are_empty(read):
+    [row] = read(f"{HEADER}\nphotos\tcup\ta\tb\t\n").values()
+    assert (row["height_method"], row["marker_images"], row["depth"]) == ("", "", "")
+    [row] = read(f"{HEADER}\theight_method\tmarker_images\nphotos\tcup\ta\tb\t\tmarker\tempty table\n").values()
+    assert (row["height_method"], row["marker_images"], row["depth"]) == ("marker", "empty table", "")
+
+
 def test_a_header_alone_is_an_empty_table(read):
     assert read(HEADER + "\n") == {}
 
@@ -44,6 +51,7 @@ def test_windows_line_ends_and_byte_order_mark(read):
         ("", "is empty"),
         ("dataset\tobject\timages\theight_m\nphotos\tcup\ta\t0.1\n", "lacks the column masks"),
         (HEADER + "\tcolour\n", "unknown column: colour"),
+        (f"{HEADER}\theight_method\nphotos\tcup\ta\tb\t0.1\tguess\n", "line 2: height_method: 'guess' is not one of"),
         (HEADER + "\timages\n", "the column images is there twice"),
         (HEADER.replace("\t", "  ") + "\n", "lacks the column dataset, object"),
         (f"{HEADER}\nphotos\tcup\ta\tb\t-0.1\n", "line 2: height_m: -0.1 is less than"),

@@ -38,6 +38,13 @@ NVS = {
     "2dgs": Method("nvs.twodgs"),
     "svraster": Method("nvs.svraster"),
 }
+HEIGHTS = {
+    "known": Method("height.known"),
+    "marker": Method("height.marker"),
+    "depth_camera": Method("height.depth_camera"),
+    "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
+    "none": Method("height.none"),
+}
 
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:

@@ -6,7 +6,7 @@ Schemas say what is allowed; this module turns their verdicts into errors that n
 import csv
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +46,7 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
         schema_path: the JSON schema of one row.
 
     Returns:
-        rows by (dataset, object), in the table's order. `height_m` is a float or None.
+        rows by (dataset, object), in the table's order. `height_m` is a float or None; what the table leaves out is empty.
 
     Raises:
         StepError: names the table, the line and the column.
@@ -61,7 +61,9 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
     if not numbered:
         raise StepError(f"{table} is empty; its first line names the columns")
     columns = numbered[0][1].split("\t")
-    _check_columns(table, columns, _read_yaml(schema_path)["properties"])
+    schema = _read_yaml(schema_path)
+    known = list(schema["properties"])
+    _check_columns(table, columns, known, schema["required"])
     rows: dict[tuple[str, str], Row] = {}
     for number, cells in zip((n for n, _ in numbered[1:]), csv.reader((line for _, line in numbered[1:]), delimiter="\t"), strict=True):
         if len(cells) > len(columns):
@@ -69,6 +71,7 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
                 f"{table}, line {number}: {len(cells)} cells, but the header names {len(columns)} columns; separate cells by one tab"
             )
         row: Row = dict(zip(columns, [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells)), strict=True))
+        row |= dict.fromkeys((name for name in known if name not in columns), "")
         row["height_m"] = _number(row["height_m"]) if row["height_m"] else None
         faults = _faults(row, schema_path)
         if faults:
@@ -80,11 +83,11 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
     return rows
 
 
-def _check_columns(table: Path, columns: list[str], known: Mapping[str, Any]) -> None:
+def _check_columns(table: Path, columns: list[str], known: Sequence[str], required: Sequence[str]) -> None:
     """Raise where a column is missing, unknown or doubled."""
-    missing = [name for name in known if name not in columns]
+    missing = [name for name in required if name not in columns]
     if missing:
-        raise StepError(f"{table} lacks the column {', '.join(missing)}; the first line must name {', '.join(known)}, separated by tabs")
+        raise StepError(f"{table} lacks the column {', '.join(missing)}; the first line must name {', '.join(required)}, separated by tabs")
     for name in columns:
         if name not in known:
             raise StepError(f"{table}: {name_error('column', name, known)}")

@@ -64,6 +64,57 @@ def test_photos(snakemake, tmp_path):
     assert "--images 'my cup/images' --masks 'my cup/masks' --height-m 0.12" in run.stdout
 
 
+@pytest.mark.parametrize(
+    ("columns", "command"),
+    [
+        ({"height_m": "0.1"}, "--method known"),
+        ({}, "--method none"),
+        ({"height_method": "marker"}, "--method marker"),
+        ({"height_method": "marker", "marker_images": "FOLDER/empty"}, "--marker-images empty"),
+        ({"height_method": "depth_camera", "depth": "FOLDER/depth"}, "--step-mm 1.0 --depth depth"),
+        ({"height_method": "none", "height_m": "0.1"}, "--method none"),
+    ],
+)
+def test_the_height_is_measured_as_the_row_says(snakemake, tmp_path, columns, command):
+    for name in ("images", "masks", "empty", "depth"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.png").touch()
+    row = {"dataset": "photos", "object": "cup", "images": tmp_path / "images", "masks": tmp_path / "masks", "height_m": "", **columns}
+    cells = [str(value).replace("FOLDER", str(tmp_path)) for value in row.values()]
+    (tmp_path / "objects.tsv").write_text("\t".join(row) + "\n" + "\t".join(cells) + "\n")
+    run = snakemake("-n", "results/photos/cup/video/colmap/2dgs/height.json", "--config", f"objects_table={tmp_path / 'objects.tsv'}")
+    assert run.returncode == 0, run.stdout
+    line = next(line for line in run.stdout.splitlines() if "zeroshop_steps.height" in line)
+    assert command in line and ("--board a4" in line) == ("marker" in columns.get("height_method", ""))
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"height_method": "depth_camera"}, "height_method depth_camera needs the folder"),
+        ({"height_method": "mast3r"}, "height method mast3r cannot run here, it lacks the weights"),
+        ({"height_method": "marker", "marker_images": "no/such/folder"}, "the folder of its marker_images, no/such/folder, does not exist"),
+    ],
+)
+def test_a_height_that_cannot_be_measured_is_said_before_anything_runs(snakemake, tmp_path, columns, message):
+    for name in ("images", "masks"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.png").touch()
+    row = {"dataset": "photos", "object": "cup", "images": tmp_path / "images", "masks": tmp_path / "masks", "height_m": "", **columns}
+    (tmp_path / "objects.tsv").write_text("\t".join(row) + "\n" + "\t".join(map(str, row.values())) + "\n")
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", "--config", f"objects_table={tmp_path / 'objects.tsv'}")
+    assert run.returncode != 0
+    assert message in run.stdout
+
+
+def test_the_table_of_heights_measures_every_object_twice(snakemake):
+    run = snakemake("-n", "results/demo/tables/height.csv")
+    assert run.returncode == 0, run.stdout
+    jobs = planned(run.stdout)
+    assert jobs["height_by_board"] == jobs["clean"] == jobs["register"] == 22
+    assert jobs["capture_empty_scene"] == jobs["capture_with_board"] == jobs["capture_virtual"] == 11
+
+
 def test_every_cell_of_the_matrix_has_a_path(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/se/truth/2dgs/mesh.ply", "results/demo/mustard_bottle/su_l/colmap/2dgs/quality.csv")
     assert run.returncode == 0, run.stdout

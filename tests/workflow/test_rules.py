@@ -54,6 +54,8 @@ def test_the_config_lists_every_demo_object():
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),
         ("nvs.svraster", ("nvs", "svraster", "train")),
         ("nvs.svraster_mesh", ("nvs", "svraster", "mesh")),
+        ("height.marker", ("height", "marker")),
+        ("height.depth_camera", ("height", "depth_camera")),
         ("finish.clean", ("finish", "clean")),
         ("finish.grade", ("finish", "grade")),
     ],

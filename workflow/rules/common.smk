@@ -14,6 +14,8 @@ from zeroshop_steps.settings import check_config, name_error, read_objects
 
 ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
+# With a printed board beside the object: for measuring how well a height is found (height.smk), in no table of meshes.
+BOARD_SCENE = "su_b"
 PHOTO_SCENES = ["video"]
 # The record of the training of each surface method, in its cell.
 TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
@@ -102,7 +104,7 @@ def capture_of(wildcards):
     check_object(wildcards)
     virtual = is_virtual(wildcards.dataset)
     kind = "virtual" if virtual else "photo"
-    known(f"scene of a {kind} dataset", wildcards.scene, VIRTUAL_SCENES if virtual else PHOTO_SCENES, "")
+    known(f"scene of a {kind} dataset", wildcards.scene, [*VIRTUAL_SCENES, BOARD_SCENE] if virtual else PHOTO_SCENES, "")
     usable(
         f"registration of a {kind} dataset",
         wildcards.registration,
@@ -172,13 +174,6 @@ def models_option(wildcards):
 def height_option(wildcards):
     """The option that gives the height of a photographed object, if its row does."""
     return step_options({"height_m": photos_of(wildcards)["height_m"]})
-
-
-def height_method(wildcards):
-    """How the height of an object is measured: rendered ones are known, photographed ones as their row says."""
-    if is_virtual(wildcards.dataset):
-        return "known"
-    return "none" if photos_of(wildcards)["height_m"] is None else "known"
 
 
 def checked_object(wildcards):

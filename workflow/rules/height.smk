@@ -1,4 +1,73 @@
-"""Height: how many metres the object is high, and a unit of its registration long; how well that is known."""
+"""Height: how many metres the object is high, and a unit of its registration long; how well that is known.
+
+results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height.json   by the method of its row in objects.tsv; rendered heights are known
+results/DATASET/tables/height.csv, height.svg               how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
+
+For the table every object is measured twice: with the board beside it in its views (scene su_b), and by photos of the empty
+scene with the board, while its views (su_h) show none.
+"""
+
+
+def height_method(wildcards):
+    """How the height of an object is measured."""
+    if is_virtual(wildcards.dataset):
+        return "known"
+    row = photos_of(wildcards)
+    name = row["height_method"] or ("none" if row["height_m"] is None else "known")
+    return usable("height method", name, methods.HEIGHTS, "")
+
+
+def extra_photos(column):
+    """An input function: the files in a folder of objects.tsv that only some height methods read; none where they do not."""
+    readers = {"marker_images": ("marker", "mast3r"), "depth": ("depth_camera",)}
+
+    def files(wildcards):
+        if height_method(wildcards) not in readers[column] or not photos_of(wildcards)[column]:
+            return []
+        return photo_files(column)(wildcards)
+
+    return files
+
+
+def height_options(wildcards):
+    """The options of the height method."""
+    name = height_method(wildcards)
+    options = dict(config["height"].get(name, {}))
+    if name == "marker":
+        options["seed"] = config["seed"]
+    if name == "depth_camera" and not photos_of(wildcards)["depth"]:
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: height_method depth_camera needs the folder of the "
+            "depth images in the column depth"
+        )
+    for column in ("marker_images", "depth"):
+        if extra_photos(column)(wildcards):
+            options[column] = shlex.quote(photo_folder(column)(wildcards))
+    return step_options(options)
+
+
+def board_cells(wildcards):
+    """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
+    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "")
+    os.environ[failures.SWITCH] = "1"
+    nvs = table_axis("nvs", methods.NVS)[0]
+    cell = "results/{}/{}/{}/{}/{}/height_by_board.json"
+    registration = config["chosen"]["virtual"]["registration"]
+    return [
+        cell.format(wildcards.dataset, name, scene, registration, nvs)
+        for name in objects_of(wildcards.dataset)
+        for scene in (BOARD_SCENE, "su_h")
+    ]
+
+
+def empty_scene_of(wildcards):
+    """The photos of the empty scene with the board, for views without it."""
+    return [] if wildcards.scene == BOARD_SCENE else "results/{dataset}/{object}/{scene}/empty_scene".format(**wildcards)
+
+
+def empty_scene_option(wildcards, input):
+    """The option that names them."""
+    return step_options({"marker_images": f"{input.empty_scene}/images" if input.empty_scene else None})
 
 
 rule height:
@@ -6,6 +75,8 @@ rule height:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
         capture="results/{dataset}/{object}/{scene}/capture",
+        marker_images=extra_photos("marker_images"),
+        depth=extra_photos("depth"),
     output:
         height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height.json",
     log:
@@ -14,15 +85,127 @@ rule height:
         "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/height.tsv"
     conda:
         "../envs/zeroshop.yaml"
-    threads: 1
+    threads: 2
     resources:
         mem_mb=3000,
         runtime=10,
     params:
         method=height_method,
+        options=height_options,
     message:
         "Measuring the height of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.height --method {params.method} --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " --out {output.height}"
+        " {params.options} --out {output.height}"
         " --record-failure {output} > {log} 2>&1"
+
+
+rule capture_with_board:
+    input:
+        model="results/{dataset}/{object}/model",
+    output:
+        capture=directory("results/{dataset}/{object}/su_b/capture"),
+    log:
+        "results/{dataset}/{object}/su_b/logs/capture.log",
+    benchmark:
+        "results/{dataset}/{object}/su_b/benchmarks/capture.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        width_px=config["capture"]["image_width_px"],
+        height_px=config["capture"]["image_height_px"],
+        seed=config["seed"],
+    message:
+        "Rendering the views of {wildcards.object} beside a printed board"
+    shell:
+        "python -m zeroshop_steps.capture --method board_scene --view object --model {input.model}/model.ply"
+        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.capture} > {log} 2>&1"
+
+
+rule capture_empty_scene:
+    input:
+        model="results/{dataset}/{object}/model",
+    output:
+        photos=directory("results/{dataset}/{object}/su_h/empty_scene"),
+    log:
+        "results/{dataset}/{object}/su_h/logs/empty_scene.log",
+    benchmark:
+        "results/{dataset}/{object}/su_h/benchmarks/empty_scene.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=4000,
+        runtime=10,
+    params:
+        width_px=config["capture"]["image_width_px"],
+        height_px=config["capture"]["image_height_px"],
+        seed=config["seed"],
+    message:
+        "Rendering the empty scene of {wildcards.object} with a printed board"
+    shell:
+        "python -m zeroshop_steps.capture --method board_scene --view empty --model {input.model}/model.ply"
+        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.photos} > {log} 2>&1"
+
+
+rule height_by_board:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        capture="results/{dataset}/{object}/{scene}/capture",
+        empty_scene=empty_scene_of,
+    output:
+        height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height_by_board.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/height_by_board.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/height_by_board.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+        scene=f"su_h|{BOARD_SCENE}",
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 2
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        options=step_options({**config["height"]["marker"], "seed": config["seed"]}),
+        photos=empty_scene_option,
+    message:
+        "Measuring {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, by the printed board"
+    shell:
+        "python -m zeroshop_steps.height --method marker --blind --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
+        " {params.photos} {params.options} --threads {threads} --out {output.height}"
+        " --record-failure {output} > {log} 2>&1"
+
+
+rule height_table:
+    input:
+        heights=board_cells,
+    output:
+        table="results/{dataset}/tables/height.csv",
+        plot="results/{dataset}/tables/height.svg",
+        picture="results/{dataset}/tables/height.png",
+    log:
+        "results/{dataset}/tables/logs/height.log",
+    benchmark:
+        "results/{dataset}/tables/benchmarks/height.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    message:
+        "Comparing the measured heights of {wildcards.dataset} with the true ones"
+    shell:
+        "python -m zeroshop_steps.report --method heights --heights {input.heights} --out {output.table} > {log} 2>&1"

@@ -6,6 +6,7 @@ degrees (se: and -45). Beside images and masks, `depth/` and `truth/` keep what 
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
@@ -21,6 +22,8 @@ from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.images import write_depth_mm, write_image, write_mask
 from zeroshop_steps.meshes import Mesh, read_ply
 from zeroshop_steps.progress import track
+
+Lay = Callable[[Mesh, Subject], Callable[[np.ndarray], None]]  # given the object, what paints the surface's texture
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 
@@ -43,23 +46,28 @@ def run(args: argparse.Namespace) -> None:
     capture(args.model, args.scene, args.width, args.height, args.seed, args.out)
 
 
-def capture(model: Path, scene: str, width_px: int, height_px: int, seed: int, out: Path) -> None:
+def capture(
+    model: Path, scene: str, width_px: int, height_px: int, seed: int, out: Path, lay: Lay | None = None, facts: dict | None = None
+) -> None:
     """Render all views of one scene into the capture folder `out`, whole or not at all.
+
+    Args:
+        model: textured PLY in mm, upright.
+        scene: su_l, su_h or se.
+        width_px, height_px: of the images.
+        seed: of the surface and of the sensor noise.
+        out: folder to write.
+        lay: what lies on the surface.
+        facts: for capture.json, over what stands there.
 
     Raises:
         StepError: the model is missing, damaged, untextured or not in mm; the image size or the seed is out of range.
     """
-    if not (64 <= width_px <= 8000 and 48 <= height_px <= 6000):
-        raise StepError(f"image size {width_px} x {height_px} px is out of range; give --width 64..8000 and --height 48..6000")
-    if seed < 0:
-        raise StepError(f"seed {seed} is negative; give --seed 0 or more")
     start_s = time.monotonic()
-    mesh = read_ply(model)
-    info_path = Path(model).with_name("model_info.json")
-    info = read_json(info_path) if info_path.exists() else {}
-    subject = subject_of(mesh, model, float(info.get("front_azimuth_deg", 0.0)))
+    mesh, subject, info = read_subject(model, width_px, height_px, seed)
+    paint = lay(mesh, subject) if lay else None
     try:
-        parts = [part for part in (object_part(mesh), surface_part(scene, subject, seed)) if part is not None]
+        parts = [part for part in (object_part(mesh), surface_part(scene, subject, seed, paint)) if part is not None]
     except StepError as error:
         raise StepError(f"{model}: {error}") from None
     renderer = Renderer(parts, subject, seed)
@@ -69,7 +77,7 @@ def capture(model: Path, scene: str, width_px: int, height_px: int, seed: int, o
         jobs = [(camera, folder, index) for index, camera in enumerate(views)]
         jobs += [(camera, folder / "held_out", len(views) + index) for index, camera in enumerate(held_out)]
         for camera, place, number in track(jobs, f"render {scene}", len(jobs)):
-            _write_view(
+            write_view(
                 renderer, camera, place, np.random.default_rng([seed, number, SCENES.index(scene)]), scene, with_depth=place == folder
             )
         write_cameras(folder / "truth", views)
@@ -92,9 +100,23 @@ def capture(model: Path, scene: str, width_px: int, height_px: int, seed: int, o
                 "ring_elevations_deg": list(ELEVATIONS_DEG[scene]),
                 "front_azimuth_deg": subject.front_azimuth_deg,
                 "support_z_mm": None if scene == "se" else round(subject.bottom_mm, 4),
+                **(facts or {}),
                 "seconds": round(time.monotonic() - start_s, 2),
             },
         )
+
+
+def read_subject(model: Path, width_px: int, height_px: int, seed: int) -> tuple[Mesh, Subject, dict]:
+    """The model, what the cameras look at, and its model_info.json; refuses what `capture` refuses."""
+    if not (64 <= width_px <= 8000 and 48 <= height_px <= 6000):
+        raise StepError(f"image size {width_px} x {height_px} px is out of range; give --width 64..8000 and --height 48..6000")
+    if seed < 0:
+        raise StepError(f"seed {seed} is negative; give --seed 0 or more")
+    mesh = read_ply(model)
+    info_path = Path(model).with_name("model_info.json")
+    info = read_json(info_path) if info_path.exists() else {}
+    subject = subject_of(mesh, model, float(info.get("front_azimuth_deg", 0.0)))
+    return mesh, subject, info
 
 
 def subject_of(mesh: Mesh, model: Path, front_azimuth_deg: float) -> Subject:
@@ -106,7 +128,8 @@ def subject_of(mesh: Mesh, model: Path, front_azimuth_deg: float) -> Subject:
     return Subject((low + high) / 2, largest_mm, float(low[2]), front_azimuth_deg)
 
 
-def _write_view(renderer: Renderer, camera: Camera, folder: Path, rng: np.random.Generator, scene: str, with_depth: bool) -> None:
+def write_view(renderer: Renderer, camera: Camera, folder: Path, rng: np.random.Generator, scene: str, with_depth: bool) -> None:
+    """Render and photograph one view, and write its image and mask and, where wanted, its depth."""
     picture = renderer.render(camera)
     image = expose(picture.linear, rng)
     if scene == "se":

@@ -1,5 +1,6 @@
 """The geometry and the looks of the virtual scenes: su_l (plain surface), su_h (richly textured surface), se (object on black)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -53,10 +54,11 @@ def object_part(mesh: Mesh) -> Part:
     )
 
 
-def surface_part(scene: str, subject: Subject, seed: int) -> Part | None:
+def surface_part(scene: str, subject: Subject, seed: int, paint: Callable[[np.ndarray], None] | None = None) -> Part | None:
     """The square support surface under the object; None for se.
 
     su_h is flat, so that its texture alone makes it rich. su_l undulates downwards by at most 0.3 % of the object's size.
+    `paint` changes its (texels, texels, 3) uint8 texture in place: what lies on it.
     """
     if scene == "se":
         return None
@@ -75,6 +77,8 @@ def surface_part(scene: str, subject: Subject, seed: int) -> Part | None:
     uv = np.stack(np.meshgrid((grid + 1) / 2, (grid + 1) / 2), -1).reshape(-1, 2)
     normals = Mesh(vertices, faces).with_normals().normals
     texture = plain_texture(rng) if scene == "su_l" else rich_texture(rng)
+    if paint:
+        paint(texture)
     return Part(
         vertices.astype(np.float32),
         faces.astype(np.uint32),

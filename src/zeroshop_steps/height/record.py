@@ -65,7 +65,12 @@ def write_height(args: argparse.Namespace, method: str, measure: Callable[[Subje
     standing = standing_of(read_ply(args.mesh), views, model)
     subject = Subject(standing, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json"))
     scale = measure(subject)
-    content = {"method": method, **height_record(standing, scale), "seconds": round(time.monotonic() - start_s, 2)}
+    content = {
+        "method": method,
+        **height_record(standing, scale),
+        "known_height_m": subject.known_height_m,
+        "seconds": round(time.monotonic() - start_s, 2),
+    }
     write_json(args.out, content)
     print(height_line(content), file=sys.stderr)
 

@@ -17,7 +17,7 @@ import pycolmap
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import map_incrementally, mapping_options
-from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, model_figures, write_registration
+from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, lens_figures, model_figures, write_registration
 from zeroshop_steps.register.repair import place_again, refine_robustly, repaired, without_images
 from zeroshop_steps.register.sift import SiftOptions, extract, match
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
@@ -123,6 +123,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         )
     pinhole_model = undistort(model, image_set, out)
     lap("undistort")
+    figures["lens"] = lens_figures(model)
     figures |= model_figures(pinhole_model) | {"consistency": verdict.figures()}
     seconds["total"] = round(time.monotonic() - start_s, 3)
     if verdict.reason:

@@ -29,7 +29,9 @@ class RegistrationFailed(StepError):
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all registration methods share."""
     parser.add_argument("--capture", type=Path, required=True, help="folder with images/ and masks/")
-    parser.add_argument("--scene", required=True, choices=("su_l", "su_h", "se", "video"), help="se uses features on the object only")
+    parser.add_argument(
+        "--scene", required=True, choices=("su_l", "su_h", "su_b", "se", "video"), help="se uses features on the object only"
+    )
     parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
     parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
     parser.add_argument("--keep-going", action="store_true", help="write a failed registration as a result and exit with 0")
@@ -73,3 +75,11 @@ def model_figures(model: pycolmap.Reconstruction) -> dict[str, Any]:
         "reprojection_error_px": model.compute_mean_reprojection_error(),
         "mean_track_length": model.compute_mean_track_length(),
     }
+
+
+def lens_figures(model: pycolmap.Reconstruction) -> dict[str, Any] | None:
+    """The one lens of all images before they were undistorted, for what else is aligned with them; None where there are several."""
+    if len(model.cameras) != 1:
+        return None
+    camera = next(iter(model.cameras.values()))
+    return {"model": camera.model.name, "width_px": camera.width, "height_px": camera.height, "params": [float(p) for p in camera.params]}

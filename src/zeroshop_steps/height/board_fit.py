@@ -1,0 +1,145 @@
+"""The size of a printed board in a registration: its corners triangulated, its known shape fitted to what the cameras saw.
+
+The corners are triangulated from the views (direct linear transform; Hartley and Zisserman 2004, section 12.2), a similarity
+takes the board there (Umeyama 1991), and that similarity is refined on the corners' places in all photos at once under a
+robust loss. How much it changes when single photos are left out tells its uncertainty (the jackknife; Tukey 1958).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.cameras import similarity_between
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.height.board import Board
+from zeroshop_steps.height.board_photos import BoardView
+
+LOSS_PX = 0.5  # residuals beyond this count less
+LARGEST_PX = 4.0  # median residual from which on board and cameras contradict each other
+LARGEST_STRETCH = 0.02  # of height to width of the print
+LEAST_ANGLE_DEG = 1.0  # between the rays to a corner
+
+
+@dataclass(frozen=True)
+class BoardFit:
+    """A board as the cameras saw it.
+
+    Attributes:
+        units_per_mm: its scale in the registration.
+        deviation: standard deviation of that, of itself as 1.
+        stretch: height to width of the print, compared with the board's; 1 where it was not stretched.
+        residual_px: median distance of a corner from its place.
+        corners, photos: how many were used.
+    """
+
+    units_per_mm: float
+    deviation: float
+    stretch: float
+    residual_px: float
+    corners: int
+    photos: int
+
+
+def fit_board(board: Board, views: Sequence[BoardView]) -> BoardFit:
+    """Fit the board to at least two views of it.
+
+    Raises:
+        StepError: the cameras stand too close together, the board moved or is bent, or the print is stretched.
+    """
+    corners = board.corners_mm()
+    triangulated = triangulate(views, len(corners))
+    known = np.isfinite(triangulated).all(1)
+    if known.sum() < 4:
+        raise StepError("the photos that show the board were taken from nearly one place; move the camera around it between them")
+    start = _robust_similarity(corners[known], triangulated[known])
+    linear = start[:3, :3]
+    size = np.cbrt(np.linalg.det(linear))
+    seed = np.r_[np.log(size), Rotation.from_matrix(linear / size).as_rotvec(), start[:3, 3], 0.0]
+    seed = _refined(seed, corners, views, stretched=False)
+    residual_px = float(np.median(np.linalg.norm(_residuals(seed, corners, views).reshape(-1, 2), axis=1)))
+    if residual_px > LARGEST_PX:
+        raise StepError(
+            f"the board's corners miss their places by {residual_px:.1f} px: it moved between the photos, is bent, or the cameras are "
+            "wrong; lay it flat, leave it where it is, and take the photos again"
+        )
+    stretch = float(np.exp(_refined(seed, corners, views, stretched=True)[7]))
+    if abs(stretch - 1.0) > LARGEST_STRETCH:
+        raise StepError(
+            f"the board was printed out of shape: its height to width is {100 * (stretch - 1):+.1f} % off. It is of another size than the "
+            "PDF; print it again at 100 %"
+        )
+    return BoardFit(
+        float(np.exp(seed[0])), _deviation(seed, corners, views, triangulated), stretch, residual_px, int(known.sum()), len(views)
+    )
+
+
+def triangulate(views: Sequence[BoardView], count: int) -> np.ndarray:
+    """(count, 3) corners in the world frame; NaN where fewer than two views, or rays too parallel, show one."""
+    points = np.full((count, 3), np.nan)
+    for number in range(count):
+        seen = [(view, view.rays[view.numbers == number][0]) for view in views if number in view.numbers]
+        if len(seen) < 2:
+            continue
+        rows = [ray[:, None] * view.camera_from_world[2] - view.camera_from_world[:2] for view, ray in seen]
+        solution = np.linalg.svd(np.concatenate(rows))[2][-1]
+        if abs(solution[3]) < 1e-12:
+            continue
+        point = solution[:3] / solution[3]
+        directions = np.array([point + view.camera_from_world[:3, :3].T @ view.camera_from_world[:3, 3] for view, _ in seen])
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        if np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0))) > LEAST_ANGLE_DEG:
+            points[number] = point
+    return points
+
+
+def _robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Least squares, again without what lies three times as far off as the median, until that settles."""
+    kept = np.ones(len(source), bool)
+    for _ in range(10):
+        similarity = similarity_between(source[kept], target[kept])
+        errors = np.linalg.norm(source @ similarity[:3, :3].T + similarity[:3, 3] - target, axis=1)
+        closer = errors <= 3.0 * np.median(errors) + 1e-12
+        if closer.sum() < 4 or (closer == kept).all():
+            break
+        kept = closer
+    return similarity
+
+
+def _refined(start: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], stretched: bool) -> np.ndarray:
+    """Parameters (log scale, rotation vector, shift, log stretch) that bring the corners closest to where the views saw them."""
+    free = 8 if stretched else 7
+    unit = np.r_[1.0, 1.0, 1.0, 1.0, np.full(3, np.exp(start[0]) * 100.0), 1.0]  # a shift of 100 mm is as much as a radian
+
+    def cost(change: np.ndarray) -> np.ndarray:
+        return _residuals(start + unit * np.r_[change, np.zeros(8 - free)], corners, views)
+
+    found = least_squares(cost, np.zeros(free), loss="soft_l1", f_scale=LOSS_PX, max_nfev=100)
+    return start + unit * np.r_[found.x, np.zeros(8 - free)]
+
+
+def _residuals(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView]) -> np.ndarray:
+    """(2 N,) distances in pixels between all corners seen and where the parameters put them."""
+    shape = np.array([np.exp(-parameters[7] / 2), np.exp(parameters[7] / 2), 1.0])
+    world = np.exp(parameters[0]) * (corners * shape) @ Rotation.from_rotvec(parameters[1:4]).as_matrix().T + parameters[4:7]
+    parts = []
+    for view in views:
+        points = world[view.numbers] @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
+        parts.append((points[:, :2] / np.maximum(points[:, 2:], 1e-9) - view.rays) * view.focal_px)
+    return np.concatenate(parts).ravel()
+
+
+def _deviation(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], triangulated: np.ndarray) -> float:
+    """Standard deviation of the log scale: from leaving photos out, where there are enough, and from the triangulated sides."""
+    known = np.flatnonzero(np.isfinite(triangulated).all(1))
+    first, second = np.triu_indices(len(known), 1)
+    ratios = np.linalg.norm(triangulated[known[first]] - triangulated[known[second]], axis=1)
+    ratios /= np.linalg.norm(corners[known[first]] - corners[known[second]], axis=1)
+    spread = 1.4826 * np.median(np.abs(ratios / np.median(ratios) - 1.0)) / np.sqrt(len(known))
+    if len(views) < 3:
+        return float(spread)
+    without = [_refined(parameters, corners, [*views[:k], *views[k + 1 :]], stretched=False)[0] for k in range(len(views))]
+    jackknife = np.sqrt((len(views) - 1) / len(views) * np.sum((np.array(without) - np.mean(without)) ** 2))
+    return float(np.hypot(jackknife, spread))

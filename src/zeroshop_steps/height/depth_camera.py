@@ -1,0 +1,141 @@
+"""Depth images give the scale: the mesh, seen from the cameras, is as far away as they say.
+
+Each depth image is a 16-bit PNG of its photo's size, named like the photo, aligned with it pixel by pixel; 0 where nothing
+was measured. On the object, the measured depth over the mesh's is the scale; its median counts.
+"""
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.views import View
+from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
+from zeroshop_steps.meshes import read_ply
+from zeroshop_steps.register.undistort import undistortion_map
+
+LEAST_IMAGES = 3
+LEAST_PIXELS = 100  # on the object, in an image
+RIM_PX = 3  # at the silhouette, depth cameras mix object and background
+NEAREST_MM = 50.0  # no depth camera sees nearer
+OFF_DIAGONALS = 0.15  # a pixel whose depth is this far off, in diagonals of the object, shows something else
+MOST_OFF = 0.15
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    parser.add_argument("--depth", type=Path, required=True, help="folder of depth images, named like the photos but .png")
+    parser.add_argument("--step-mm", type=float, default=1.0, help="millimetres a step of the depth images (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write height.json."""
+    if not 1e-3 <= args.step_mm <= 100.0:
+        raise StepError(f"--step-mm is {args.step_mm:g}; a step of a depth image is 0.001 to 100 mm, most often 1")
+    mesh = read_ply(args.mesh)
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    write_height(args, "depth_camera", lambda subject: scale_of(subject, MeshRenderer(mesh), diagonal, args.depth, args.step_mm))
+
+
+def scale_of(subject: Subject, renderer: MeshRenderer, diagonal: float, folder: Path, step_mm: float) -> Scale:
+    """The scale that the depth images agree on.
+
+    Args:
+        subject: with the registered views.
+        renderer: of the mesh in their frame.
+        diagonal: of the mesh's box, in its unit.
+        folder: of the depth images.
+        step_mm: millimetres a step.
+
+    Raises:
+        StepError: too few depth images, of another kind or size, in metres, or that show something else where the object is.
+    """
+    if not folder.is_dir():
+        raise StepError(f"the folder of depth images {folder} does not exist")
+    files = depth_files(subject, folder)
+    if len(files) < LEAST_IMAGES:
+        raise StepError(
+            f"{folder} has depth images for {len(files)} of the {len(subject.views)} registered photos, {LEAST_IMAGES} are needed; each "
+            "is named like its photo, but .png"
+        )
+    to_pinhole = _undistortion(subject)
+    ratios, off = {}, {}
+    for view, path in files:
+        measured_mm = to_pinhole(read_depth(path, view)) * step_mm
+        depth = renderer.hits(view.camera).depth
+        inside = cv2.erode((view.mask() & (depth > 0)).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2), borderValue=0) > 0
+        inside &= measured_mm > 0
+        if inside.sum() < LEAST_PIXELS:
+            continue
+        ratio = float(np.median(measured_mm[inside] / depth[inside]))
+        ratios[path.name] = ratio
+        off[path.name] = float((np.abs(measured_mm[inside] / ratio - depth[inside]) > OFF_DIAGONALS * diagonal).mean())
+        _check_unit(path, float(np.median(measured_mm[inside])), step_mm)
+    if len(ratios) < LEAST_IMAGES:
+        raise StepError(f"{folder}: only {len(ratios)} depth images have measured depth on the object, {LEAST_IMAGES} are needed")
+    values = np.array(list(ratios.values()))
+    scale_mm = float(np.median(values))
+    spread = 1.4826 * float(np.median(np.abs(values / scale_mm - 1.0)))
+    share = float(np.median(list(off.values())))
+    if share > MOST_OFF or spread > OFF_DIAGONALS:
+        worst = max(off, key=lambda name: off[name])
+        raise StepError(
+            f"{folder}: the depth images are not aligned with the photos: {share:.0%} of the object's pixels show something else "
+            f"({worst}: {off[worst]:.0%}), and their scales differ by {spread:.0%}; export depth that is aligned to the colour image"
+        )
+    evidence = {"depth_images": len(ratios), "spread": round(spread, 5), "off_share": round(share, 5), "step_mm": step_mm}
+    return Scale("depth_camera", scale_mm / 1000.0, spread / np.sqrt(len(values)), evidence)
+
+
+def depth_files(subject: Subject, folder: Path) -> list[tuple[View, Path]]:
+    """Each view's depth image, where there is one; photos may have been renamed when they were taken into the capture."""
+    names = read_json(subject.capture / "capture.json").get("source_names")
+    found = []
+    for view in subject.views:
+        stem = Path(view.camera.name).stem
+        own = [Path(names[int(stem)]).stem] if names and stem.isdigit() and int(stem) < len(names) else []
+        path = next((folder / f"{name}.png" for name in [*own, stem] if (folder / f"{name}.png").is_file()), None)
+        if path:
+            found.append((view, path))
+    return found
+
+
+def read_depth(path: Path, view: View) -> np.ndarray:
+    """(height, width) float32 steps. Raises StepError for an image that is no depth image, or not aligned with its photo."""
+    depth = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    if depth is None:
+        raise StepError(f"depth image {path} cannot be read; export it again as 16-bit PNG")
+    if depth.ndim != 2 or depth.dtype != np.uint16:
+        kind = f"{depth.dtype} with {1 if depth.ndim == 2 else depth.shape[2]} channel(s)"
+        raise StepError(f"depth image {path} is {kind}; expected a 16-bit PNG with one channel, in millimetres")
+    if depth.shape != (view.camera.height_px, view.camera.width_px):
+        raise StepError(
+            f"depth image {path} is {depth.shape[1]} x {depth.shape[0]} px, its photo {view.camera.width_px} x {view.camera.height_px} px: "
+            "it is not aligned with the photo; export depth that is aligned to the colour image"
+        )
+    return depth.astype(np.float32)
+
+
+def _check_unit(path: Path, median_mm: float, step_mm: float) -> None:
+    if median_mm < NEAREST_MM:
+        raise StepError(
+            f"depth image {path} puts the object {median_mm:g} mm away: it looks like metres or another unit than the {step_mm:g} mm a "
+            "step that are expected; export millimetres, or give the unit as height.depth_camera.step_mm"
+        )
+
+
+def _undistortion(subject: Subject):
+    """What moves a depth image, aligned with the photo as it was taken, to the undistorted photo."""
+    record = subject.cameras / "registration.json"
+    lens = read_json(record).get("lens") if record.is_file() else None
+    if not lens:
+        return lambda depth: depth
+    camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
+    map_x, map_y = undistortion_map(camera)[1]
+    return lambda depth: cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)

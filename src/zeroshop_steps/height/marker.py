@@ -1,0 +1,124 @@
+"""A printed board gives the scale (`--method print_board` writes it): beside the object in its photos, or in photos of the empty scene.
+
+With photos of the empty scene (`--marker-images`), these are first placed among the object's photos by the ground that both
+show; so a scene is measured once for all objects filmed there. The board's corners, seen by at least two cameras, then tell
+how many millimetres a unit of the registration is.
+"""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.height.board import BOARDS, RULER_MM, Board
+from zeroshop_steps.height.board_fit import BoardFit, fit_board
+from zeroshop_steps.height.board_photos import BoardView, check_views, view_of
+from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
+from zeroshop_steps.height.scene_photos import place
+from zeroshop_steps.images import read_image
+from zeroshop_steps.register.sift import SiftOptions
+
+RULER_ERROR_MM = 0.2  # how well the line is read off
+CONTRADICTION = 0.05  # a known height that differs from the measured one by more than this, and by three deviations, contradicts it
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    parser.add_argument("--marker-images", type=Path, help="folder of photos of the empty scene with the board; else it is in the object's")
+    parser.add_argument("--board", choices=sorted(BOARDS), default="a4", help="which board was printed (default: %(default)s)")
+    parser.add_argument(
+        "--ruler-mm",
+        type=float,
+        default=RULER_MM,
+        help="length of the ruler line as printed; it tells the print's scale (default: %(default)s)",
+    )
+    parser.add_argument("--blind", action="store_true", help="do not compare with the known height: for tables of the error")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all RANSAC loops (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write height.json."""
+    if not 0.5 * RULER_MM <= args.ruler_mm <= 2.0 * RULER_MM:
+        raise StepError(f"--ruler-mm is {args.ruler_mm:g}; the line is {RULER_MM:g} mm long, give the length in mm that was measured")
+    options = SiftOptions(threads=args.threads, seed=args.seed)
+
+    def measure(subject: Subject) -> Scale:
+        scale = scale_of(BOARDS[args.board], args.marker_images, args.ruler_mm / RULER_MM, options, subject)
+        if not args.blind:
+            check_known(scale, subject)
+        return scale
+
+    write_height(args, "marker", measure)
+
+
+def scale_of(board: Board, marker_images: Path | None, print_scale: float, options: SiftOptions, subject: Subject) -> Scale:
+    """The scale that the board gives.
+
+    Raises:
+        StepError: no board, another one, too little of it, or one that does not fit.
+    """
+    views = board_in_scene(board, marker_images, subject, options) if marker_images else board_beside_object(board, subject)
+    fit = fit_board(board, views)
+    deviation = float(np.hypot(fit.deviation, RULER_ERROR_MM / RULER_MM))
+    return Scale("marker", 0.001 * print_scale / fit.units_per_mm, deviation, _evidence(board, fit, marker_images, print_scale))
+
+
+def board_beside_object(board: Board, subject: Subject) -> list[BoardView]:
+    """What the object's own photos show of the board."""
+    found = []
+    for view in subject.views:
+        k = view.camera.intrinsics
+        to_rays = partial(_pinhole_rays, np.array([k[0, 2], k[1, 2]]), np.array([k[0, 0], k[1, 1]]))
+        found.append(view_of(view.camera.name, view.image(), board, to_rays, view.camera.camera_from_world, float(k[0, 0])))
+    views = [view for view in found if view]
+    check_views(views, board, [] if views else [view.image() for view in subject.views], f"the {len(found)} photos of the object")
+    return views
+
+
+def board_in_scene(board: Board, folder: Path, subject: Subject, options: SiftOptions) -> list[BoardView]:
+    """What the photos of the empty scene show of the board, once they are placed among the object's photos."""
+    if not folder.is_dir():
+        raise StepError(f"{folder} does not exist; marker_images names the folder of the photos of the empty scene")
+    photos = place(folder, subject.views, options)
+    images = [read_image(photo.path) for photo in photos]
+    found = [
+        view_of(photo.path.name, image, board, photo.rays, photo.camera_from_world, photo.camera.mean_focal_length())
+        for photo, image in zip(photos, images, strict=True)
+    ]
+    views = [view for view in found if view]
+    check_views(views, board, images, f"the {len(photos)} photos in {folder} whose camera was found")
+    return views
+
+
+def _pinhole_rays(centre: np.ndarray, focal: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    return (pixels - centre) / focal
+
+
+def _evidence(board: Board, fit: BoardFit, marker_images: Path | None, print_scale: float) -> dict:
+    return {
+        "board": board.name,
+        "board_seen_in": "photos of the empty scene" if marker_images else "the object's photos",
+        "photos": fit.photos,
+        "corners": fit.corners,
+        "residual_px": round(fit.residual_px, 3),
+        "stretch": round(fit.stretch, 5),
+        "print_scale": print_scale,
+    }
+
+
+def check_known(scale: Scale, subject: Subject) -> None:
+    """Raise StepError where a height that is known as well differs: a board printed at another size shows nowhere else."""
+    if subject.known_height_m is None:
+        return
+    measured_m = subject.standing.extent * scale.metres_per_unit
+    deviation = np.hypot(scale.deviation, subject.standing.deviation / subject.standing.extent)
+    difference = measured_m / subject.known_height_m - 1.0
+    if abs(difference) > max(CONTRADICTION, 3.0 * deviation):
+        raise StepError(
+            f"by the board the object is {measured_m:.4f} m high, by its known height {subject.known_height_m:.4f} m: the board was "
+            f"printed at another size (measure its {RULER_MM:g} mm line and give that as height.marker.ruler_mm), or height_m is wrong"
+        )

@@ -1,0 +1,23 @@
+"""Write the board that `--method marker` looks for, as a PDF to print at exact size."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.height.board import BOARDS, RULER_MM, write_pdf
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--board", choices=sorted(BOARDS), default="a4", help="named after its paper (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="PDF to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the PDF."""
+    if args.out.suffix.lower() != ".pdf":
+        raise StepError(f"{args.out} is no PDF; give a name that ends in .pdf")
+    board = BOARDS[args.board]
+    write_pdf(board, args.out)
+    print(f"{args.out}: print it at 100 %; squares are {board.square_mm:g} mm, the line below them {RULER_MM:g} mm", file=sys.stderr)

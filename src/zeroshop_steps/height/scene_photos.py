@@ -1,0 +1,138 @@
+"""Place photos of the empty scene into a registration of the object's photos: both show the same ground.
+
+The object's cameras stay where they are; only the empty scene's are found. So one set of such photos serves every object
+that was filmed there, and any registration.
+"""
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.finish.views import View
+from zeroshop_steps.images import list_images, read_image
+from zeroshop_steps.register.mapping import mapping_options
+from zeroshop_steps.register.sift import SiftOptions, match
+
+LEAST_PLACED = 2
+OBJECT, SCENE = "object", "scene"
+
+
+@dataclass(frozen=True)
+class PlacedPhoto:
+    """A photo of the empty scene whose camera was found.
+
+    Attributes:
+        path: the photo.
+        camera: its lens.
+        camera_from_world: (4, 4) in the registration frame.
+    """
+
+    path: Path
+    camera: pycolmap.Camera
+    camera_from_world: np.ndarray
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """(N, 2) image plane coordinates at depth 1 of (N, 2) pixels, free of the lens's distortion."""
+        return np.asarray(self.camera.cam_from_img(pixels), float)[:, :2]
+
+
+def place(folder: Path, views: list[View], options: SiftOptions) -> list[PlacedPhoto]:
+    """Find the cameras of the photos in `folder`.
+
+    Args:
+        folder: photos of one size and one lens that show the ground around the object's place, without the object.
+        views: the registered photos of the object.
+        options: of features and matching.
+
+    Raises:
+        StepError: fewer than two could be placed.
+    """
+    photos = list_images(folder)
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    with tempfile.TemporaryDirectory(prefix="scene_photos.") as scratch_name:
+        scratch = Path(scratch_name)
+        images, database = scratch / "images", scratch / "database.db"
+        placed_as = {f"{SCENE}_{photo.name}": photo for photo in photos}
+        objects = {f"{OBJECT}_{view.image_path.name}": view.camera for view in views}
+        images.mkdir()
+        for view in views:
+            os.symlink(view.image_path.resolve(), images / f"{OBJECT}_{view.image_path.name}")
+        for name, photo in placed_as.items():
+            os.symlink(photo.resolve(), images / name)
+        _extract(database, images, objects, list(placed_as), options)
+        match(database, options)
+        model = _joint_model(database, images, objects, scratch, options)
+    placed = [
+        PlacedPhoto(placed_as[image.name], model.cameras[image.camera_id], _square(image.cam_from_world()))
+        for image in sorted(model.images.values(), key=lambda image: image.name)
+        if image.has_pose and image.name in placed_as
+    ]
+    if len(placed) < LEAST_PLACED:
+        raise StepError(
+            f"{len(placed)} of {len(photos)} photos in {folder} could be placed among the object's photos, {LEAST_PLACED} are needed: they "
+            "must show the same ground, with texture, around the place where the object stands, and nothing there may have moved"
+        )
+    return placed
+
+
+def _extract(database: Path, images: Path, objects: dict[str, Camera], scene: list[str], options: SiftOptions) -> None:
+    """Features of all photos; the object's have their known cameras, the empty scene's one unknown lens."""
+    sizes = {read_image(images / name).shape for name in scene}
+    mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.PER_IMAGE
+    pinhole, lens = pycolmap.ImageReaderOptions(), pycolmap.ImageReaderOptions()
+    pinhole.camera_model, lens.camera_model = "PINHOLE", "SIMPLE_RADIAL"
+    pycolmap.Database.open(database).close()
+    pycolmap.import_images(database, images, pycolmap.CameraMode.PER_IMAGE, sorted(objects), pinhole)
+    pycolmap.import_images(database, images, mode, sorted(scene), lens)
+    with pycolmap.Database.open(database) as opened:
+        for image in opened.read_all_images():
+            if image.name in objects:
+                camera = objects[image.name]
+                k = camera.intrinsics
+                params = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+                fields = {"model": "PINHOLE", "width": camera.width_px, "height": camera.height_px, "params": params}
+                opened.update_camera(pycolmap.Camera({**fields, "camera_id": image.camera_id, "has_prior_focal_length": True}))
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads = options.threads
+    extraction.sift.estimate_affine_shape = True
+    extraction.sift.max_num_features = options.max_features
+    extraction.sift.first_octave = options.first_octave
+    pycolmap.extract_features(database, images, sorted([*objects, *scene]), mode, lens, extraction)
+
+
+def _joint_model(database: Path, images: Path, objects: dict[str, Camera], scratch: Path, options: SiftOptions) -> pycolmap.Reconstruction:
+    """Points from the object's photos with their cameras fixed, then the other photos placed against them."""
+    model = pycolmap.Reconstruction()
+    lenses = set()
+    with pycolmap.Database.open(database) as opened:
+        cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+        for image in sorted(opened.read_all_images(), key=lambda image: image.name):
+            if image.name not in objects:
+                continue
+            lenses.add(image.camera_id)
+            model.add_camera_with_trivial_rig(cameras[image.camera_id])
+            pose = objects[image.name].camera_from_world
+            pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
+            model.add_image_with_trivial_frame(pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id), pose)
+    mapper = mapping_options(LEAST_PLACED, options.seed)
+    for name in ("triangulated", "joint"):
+        (scratch / name).mkdir()
+    pycolmap.set_random_seed(options.seed)
+    pycolmap.triangulate_points(model, database, images, scratch / "triangulated", options=mapper)
+    mapper.multiple_models = False
+    mapper.fix_existing_frames = mapper.mapper.fix_existing_frames = True
+    mapper.constant_cameras = mapper.mapper.constant_cameras = lenses
+    found = pycolmap.incremental_mapping(database, images, scratch / "joint", mapper, str(scratch / "triangulated"))
+    return max(found.values(), key=lambda joint: joint.num_reg_images(), default=model)
+
+
+def _square(pose: pycolmap.Rigid3d) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3] = pose.matrix()
+    return matrix

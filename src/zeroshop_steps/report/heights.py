@@ -1,0 +1,145 @@
+"""The table of measured heights beside the true ones and published ones, and the plot of error over height.
+
+The published heights are the diploma thesis's ("ZeroShOP: Zero-shot object pose estimation in unconstrained environments", TU
+Wien, January 2026, Tables 4.3 and 4.4), estimated by MASt3R from photos of real objects; they lie beside this file as
+published_heights.csv. The plot is that of its Figure 4.8: absolute error in per cent over the true height, with a straight trend.
+"""
+
+import argparse
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.failures import read_failure
+from zeroshop_steps.files import read_json, written_whole
+from zeroshop_steps.report.table import cell_of
+
+PUBLISHED = Path(__file__).with_name("published_heights.csv")
+BESIDE, APART, THESIS = "board beside the object", "board in the empty scene", "thesis: MASt3R"
+COLORS = {BESIDE: "tab:orange", APART: "tab:green", THESIS: "tab:blue"}
+COLUMNS = (
+    "dataset",
+    "object",
+    "scene",
+    "registration",
+    "nvs",
+    "how",
+    "height_m",
+    "measured_height_m",
+    "deviation_mm",
+    "difference_mm",
+    "difference_percent",
+    "reason",
+    "published_name",
+    "published_height_m",
+    "published_measured_height_m",
+    "published_difference_percent",
+)
+
+
+@dataclass(frozen=True)
+class Published:
+    """A height that the thesis estimated; `ycbv_object` is empty for objects that YCB-V lacks."""
+
+    table: str
+    name: str
+    ycbv_object: str
+    height_m: float
+    measured_height_m: float
+    difference_percent: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--heights", type=Path, nargs="+", required=True, help="height_by_board.json of each cell, or its failure")
+    parser.add_argument("--root", type=Path, default=Path("results"), help="folder that the cells' paths start with (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="CSV to write; the plot goes beside it as .svg and .png")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the table and the plot."""
+    published = published_heights()
+    rows = [row_of(path, args.root, published) for path in args.heights]
+    with written_whole(args.out) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    figure = drawn(rows, published)
+    with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), written_whole(args.out.with_suffix(".svg")) as temporary:
+        FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
+    with written_whole(args.out.with_suffix(".png")) as temporary:
+        FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
+
+
+def published_heights() -> list[Published]:
+    """The thesis's Tables 4.3 and 4.4."""
+    with PUBLISHED.open(newline="") as file:
+        return [
+            Published(
+                row["table"],
+                row["name"],
+                row["ycbv_object"],
+                float(row["height_m"]),
+                float(row["mast3r_height_m"]),
+                float(row["difference_percent"]),
+            )
+            for row in csv.DictReader(file)
+        ]
+
+
+def row_of(path: Path, root: Path, published: Sequence[Published]) -> dict[str, str | float]:
+    """One row: a height measured in a cell and the true one, or why there is none; beside it what was published of the object.
+
+    Raises:
+        StepError: the file is missing, or the true height is not in it.
+    """
+    row: dict[str, str | float] = dict(cell_of(path, root))
+    if row["dataset"] == "ycbv":
+        for found in (found for found in published if found.ycbv_object == row["object"]):
+            row |= {"published_name": found.name, "published_height_m": found.height_m}
+            row |= {"published_measured_height_m": found.measured_height_m, "published_difference_percent": found.difference_percent}
+    row["how"] = BESIDE if row["scene"] == "su_b" else APART
+    failure = read_failure(path)
+    if failure:
+        return row | {"reason": str(failure)}
+    record = read_json(path)
+    true_m, measured_m = record["known_height_m"], record["height_m"]
+    if true_m is None or measured_m is None:
+        raise StepError(f"{path} lacks the true or the measured height; only rendered objects that were measured belong into this table")
+    return row | {
+        "height_m": true_m,
+        "measured_height_m": round(measured_m, 6),
+        "deviation_mm": round(1000 * record["height_deviation_m"], 3),
+        "difference_mm": round(1000 * (measured_m - true_m), 3),
+        "difference_percent": round(100 * (measured_m / true_m - 1), 3),
+    }
+
+
+def drawn(rows: Sequence[dict[str, str | float]], published: Sequence[Published]) -> Figure:
+    """Absolute error in per cent over the true height in metres; the thesis's with its trend."""
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    points = {THESIS: np.array([(found.height_m, abs(found.difference_percent)) for found in published])}
+    for how in (BESIDE, APART):
+        own = [(row["height_m"], abs(float(row["difference_percent"]))) for row in rows if row["how"] == how and "height_m" in row]
+        points[how] = np.array(own, float).reshape(-1, 2)
+    for how, found in points.items():
+        if len(found) == 0:
+            continue
+        axes.scatter(*found.T, s=22, color=COLORS[how], label=how)
+        if len(found) > 2:
+            slope, level = np.polyfit(*found.T, 1)
+            ends = np.array([found[:, 0].min(), found[:, 0].max()])
+            axes.plot(ends, level + slope * ends, color=COLORS[how], linewidth=1.0)
+    axes.set(xlabel="true height in m", ylabel="error of the measured height in %", ylim=(0.0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return figure
