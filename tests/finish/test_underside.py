@@ -97,6 +97,12 @@ def test_a_hole_in_the_wall_is_no_underside():
     assert np.array_equal(same.faces, mesh.faces)
 
 
+def test_a_closed_mesh_stays_as_it_is():
+    box = trimesh.creation.box(SIZE_MM)
+    same, underside = closed(Mesh(np.array(box.vertices), np.array(box.faces)), UP, -SIZE_MM[2] / 2)
+    assert (underside.state, underside.faces, underside.watertight) == ("closed", 0, True) and len(same.faces) == 12
+
+
 def test_without_the_underside_the_mesh_is_what_it_was():
     mesh = shapes()["ball"]
     whole, underside = closed(mesh, UP, 0.0)

@@ -35,7 +35,7 @@ def test_a_known_height_gives_the_exact_scale(height, height_m):
     assert record["metres_per_unit"] == pytest.approx(height_m / 90.0, rel=2e-3)
     assert record["top"] - record["bottom"] == record["height_in_registration"]
     assert np.array(record["up"]) == pytest.approx([0, 0, 1], abs=1e-3)
-    assert 0.0005 <= record["height_deviation_m"] < 0.002
+    assert 0.0005 <= record["height_deviation_m"] < 0.003
 
 
 def test_without_a_height_the_scale_is_unknown_and_that_is_said(height, capsys):

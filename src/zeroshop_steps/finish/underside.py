@@ -73,9 +73,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def left_open(mesh: Mesh) -> tuple[Mesh, Underside]:
-    """The mesh as it is."""
+    """The mesh as it is; it may be closed already."""
     borders = open_borders(mesh.faces)
-    return mesh, Underside("open", len(mesh.faces), 0, 0, len(borders), watertight=not borders)
+    return mesh, Underside("open" if borders else "closed", len(mesh.faces), 0, 0, len(borders), watertight=not borders)
 
 
 def closed(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Underside]:

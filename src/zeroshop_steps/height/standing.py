@@ -10,6 +10,7 @@ from zeroshop_steps.finish.support_plane import SupportPlane, background_points,
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.meshes import Mesh
 
+EDGE_PX = 1.0  # how well photos show where the object ends
 TOP_SHARE = 2e-4  # share of the surface's area that may stick out above the measured top: spikes, not the object
 
 
@@ -20,8 +21,8 @@ class Standing:
     Attributes:
         up: (3,) unit vector.
         bottom, top: heights along `up`, of the support plane (without one, of the mesh's bottom) and of the mesh's top.
-        deviation: standard deviation of top minus bottom, as far as the data show it: how the bounds change when half or twice
-            as much of the surface may stick out, and how well the plane is known.
+        deviation: standard deviation of top minus bottom: how the bounds change when half or twice as much of the surface may
+            stick out, how well the plane is known, and `EDGE_PX`.
         plane: the support plane, None where there is none.
         roll_certainty: of an `up` that comes from the cameras' roll (0 to 1), None with a plane.
     """
@@ -61,7 +62,11 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
     if plane:
         half_width = np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / 2
         low_deviation = np.hypot(plane.residual / np.sqrt(plane.inliers), np.radians(plane.normal_deviation_deg) * half_width)
-    return Standing(up, float(bottom), high, float(np.hypot(low_deviation, high_deviation)), plane, certainty)
+    centre = mesh.vertices.mean(0)
+    depths = [(view.camera.project(centre[None])[1][0], view.camera.intrinsics[0, 0]) for view in views]
+    edge = EDGE_PX * float(np.median([depth / focal_px for depth, focal_px in depths]))
+    deviation = float(np.linalg.norm([low_deviation, high_deviation, edge]))
+    return Standing(up, float(bottom), high, deviation, plane, certainty)
 
 
 def robust_extent(heights: np.ndarray, mesh: Mesh, share: float = TOP_SHARE) -> tuple[float, float]:
