@@ -32,7 +32,7 @@ def test_a_rule_has_all_its_parts(name):
     assert "python -m zeroshop_steps." in RULES[name] and "> {log} 2>&1" in RULES[name]
 
 
-@pytest.mark.parametrize("name", ["capture_virtual", "register", "stereo", "train_2dgs", "train_svraster"])
+@pytest.mark.parametrize("name", ["capture_virtual", "register", "stereo", "train_2dgs", "train_svraster", "test_set"])
 def test_a_long_step_is_told_its_threads(name):
     assert "--threads {threads}" in RULES[name]
 
@@ -58,6 +58,7 @@ def test_the_config_lists_every_demo_object():
         ("height.depth_camera", ("height", "depth_camera")),
         ("finish.clean", ("finish", "clean")),
         ("finish.grade", ("finish", "grade")),
+        ("bop.test_set", ("bop", "test_set")),
     ],
 )
 def test_config_values_are_the_defaults_of_their_step(module, keys):

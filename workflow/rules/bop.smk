@@ -1,6 +1,7 @@
 """BOP: a dataset's models, true and reconstructed, in BOP's layout, and scores of what any method found with them.
 
 results/DATASET/bop/models          the true models; models_NVS: the chosen cells of a method, aligned with them
+results/DATASET/bop/test            virtual test scenes of the true models, with test_targets_bop19.json and camera.json beside them
 results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside it is made of them
 """
 
@@ -72,6 +73,33 @@ rule reconstructed_models:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
     shell:
         "python -m zeroshop_steps.bop --method export_models --parts {input.parts} --out {output.models} > {log} 2>&1"
+
+
+rule test_set:
+    input:
+        models="results/{dataset}/bop/models",
+    output:
+        scenes=directory("results/{dataset}/bop/test"),
+        targets="results/{dataset}/bop/test_targets_bop19.json",
+        camera="results/{dataset}/bop/camera.json",
+    log:
+        "results/{dataset}/bop/logs/test_set.log",
+    benchmark:
+        "results/{dataset}/bop/benchmarks/test_set.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        options=step_options(config["bop"]["test_set"]),
+        seed=config["seed"],
+    message:
+        "Rendering the test set of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.bop --method test_set --models {input.models} {params.options} --seed {params.seed} --threads {threads}"
+        " --targets {output.targets} --camera {output.camera} --out {output.scenes} > {log} 2>&1"
 
 
 rule score_poses:

@@ -85,8 +85,13 @@ def place_lights(subject: Subject, on_surface: bool) -> Lights:
     return Lights(centres, axes, half_side_mm, lights.radiances * exposure, SKY * exposure)
 
 
-def bake(scene: o3d.t.geometry.RaycastingScene, parts: list[Part], subject: Subject, lights: Lights, seed: int) -> BakedLight:
-    """Compute the light at all samples. `parts[0]` is the object (geometry 0), `parts[1]`, if any, the surface."""
+def bake(
+    scene: o3d.t.geometry.RaycastingScene, parts: list[Part], subject: Subject, lights: Lights, seed: int, merged_mm: float | None = None
+) -> BakedLight:
+    """Compute the light at all samples. `parts[0]` is the object (geometry 0), `parts[1]`, if any, the surface.
+
+    Samples of the object that lie within about `merged_mm` of each other and face the same way share theirs, where it is given.
+    """
     part = parts[0]
     corners = part.vertices[part.faces]
     longest_mm = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=2).max(1)
@@ -94,7 +99,8 @@ def bake(scene: o3d.t.geometry.RaycastingScene, parts: list[Part], subject: Subj
     first = np.concatenate([[0], np.cumsum((steps + 1) * (steps + 2) // 2)])
     points, normals = _lattice(corners, part.corner_normals, first, steps, 2e-4 * subject.largest_mm)
     bounce = SURFACE_BOUNCE if len(parts) > 1 else 0.0
-    object_light = _bake_points(scene, points, normals, lights, bounce, seed)
+    chosen, share = _merged(points, normals, merged_mm) if merged_mm else (slice(None), slice(None))
+    object_light = _bake_points(scene, points[chosen], normals[chosen], lights, bounce, seed)[share]
     cells = SURFACE_CELLS if len(parts) > 1 else 2
     side_mm = 2 * SURFACE_BAKED_IN_SIZES * subject.largest_mm
     origin_mm = subject.centre_mm[:2] - side_mm / 2
@@ -108,6 +114,14 @@ def bake(scene: o3d.t.geometry.RaycastingScene, parts: list[Part], subject: Subj
         surface_light = _bake_points(scene, points, normals, lights, 0.0, seed + 1).reshape(cells, cells, CHANNELS)
         surface_light = cv2.GaussianBlur(surface_light, (0, 0), 1.2, borderType=cv2.BORDER_REPLICATE)
     return BakedLight(first[:-1], steps, object_light, surface_light, origin_mm, side_mm)
+
+
+def _merged(points: np.ndarray, normals: np.ndarray, merged_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) samples that stand for all, and (S,) which of them stands for each."""
+    cells = np.concatenate([np.rint(points / merged_mm), np.rint(4.0 * normals)], 1).astype(np.int16)
+    keys = np.ascontiguousarray(cells).view(np.dtype((np.void, cells.shape[1] * cells.itemsize))).ravel()
+    _, chosen, share = np.unique(keys, return_index=True, return_inverse=True)
+    return chosen, share.ravel()
 
 
 def _bake_points(scene, points: np.ndarray, normals: np.ndarray, lights: Lights, bounce: float, seed: int) -> np.ndarray:

@@ -34,14 +34,19 @@ class Picture:
 
 
 class Renderer:
-    """Renders a scene of an object (`parts[0]`) and perhaps a surface (`parts[1]`); the light is baked once, here."""
+    """Renders a scene of an object (`parts[0]`) and perhaps a surface (`parts[1]`); the light is baked once, here.
 
-    def __init__(self, parts: list[Part], subject: Subject, seed: int) -> None:
+    `lights` are those of the captures by default; for `merged_mm` see `lighting.bake`.
+    """
+
+    def __init__(
+        self, parts: list[Part], subject: Subject, seed: int, lights: lighting.Lights | None = None, merged_mm: float | None = None
+    ) -> None:
         self.scene = o3d.t.geometry.RaycastingScene()
         for part in parts:
             self.scene.add_triangles(o3d.core.Tensor(part.vertices), o3d.core.Tensor(part.faces))
-        lights = lighting.place_lights(subject, on_surface=len(parts) > 1)
-        light = lighting.bake(self.scene, parts, subject, lights, seed)
+        lights = lights or lighting.place_lights(subject, on_surface=len(parts) > 1)
+        light = lighting.bake(self.scene, parts, subject, lights, seed, merged_mm)
         self._arrays = [
             shading.PartArrays(
                 part.vertices[part.faces], part.corner_normals, part.corner_uv, part.pyramid.texels, part.pyramid.levels, part.pyramid.wrap
