@@ -23,7 +23,7 @@ def blended_samples(scene, view) -> int:
     if scene.title == "2dgs":
         splats, boxes, lists, _ = disk_render._drawn(arrays, 0, view)
         return _disks(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
-    rows, boxes, lists, _ = voxel_render._drawn(*arrays, scene.octree, 0, view)
+    rows, boxes, lists, _, _ = voxel_render._drawn(*arrays, scene.octree, 0, view)
     items = view.items
     return _voxels(
         rows, boxes, view.camera, items.tiles, items.octants, lists.items, lists.starts, lists.voxel_of, view.tile_shape[1]

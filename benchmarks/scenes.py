@@ -1,7 +1,8 @@
 """The fixed, seeded scenes that the kernels are measured on: a bumpy ball of disks or of voxels, and a cloud of disks.
 
 The sizes and opacities of the disks, and the levels and densities of the voxels, are those of trained models: at the usual
-size, about 20,000 disks or 130,000 voxels seen in a crop of 160 x 160 pixels.
+size, about 20,000 disks or 140,000 voxels, seen in a crop of 160 x 160 pixels in the first, coarse half of a training and
+in one of 320 x 320 in the second.
 """
 
 from dataclasses import dataclass

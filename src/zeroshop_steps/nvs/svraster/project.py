@@ -26,6 +26,8 @@ ROW_WIDTH = 28
 G_P, G_RED, G_NX, G_WEIGHT, G_PRIORITY = 0, 8, 11, 14, 15
 GRADIENT_WIDTH = 16
 
+# Divisions may become products with a reciprocal, and sums fused: all is in double precision.
+_REORDERED = {"arcp", "contract", "nsz"}
 FLAT = 1e-12
 """Squared length of the density's gradient, per voxel, that leaves the normal undetermined."""
 
@@ -52,8 +54,8 @@ def _polynomial_backward(g, out):
         out[c] = first + (x * y * g[4] + x * z * g[5] + y * z * g[6]) / 2.0 + x * y * z * g[7]
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def project_forward(centres, sizes, corners, densities, sh, degree, camera, width_px, height_px, near, rows, boxes):
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
+def project_forward(centres, sizes, corners, densities, sh, degree, camera, width_px, height_px, near, workers, rows, boxes):
     """Fill the row and the pixel box of every voxel.
 
     Args:
@@ -62,103 +64,108 @@ def project_forward(centres, sizes, corners, densities, sh, degree, camera, widt
         sh (N, K, 3) float32 spherical-harmonics coefficients, K at least (degree + 1)^2.
         camera (16,) float64: camera_from_world's rotation (9), translation (3), then fx, fy, cx, cy.
         near: depth before which nothing is drawn.
-        rows (N, 28) float32: filled. boxes (N, 4) int32: filled with x0, x1, y0, y1, half open; empty where not drawn.
+        workers: number of threads.
+        rows (N, 28) float32: filled where drawn. boxes (N, 4) int32: filled with x0, x1, y0, y1, half open; empty where not drawn.
     """
     fx, fy, cx, cy = camera[12], camera[13], camera[14], camera[15]
-    for i in numba.prange(len(centres)):
-        boxes[i] = 0
-        v, p, basis = np.empty(8), np.empty(8), np.empty(16)
-        c = np.empty(3)
-        for r in range(3):
-            c[r] = camera[9 + r]
+    for worker in numba.prange(workers):
+        c, v, p, basis = np.empty(3), np.empty(8), np.empty(8), np.empty(16)
+        for i in range(worker * len(centres) // workers, (worker + 1) * len(centres) // workers):
+            for r in range(3):
+                total = camera[3 * r] * centres[i, 0] + camera[3 * r + 1] * centres[i, 1] + camera[3 * r + 2] * centres[i, 2]
+                c[r] = camera[9 + r] + total
+            s = sizes[i]
+            if not _box(c, s, camera, width_px, height_px, near, boxes, i):
+                boxes[i, 0] = boxes[i, 1] = boxes[i, 2] = boxes[i, 3] = 0
+                continue
+            x0, y0 = cx, cy
+            if c[2] > near:
+                x0 = min(max(math.floor(fx * c[0] / c[2] + cx), 0.0), float(width_px))
+                y0 = min(max(math.floor(fy * c[1] / c[2] + cy), 0.0), float(height_px))
+            rows[i, X0], rows[i, Y0], rows[i, ZC], rows[i, SIZE], rows[i, TAU_MIN] = x0, y0, c[2], s, (near - c[2]) / s
+            # The point of the reference ray at the centre's depth, less the centre, in the camera frame.
+            ox, oy = (x0 - cx) / fx * c[2] - c[0], (y0 - cy) / fy * c[2] - c[1]
             for a in range(3):
-                c[r] += camera[3 * r + a] * centres[i, a]
-        s = sizes[i]
-        if not _box(c, s, camera, width_px, height_px, near, boxes[i]):
-            continue
-        x0, y0 = cx, cy
-        if c[2] > near:
-            x0 = min(max(math.floor(fx * c[0] / c[2] + cx), 0.0), float(width_px))
-            y0 = min(max(math.floor(fy * c[1] / c[2] + cy), 0.0), float(height_px))
-        row = rows[i]
-        row[X0], row[Y0], row[ZC], row[SIZE], row[TAU_MIN] = x0, y0, c[2], s, (near - c[2]) / s
-        # The point of the reference ray at the centre's depth, less the centre, in the camera frame.
-        ox, oy = (x0 - cx) / fx * c[2] - c[0], (y0 - cy) / fy * c[2] - c[1]
-        for a in range(3):
-            row[A0 + a] = c[2] / (fx * s) * camera[a]
-            row[B0 + a] = c[2] / (fy * s) * camera[3 + a]
-            row[C0 + a] = (ox * camera[a] + oy * camera[3 + a]) / s
-        for k in range(8):
-            v[k] = densities[corners[i, k]]
-        _polynomial(v, p)
-        for k in range(8):
-            row[P1 + k] = p[k]
-        inverse = -1.0 / math.sqrt(p[1] * p[1] + p[2] * p[2] + p[3] * p[3] + FLAT)
-        for r in range(3):
-            row[NX + r] = inverse * (camera[3 * r] * p[1] + camera[3 * r + 1] * p[2] + camera[3 * r + 2] * p[3])
-        dx, dy, dz, _ = view_direction(centres, i, camera)
-        sh_basis(degree, dx, dy, dz, basis)
-        for channel in range(3):
-            value = 0.5
+                rows[i, A0 + a] = c[2] / (fx * s) * camera[a]
+                rows[i, B0 + a] = c[2] / (fy * s) * camera[3 + a]
+                rows[i, C0 + a] = (ox * camera[a] + oy * camera[3 + a]) / s
+            for k in range(8):
+                v[k] = densities[corners[i, k]]
+            _polynomial(v, p)
+            for k in range(8):
+                rows[i, P1 + k] = p[k]
+            inverse = -1.0 / math.sqrt(p[1] * p[1] + p[2] * p[2] + p[3] * p[3] + FLAT)
+            for r in range(3):
+                rows[i, NX + r] = inverse * (camera[3 * r] * p[1] + camera[3 * r + 1] * p[2] + camera[3 * r + 2] * p[3])
+            dx, dy, dz, _ = view_direction(centres, i, camera)
+            sh_basis(degree, dx, dy, dz, basis)
+            red = green = blue = 0.5
             for k in range((degree + 1) * (degree + 1)):
-                value += basis[k] * sh[i, k, channel]
-            row[RED + channel] = max(value, 0.0)
+                red += basis[k] * sh[i, k, 0]
+                green += basis[k] * sh[i, k, 1]
+                blue += basis[k] * sh[i, k, 2]
+            rows[i, RED], rows[i, GREEN], rows[i, BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
-@numba.njit(cache=True)
-def _box(c, s, camera, width_px, height_px, near, box):
-    """Fill box (4,) around the eight corners of a voxel with centre c in the camera frame; False when it is out of sight."""
+@numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
+def _box(c, s, camera, width_px, height_px, near, boxes, i):
+    """Fill row i of boxes (N, 4) around the eight corners of a voxel with centre c in the camera frame; False when out of sight."""
     reach = 0.5 * s * (abs(camera[6]) + abs(camera[7]) + abs(camera[8]))
     if c[2] + reach <= near:
         return False
     if c[2] - reach <= 0.5 * near:
-        box[1], box[3] = width_px, height_px
+        boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = 0, width_px, 0, height_px
         return True
     left, right, top, bottom = 1e30, -1e30, 1e30, -1e30
     for k in range(8):
         x, y, z = s * ((k & 1) - 0.5), s * ((k >> 1 & 1) - 0.5), s * ((k >> 2 & 1) - 0.5)
-        depth = c[2] + camera[6] * x + camera[7] * y + camera[8] * z
-        u = camera[12] * (c[0] + camera[0] * x + camera[1] * y + camera[2] * z) / depth + camera[14]
-        w = camera[13] * (c[1] + camera[3] * x + camera[4] * y + camera[5] * z) / depth + camera[15]
+        inverse = 1.0 / (c[2] + camera[6] * x + camera[7] * y + camera[8] * z)
+        u = (c[0] + camera[0] * x + camera[1] * y + camera[2] * z) * inverse
+        w = (c[1] + camera[3] * x + camera[4] * y + camera[5] * z) * inverse
         left, right, top, bottom = min(left, u), max(right, u), min(top, w), max(bottom, w)
+    left, right = camera[12] * left + camera[14], camera[12] * right + camera[14]
+    top, bottom = camera[13] * top + camera[15], camera[13] * bottom + camera[15]
     # Pixel j's centre is at j + 0.5; a hundredth of a pixel more, against rounding.
-    box[0] = int(min(max(math.ceil(left - 0.51), 0.0), width_px))
-    box[1] = int(min(max(math.floor(right + 0.51), 0.0), width_px))
-    box[2] = int(min(max(math.ceil(top - 0.51), 0.0), height_px))
-    box[3] = int(min(max(math.floor(bottom + 0.51), 0.0), height_px))
-    return box[0] < box[1] and box[2] < box[3]
+    boxes[i, 0] = int(min(max(math.ceil(left - 0.51), 0.0), width_px))
+    boxes[i, 1] = int(min(max(math.floor(right + 0.51), 0.0), width_px))
+    boxes[i, 2] = int(min(max(math.ceil(top - 0.51), 0.0), height_px))
+    boxes[i, 3] = int(min(max(math.floor(bottom + 0.51), 0.0), height_px))
+    return boxes[i, 0] < boxes[i, 1] and boxes[i, 2] < boxes[i, 3]
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def project_backward(centres, degree, camera, rows, boxes, gradients, corner_gradients, sh_gradients):
-    """Carry the gradients (N, 16) of the rows back to corner values (N, 8) and sh (N, K, 3); both are overwritten."""
-    for i in numba.prange(len(centres)):
-        corner_gradients[i] = 0.0
-        sh_gradients[i] = 0.0
-        if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
-            continue
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
+def project_backward(centres, degree, camera, workers, rows, seen, gradients, corner_gradients, sh_gradients):
+    """Carry the gradients (N, 16) of the rows back to corner values (N, 8) and sh (N, K, 3), which must both hold zeros.
+
+    seen: (N,) bool, the voxels that have a gradient.
+    """
+    for worker in numba.prange(workers):
         g, out, basis = np.empty(8), np.empty(8), np.empty(16)
-        for k in range(8):
-            g[k] = gradients[i, G_P + k]
-        p1, p2, p3 = float(rows[i, PX]), float(rows[i, PY]), float(rows[i, PZ])
-        inverse = -1.0 / math.sqrt(p1 * p1 + p2 * p2 + p3 * p3 + FLAT)
-        gn = np.zeros(3)
-        for a in range(3):
-            for r in range(3):
-                gn[a] += camera[3 * r + a] * gradients[i, G_NX + r]
-        along = (gn[0] * p1 + gn[1] * p2 + gn[2] * p3) * inverse * inverse
-        g[1] += inverse * (gn[0] - along * p1)
-        g[2] += inverse * (gn[1] - along * p2)
-        g[3] += inverse * (gn[2] - along * p3)
-        _polynomial_backward(g, out)
-        for k in range(8):
-            corner_gradients[i, k] = out[k]
-        dx, dy, dz, _ = view_direction(centres, i, camera)
-        sh_basis(degree, dx, dy, dz, basis)
-        for channel in range(3):
-            if rows[i, RED + channel] > 0.0:
-                for k in range((degree + 1) * (degree + 1)):
-                    sh_gradients[i, k, channel] = basis[k] * gradients[i, G_RED + channel]
+        for i in range(worker * len(centres) // workers, (worker + 1) * len(centres) // workers):
+            if not seen[i]:
+                continue
+            for k in range(8):
+                g[k] = gradients[i, G_P + k]
+            p1, p2, p3 = float(rows[i, PX]), float(rows[i, PY]), float(rows[i, PZ])
+            inverse = -1.0 / math.sqrt(p1 * p1 + p2 * p2 + p3 * p3 + FLAT)
+            n0, n1, n2 = gradients[i, G_NX], gradients[i, G_NX + 1], gradients[i, G_NX + 2]
+            g0 = camera[0] * n0 + camera[3] * n1 + camera[6] * n2
+            g1 = camera[1] * n0 + camera[4] * n1 + camera[7] * n2
+            g2 = camera[2] * n0 + camera[5] * n1 + camera[8] * n2
+            along = (g0 * p1 + g1 * p2 + g2 * p3) * inverse * inverse
+            g[1] += inverse * (g0 - along * p1)
+            g[2] += inverse * (g1 - along * p2)
+            g[3] += inverse * (g2 - along * p3)
+            _polynomial_backward(g, out)
+            for k in range(8):
+                corner_gradients[i, k] = out[k]
+            dx, dy, dz, _ = view_direction(centres, i, camera)
+            sh_basis(degree, dx, dy, dz, basis)
+            red = gradients[i, G_RED] if rows[i, RED] > 0.0 else 0.0
+            green = gradients[i, G_RED + 1] if rows[i, GREEN] > 0.0 else 0.0
+            blue = gradients[i, G_RED + 2] if rows[i, BLUE] > 0.0 else 0.0
+            for k in range((degree + 1) * (degree + 1)):
+                sh_gradients[i, k, 0], sh_gradients[i, k, 1], sh_gradients[i, k, 2] = red * basis[k], green * basis[k], blue * basis[k]
 
 
 @numba.njit(cache=True, parallel=True)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.svraster import project, rasterize, tiles
+from zeroshop_steps.nvs.svraster import project, rasterize, rasterize_backward, tiles
 from zeroshop_steps.nvs.svraster.octree import Octree
 from zeroshop_steps.nvs.views import TILE_PX, TrainingView
 
@@ -46,6 +46,10 @@ class RenderView:
     def around_object(view: TrainingView) -> "RenderView":
         """A training view."""
         return RenderView.of(view.camera, view.tile_active)
+
+
+PARTS = (slice(0, 3), 3, slice(4, 7), 7, 8, 9, 10)
+"""Planes of the image that make up the parts of a `Rendering`, in its order."""
 
 
 @dataclass(frozen=True)
@@ -87,20 +91,25 @@ class _Blend(torch.autograd.Function):
         arrays = [tensor.detach().contiguous().numpy() for tensor in (densities, sh)]
         drawn = _drawn(*arrays, octree, degree, view)
         context.kept = (arrays, octree, degree, view, footprint, *drawn)
-        return torch.from_numpy(drawn[3][: rasterize.GRAD_PLANES, : view.height_px, : view.width_px])
+        context.set_materialize_grads(False)
+        planes = torch.from_numpy(drawn[3][:, : view.height_px, : view.width_px])
+        return tuple(planes[part] for part in PARTS)
 
     @staticmethod
-    def backward(context, gradient):
-        (densities, sh), octree, degree, view, footprint, rows, boxes, lists, image = context.kept
-        padded = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
-        padded[:, : view.height_px, : view.width_px] = gradient.numpy()
-        by_row = np.empty((len(octree), project.GRADIENT_WIDTH), np.float32)
-        rasterize.blend_backward(
-            rows, boxes, view.camera, view.items.tiles, view.items.octants, lists.items, lists.starts, lists.voxel_of, lists.slot_of,
-            lists.slot_starts, view.tile_shape[1], numba.get_num_threads(), image, padded, by_row,
+    def backward(context, *gradients):
+        (densities, sh), octree, degree, view, footprint, rows, _, lists, image, blocks = context.kept
+        gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
+        for part, by_part in zip(PARTS, gradients, strict=True):
+            if by_part is not None:
+                gradient[part][..., : view.height_px, : view.width_px] = by_part.numpy()
+        workers = numba.get_num_threads()
+        by_row, seen = np.empty((len(octree), project.GRADIENT_WIDTH), np.float32), np.empty(len(octree), np.bool_)
+        rasterize_backward.blend_backward(
+            rows, view.camera, view.items.tiles, view.items.octants, lists.items, lists.starts, lists.voxel_of, lists.slot_of,
+            lists.slot_starts, view.tile_shape[1], workers, image, blocks, gradient, by_row, seen,
         )  # fmt: skip
-        by_corner, by_sh = np.empty((len(octree), 8), np.float32), np.empty_like(sh)
-        project.project_backward(octree.centres, degree, view.camera, rows, boxes, by_row, by_corner, by_sh)
+        by_corner, by_sh = np.zeros((len(octree), 8), np.float32), np.zeros_like(sh)
+        project.project_backward(octree.centres, degree, view.camera, workers, rows, seen, by_row, by_corner, by_sh)
         by_density = np.empty_like(densities)
         project.gather_corners(*octree.corner_uses, by_corner.ravel(), by_density)
         footprint.weight, footprint.priority = by_row[:, project.G_WEIGHT], by_row[:, project.G_PRIORITY]
@@ -108,20 +117,22 @@ class _Blend(torch.autograd.Function):
 
 
 def _drawn(densities: np.ndarray, sh: np.ndarray, octree: Octree, degree: int, view: RenderView):
-    """Voxel rows, boxes, item lists and the padded (12, H, W) image of a view."""
-    rows, boxes = np.zeros((len(octree), project.ROW_WIDTH), np.float32), np.zeros((len(octree), 4), np.int32)
+    """Voxel rows, boxes, item lists, the padded (12, H, W) image of a view, and the blocks that each list entry is seen in."""
+    workers = numba.get_num_threads()
+    rows, boxes = np.empty((len(octree), project.ROW_WIDTH), np.float32), np.empty((len(octree), 4), np.int32)
     project.project_forward(
         octree.centres, octree.sizes, octree.corners, densities, sh, degree,
-        view.camera, view.width_px, view.height_px, view.near, rows, boxes,
+        view.camera, view.width_px, view.height_px, view.near, workers, rows, boxes,
     )  # fmt: skip
     lists = tiles.list_items(view.items, octree.orders, boxes)
     tiles_y, tiles_x = view.tile_shape
     image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
+    blocks = np.empty(len(lists.voxel_of), np.uint16)
     rasterize.blend_forward(
         rows, boxes, view.camera, view.items.tiles, view.items.octants, lists.items, lists.starts, lists.voxel_of,
-        tiles_x, numba.get_num_threads(), image,
+        lists.slot_of, tiles_x, workers, image, blocks,
     )  # fmt: skip
-    return rows, boxes, lists, image
+    return rows, boxes, lists, image, blocks
 
 
 def render(octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: int, view: RenderView) -> Rendering:
@@ -135,5 +146,4 @@ def render(octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: in
         view: camera and tiles.
     """
     footprint = Footprint()
-    planes = _Blend.apply(densities, sh, octree, degree, view, footprint)
-    return Rendering(planes[0:3], planes[3], planes[4:7], planes[7], planes[8], planes[9], planes[10], footprint)
+    return Rendering(*_Blend.apply(densities, sh, octree, degree, view, footprint), footprint)
