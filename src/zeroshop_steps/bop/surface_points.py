@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from zeroshop_steps.finish.render import sample_texture
 from zeroshop_steps.finish.surface_error import face_normals, sampled
 from zeroshop_steps.meshes import Mesh
 
@@ -35,9 +36,10 @@ def surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfaceP
     points, faces = sampled(mesh, count, rng)
     colors = None
     if mesh.uv is not None and mesh.texture is not None:
-        colors = _texture_at(
-            mesh.texture, np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[mesh.faces[faces]]), mesh.uv[mesh.faces[faces]])
-        )
+        corners = mesh.faces[faces]
+        uv = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.uv[corners])
+        blurred = cv2.GaussianBlur(mesh.texture, (0, 0), max(BLUR_SHARE * mesh.texture.shape[1], 0.5))
+        colors = sample_texture(blurred, uv).astype(np.float64) / 255.0
     return SurfacePoints(points, face_normals(mesh)[faces], colors)
 
 
@@ -49,11 +51,3 @@ def _barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     scale = np.maximum(d11 * d22 - d12**2, 1e-30)
     second, third = (d22 * p1 - d12 * p2) / scale, (d11 * p2 - d12 * p1) / scale
     return np.stack([1 - second - third, second, third], 1)
-
-
-def _texture_at(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    height, width = texture.shape[:2]
-    blurred = cv2.GaussianBlur(texture, (0, 0), max(BLUR_SHARE * width, 0.5))
-    columns = np.clip(uv[:, 0] % 1.0 * width, 0, width - 1).astype(int)
-    rows = np.clip((1.0 - uv[:, 1] % 1.0) * height, 0, height - 1).astype(int)
-    return blurred[rows, columns].astype(np.float64) / 255.0
