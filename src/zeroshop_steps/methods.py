@@ -34,6 +34,13 @@ REGISTRATIONS = {
     "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
     "vggt": Method("register.vggt", weights=("VGGT-1B.pt",)),
 }
+SEGMENTATIONS = {
+    "grounded_sam": Method(
+        "segment.grounded_sam", weights=("grounding-dino-base/model.safetensors", "sam2.1-hiera-large/model.safetensors")
+    ),
+    "support_plane": Method("segment.support_plane"),
+}
+"""Of captures without masks; "auto" is the first that can run here."""
 NVS = {
     "2dgs": Method("nvs.twodgs"),
     "svraster": Method("nvs.svraster"),

@@ -6,7 +6,7 @@ Schemas say what is allowed; this module turns their verdicts into errors that n
 import csv
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +42,12 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
     """Read the table of the user's own captures.
 
     Args:
-        table: tab-separated, with a header; columns as in the schema. Lines that start with # are skipped.
+        table: tab-separated, with a header; columns as in the schema, of which the `required` ones must be there. Lines that
+            start with # are skipped.
         schema_path: the JSON schema of one row.
 
     Returns:
-        rows by (dataset, object), in the table's order. `height_m` is a float or None; what the table leaves out is empty.
+        rows by (dataset, object), in the table's order. `height_m` is a float or None; a column that is not there is empty.
 
     Raises:
         StepError: names the table, the line and the column.
@@ -62,8 +63,7 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
         raise StepError(f"{table} is empty; its first line names the columns")
     columns = numbered[0][1].split("\t")
     schema = _read_yaml(schema_path)
-    known = list(schema["properties"])
-    _check_columns(table, columns, known, schema["required"])
+    _check_columns(table, columns, schema["properties"], schema["required"])
     rows: dict[tuple[str, str], Row] = {}
     for number, cells in zip((n for n, _ in numbered[1:]), csv.reader((line for _, line in numbered[1:]), delimiter="\t"), strict=True):
         if len(cells) > len(columns):
@@ -71,7 +71,7 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
                 f"{table}, line {number}: {len(cells)} cells, but the header names {len(columns)} columns; separate cells by one tab"
             )
         row: Row = dict(zip(columns, [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells)), strict=True))
-        row |= dict.fromkeys((name for name in known if name not in columns), "")
+        row = dict.fromkeys(schema["properties"], "") | row
         row["height_m"] = _number(row["height_m"]) if row["height_m"] else None
         faults = _faults(row, schema_path)
         if faults:
@@ -83,7 +83,7 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
     return rows
 
 
-def _check_columns(table: Path, columns: list[str], known: Sequence[str], required: Sequence[str]) -> None:
+def _check_columns(table: Path, columns: list[str], known: Mapping[str, Any], required: list[str]) -> None:
     """Raise where a column is missing, unknown or doubled."""
     missing = [name for name in required if name not in columns]
     if missing:

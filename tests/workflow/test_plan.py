@@ -60,7 +60,7 @@ def test_photos(snakemake, tmp_path):
     table = photo_table(tmp_path, tmp_path / "my cup/images", tmp_path / "my cup/masks", "0.12")
     run = snakemake("-n", "results/photos/cup/2dgs.ply", *table)
     assert run.returncode == 0, run.stdout
-    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "register", *CELL], 1)
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "register_photos", "segment", *CELL], 1)
     assert "--images 'my cup/images' --masks 'my cup/masks' --height-m 0.12" in run.stdout
 
 

@@ -49,6 +49,8 @@ def test_the_config_lists_every_demo_object():
 @pytest.mark.parametrize(
     ("module", "keys"),
     [
+        ("capture.video", ("video",)),
+        ("segment.support_plane", ("segment", "support_plane")),
         ("register.colmap", ("register", "colmap")),
         ("nvs.twodgs", ("nvs", "2dgs", "train")),
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),

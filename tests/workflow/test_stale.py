@@ -20,7 +20,9 @@ ENDS = {
 
 def rerun(start, *which, **more):
     """The jobs by rule when these targets run again from a stage on, and some rules more."""
-    rules = [rule for name in which for rule in (*STAGES[STAGES.index(start) :], *ENDS[name])]
+    stages = STAGES[STAGES.index(start) :]
+    of_photos = [rule for stage in stages for rule in (["register_photos", "segment"] if stage == "register" else [stage])]
+    rules = [rule for name in which for rule in (*(of_photos if name == "photo" else stages), *ENDS[name])]
     return {**Counter(rules), **more}
 
 

@@ -81,7 +81,7 @@ rule capture_virtual:
 rule capture_photos:
     input:
         images=photo_files("images"),
-        masks=photo_files("masks"),
+        masks=mask_files,
     output:
         capture=directory("results/{dataset}/{object}/{scene}/capture"),
     log:
@@ -98,11 +98,12 @@ rule capture_photos:
         mem_mb=2000,
         runtime=5,
     params:
-        images=photo_folder("images"),
-        masks=photo_folder("masks"),
+        images=photo_place,
+        method=capture_method,
+        options=capture_options,
         height=height_option,
     message:
-        "Checking the photos and masks of {wildcards.dataset} {wildcards.object}"
+        "Taking the pictures of {wildcards.dataset} {wildcards.object}"
     shell:
-        "python -m zeroshop_steps.capture --method photos --images {params.images:q} --masks {params.masks:q}"
+        "python -m zeroshop_steps.capture --method {params.method} --images {params.images:q} {params.options}"
         " {params.height} --out {output.capture} > {log} 2>&1"

@@ -127,30 +127,70 @@ def photos_of(wildcards):
     return PHOTOS[wildcards.dataset, wildcards.object]
 
 
-def photo_folder(column):
-    """An input function: the folder in a column of objects.tsv, as seen from the working directory."""
-
-    def folder(wildcards):
-        row = photos_of(wildcards)
-        path = Path(os.path.relpath(ROOT / row[column]))
-        if not path.is_dir():
-            raise WorkflowError(
-                f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the folder of its {column}, "
-                f"{row[column]}, does not exist. Relative paths start at the folder of the workflow; correct the path."
-            )
-        return str(path)
-
-    return folder
+def photo_place(wildcards, column="images"):
+    """The folder or video in a column of objects.tsv, as seen from the working directory."""
+    row = photos_of(wildcards)
+    path = Path(os.path.relpath(ROOT / row[column]))
+    if not path.is_dir() and not (column == "images" and path.is_file()):
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the {'video or ' if column == 'images' else ''}folder of its "
+            f"{column}, {row[column]}, does not exist. Relative paths start at the folder of the workflow; correct the path."
+        )
+    return str(path)
 
 
 def photo_files(column):
-    """An input function: the files in a folder of objects.tsv, so that a changed photo reruns what depends on it."""
+    """An input function: the files that a column of objects.tsv names, so that a changed photo reruns what depends on it."""
 
     def files(wildcards):
-        folder = Path(photo_folder(column)(wildcards))
-        return sorted(str(path) for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+        place = Path(photo_place(wildcards, column))
+        if place.is_file():
+            return [str(place)]
+        return sorted(str(path) for path in place.iterdir() if path.is_file() and not path.name.startswith("."))
 
     return files
+
+
+def mask_files(wildcards):
+    """The masks that came with the photos, if any did."""
+    return photo_files("masks")(wildcards) if photos_of(wildcards)["masks"] else []
+
+
+def capture_method(wildcards):
+    """How the pictures of an object are taken: from a video or from a folder of photos."""
+    return "video" if Path(photo_place(wildcards)).is_file() else "photos"
+
+
+def capture_options(wildcards):
+    """The options of this method: how many frames of a video, or the masks of photos, if there are any."""
+    masks = photos_of(wildcards)["masks"]
+    if capture_method(wildcards) == "photos":
+        return step_options({"masks": shlex.quote(photo_place(wildcards, "masks"))}) if masks else ""
+    if masks:
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: a video has no masks; leave the masks empty, they are found"
+        )
+    return step_options(config["video"])
+
+
+def segmentation_method(wildcards):
+    """How the masks of photos come about: the given ones, or by the method that the config chooses."""
+    if photos_of(wildcards)["masks"]:
+        return "given"
+    name = config["segmentation"]
+    if name == "auto":
+        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method, ROOT))
+    return usable("segmentation", name, methods.SEGMENTATIONS, "")
+
+
+def segmentation_options(wildcards):
+    """The options of this method."""
+    name = segmentation_method(wildcards)
+    if name == "given":
+        return ""
+    prompt = photos_of(wildcards)["prompt"]
+    own = {"prompt": shlex.quote(prompt)} if prompt and name == "grounded_sam" else {}
+    return step_options({**config["segment"].get(name, {}), "seed": config["seed"], **own})
 
 
 def step_options(options):

@@ -14,6 +14,8 @@ rule register:
         "results/{dataset}/{object}/{scene}/{registration}/logs/register.log",
     benchmark:
         "results/{dataset}/{object}/{scene}/{registration}/benchmarks/register.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
     conda:
         "../envs/zeroshop.yaml"
     threads: 8
@@ -27,6 +29,32 @@ rule register:
     shell:
         "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
         " --scene {wildcards.scene} {params.options} --threads {threads} --keep-going --out {output.cameras} > {log} 2>&1"
+
+
+rule register_photos:
+    input:
+        capture=capture_of,
+    output:
+        scene=directory("results/{dataset}/{object}/{scene}/{registration}/scene"),
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/logs/register.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/benchmarks/register.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("photos"),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 8
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        options=registration_options,
+    message:
+        "Registering the photos of {wildcards.object} with {wildcards.registration}"
+    shell:
+        "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
+        " --scene {wildcards.scene} {params.options} --threads {threads} --keep-going --out {output.scene} > {log} 2>&1"
 
 
 rule camera_error:

@@ -1,6 +1,7 @@
 """Check the user's own photos and masks and copy them into a capture folder; the originals are never changed.
 
-One mask a photo: its name with .png, 255 on the object, 0 elsewhere. All problems of all files are reported at once.
+One mask a photo: its name with .png, 255 on the object, 0 elsewhere; or none at all, for a later step to find them. All
+problems of all files are reported at once.
 """
 
 import argparse
@@ -11,19 +12,20 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
+from PIL import Image, ImageOps
 
+from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, thumbnail
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json, written_whole_dir
-from zeroshop_steps.images import list_images, read_image, read_mask, write_mask
+from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
 
 MIN_IMAGES = 8
 HEIGHT_RANGE_M = (0.005, 3.0)
 SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98
-THUMBNAIL_PX = (64, 48)
-ALIKE_LEVELS = 4.0
 MOST_LISTED = 12
+UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raw")
+ORIENTATION_TAG, UPRIGHT = 0x0112, 1
 
 
 @dataclass(frozen=True)
@@ -31,23 +33,27 @@ class Photo:
     """A photo that could be read, with its mask.
 
     Attributes:
-        path, mask_path: the user's files.
+        path: the user's file.
         size_px: (width, height).
-        mask: (height, width) bool.
+        mask: (height, width) bool; None where the capture has no masks.
         thumbnail: small float32 grey picture, for comparing photos.
+        sharpness, level: as `frames.picture_warnings` wants them.
+        turned: whether the file records a rotation, which is applied unless there are masks.
     """
 
     path: Path
-    mask_path: Path
     size_px: tuple[int, int]
-    mask: np.ndarray
+    mask: np.ndarray | None
     thumbnail: np.ndarray
+    sharpness: float
+    level: float
+    turned: bool
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--images", type=Path, required=True, help="folder of PNG or JPEG photos, all of one size")
-    parser.add_argument("--masks", type=Path, required=True, help="folder of masks, each named like its photo, but .png")
+    parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png; none when left out")
     parser.add_argument("--height-m", type=float, help="height of the standing object in metres; unknown when left out")
     parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help=f"fewest photos that are accepted (default {MIN_IMAGES})")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
@@ -58,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
     take_photos(args.images, args.masks, args.height_m, args.min_images, args.out)
 
 
-def take_photos(images: Path, masks: Path, height_m: float | None, min_images: int, out: Path) -> None:
+def take_photos(images: Path, masks: Path | None, height_m: float | None, min_images: int, out: Path) -> None:
     """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
 
     Refused besides unreadable, missing and mismatched files: fewer than `min_images` photos, or photos that differ from each
@@ -69,18 +75,19 @@ def take_photos(images: Path, masks: Path, height_m: float | None, min_images: i
         StepError: with a line for every problem found.
     """
     start_s = time.monotonic()
-    problems = _height_problems(height_m)
-    paths = list_images(images)
-    if not Path(masks).is_dir():
+    odd = _format_problems(images)
+    problems = height_problems(height_m) + odd
+    paths = [] if odd else list_images(images)
+    if masks is not None and not Path(masks).is_dir():
         raise StepError(f"mask folder {masks} does not exist; give one mask a photo, named like it but .png")
     photos = []
     for path in paths:
         try:
-            photos.append(_read(path, Path(masks)))
+            photos.append(_read(path, None if masks is None else Path(masks)))
         except StepError as error:
             problems.append(str(error))
     problems += _size_problems(photos)
-    if len(paths) < min_images:
+    if paths and len(paths) < min_images:
         problems.append(f"{images} holds {len(paths)} image(s), at least {min_images} are needed: take more, all around the object")
     warnings: list[str] = []
     if not problems:
@@ -93,8 +100,11 @@ def take_photos(images: Path, masks: Path, height_m: float | None, min_images: i
         (folder / "images").mkdir()
         for index, photo in enumerate(photos):
             suffix = ".png" if photo.path.suffix.lower() == ".png" else ".jpg"
-            shutil.copyfile(photo.path, folder / "images" / f"{index:06d}{suffix}")
-            write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
+            _copy_upright(photo, folder / "images" / f"{index:06d}{suffix}")
+            if photo.mask is not None:
+                write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
+        sheet = contact_sheet([read_image(path) for path in list_images(folder / "images")], [photo.path.stem for photo in photos])
+        write_image(folder / "contact_sheet.png", sheet)
         write_json(
             folder / "capture.json",
             {
@@ -106,13 +116,16 @@ def take_photos(images: Path, masks: Path, height_m: float | None, min_images: i
                 "images": len(photos),
                 "known_height_m": height_m,
                 "source_names": [photo.path.name for photo in photos],
+                "sharpness": [round(photo.sharpness, 4) for photo in photos],
+                "level": [round(photo.level, 1) for photo in photos],
                 "warnings": warnings,
                 "seconds": round(time.monotonic() - start_s, 2),
             },
         )
 
 
-def _height_problems(height_m: float | None) -> list[str]:
+def height_problems(height_m: float | None) -> list[str]:
+    """What is wrong with the height that the user gave, in words."""
     low, high = HEIGHT_RANGE_M
     if height_m is None or (math.isfinite(height_m) and low <= height_m <= high):
         return []
@@ -120,9 +133,39 @@ def _height_problems(height_m: float | None) -> list[str]:
     return [f"height {height_m:g} m is out of range{hint}; give the height in metres, {low:g} to {high:g}, or none"]
 
 
-def _read(path: Path, masks: Path) -> Photo:
+def _format_problems(images: Path) -> list[str]:
+    if not Path(images).is_dir():
+        return []
+    odd = sorted(path.name for path in Path(images).iterdir() if path.suffix.lower() in UNREADABLE_SUFFIXES)
+    return [f"{images} holds photos in a format that cannot be read: {_list(odd)}; export them as JPEG"] if odd else []
+
+
+def _copy_upright(photo: Photo, target: Path) -> None:
+    """Copy a photo; one that is stored turned, and has no mask of that shape, is turned upright and keeps its other EXIF tags."""
+    if not photo.turned or photo.mask is not None:
+        shutil.copyfile(photo.path, target)
+        return
+    with Image.open(photo.path) as image:
+        upright = ImageOps.exif_transpose(image)
+        upright.save(target, quality=97, exif=upright.getexif())
+
+
+def _is_turned(path: Path) -> bool:
+    with Image.open(path) as image:
+        return image.getexif().get(ORIENTATION_TAG, UPRIGHT) != UPRIGHT
+
+
+def _upright_size_px(path: Path) -> tuple[int, int]:
+    with Image.open(path) as image:
+        return ImageOps.exif_transpose(image).size
+
+
+def _read(path: Path, masks: Path | None) -> Photo:
     image = read_image(path)
     height, width = image.shape[:2]
+    facts = (thumbnail(image), sharpness(image), float(image.mean()), _is_turned(path))
+    if masks is None:
+        return Photo(path, _upright_size_px(path) if facts[3] else (width, height), None, *facts)
     candidates = [masks / f"{path.stem}.png", masks / f"{path.name}.png"]
     mask_path = next((candidate for candidate in candidates if candidate.is_file()), None)
     if mask_path is None:
@@ -139,8 +182,7 @@ def _read(path: Path, masks: Path) -> Photo:
         raise StepError(f"mask {mask_path} is {'empty' if share == 0 else 'almost empty'}: mark the object with 255, or take the photo out")
     if share > LARGEST_SHARE:
         raise StepError(f"mask {mask_path} is full: {share:.0%} of the image is marked. Mark only the object; it must fit into the photo.")
-    grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), THUMBNAIL_PX, interpolation=cv2.INTER_AREA).astype(np.float32)
-    return Photo(path, mask_path, (width, height), mask, grey)
+    return Photo(path, (width, height), mask, *facts)
 
 
 def _size_problems(photos: list[Photo]) -> list[str]:
@@ -149,7 +191,9 @@ def _size_problems(photos: list[Photo]) -> list[str]:
         return []
     usual = max(sorted(set(sizes)), key=sizes.count)
     odd = [f"{photo.path.name} ({photo.size_px[0]} x {photo.size_px[1]})" for photo in photos if photo.size_px != usual]
-    return [f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_list(odd)}; take all with one camera, upright"]
+    return [
+        f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_list(odd)}; take all with one camera, held the same way"
+    ]
 
 
 def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
@@ -158,7 +202,7 @@ def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], lis
     distinct: list[Photo] = []
     copies = []
     for photo in photos:
-        twin = next((other for other in distinct if _alike(photo, other)), None)
+        twin = next((other for other in distinct if alike(photo.thumbnail, other.thumbnail)), None)
         if twin is None:
             distinct.append(photo)
         else:
@@ -170,7 +214,8 @@ def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], lis
         )
     elif copies:
         warnings.append(f"images that add nothing: {_list(copies)}")
-    cut = [photo.path.name for photo in photos if _touches_border(photo.mask)]
+    warnings += picture_warnings([p.path.name for p in photos], [p.sharpness for p in photos], [p.level for p in photos])
+    cut = [photo.path.name for photo in photos if photo.mask is not None and _touches_border(photo.mask)]
     if len(photos) - len(cut) < min_images:
         problems.append(
             f"the object is cut off at the border in {len(cut)} of {len(photos)} images, {min_images} must show all of it;"
@@ -179,11 +224,6 @@ def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], lis
     elif cut:
         warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_list(cut)}")
     return problems, warnings
-
-
-def _alike(one: Photo, other: Photo) -> bool:
-    """Whether two photos show the same view: 99 % of the pixels of their thumbnails differ by less than `ALIKE_LEVELS` of 255."""
-    return bool(np.percentile(np.abs(one.thumbnail - other.thumbnail), 99) < ALIKE_LEVELS)
 
 
 def _touches_border(mask: np.ndarray) -> bool:

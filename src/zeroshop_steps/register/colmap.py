@@ -1,7 +1,7 @@
 """Classical structure from motion with COLMAP: SIFT, exhaustive matching, one shared camera, incremental mapping.
 
-What it finds is checked against the masks, which had no part in it, then images and masks are undistorted. Too few
-registered images, or cameras that the images contradict, are a failure with a reason.
+What it finds is checked against the masks, if there are any: they had no part in it. Then images and masks are undistorted.
+Too few registered images, or cameras that the images contradict, are a failure with a reason.
 """
 
 import argparse
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str, Any]:
-    """Estimate cameras and write images/, masks/ and sparse/ to `out`.
+    """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`.
 
     Returns:
         The record for registration.json.

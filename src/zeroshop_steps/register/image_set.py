@@ -1,4 +1,4 @@
-"""The images and masks of a capture, checked before hours are spent on them."""
+"""The images and masks of a capture, checked before hours are spent on them. A whole scene has no masks yet."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,16 +14,16 @@ MIN_IMAGES = 3  # two views give no check at all
 
 @dataclass(frozen=True)
 class ImageSet:
-    """Images of equal size, each with a mask of the same stem.
+    """Images of equal size, each with a mask of the same stem, or none of them.
 
     Attributes:
         images: image files, sorted by name.
-        masks: mask files, in the order of the images.
+        masks: mask files, in the order of the images; None for a whole scene.
         size_px: (width, height) of all.
     """
 
     images: tuple[Path, ...]
-    masks: tuple[Path, ...]
+    masks: tuple[Path, ...] | None
     size_px: tuple[int, int]
 
     @property
@@ -33,7 +33,7 @@ class ImageSet:
 
 
 def read_image_set(capture: Path) -> ImageSet:
-    """List and check `capture`/images and `capture`/masks.
+    """List and check `capture`/images and, where it exists, `capture`/masks.
 
     Raises:
         StepError: too few images, an unreadable or odd-sized one, a mask that is missing, empty, full or of another size.
@@ -44,7 +44,7 @@ def read_image_set(capture: Path) -> ImageSet:
         raise StepError(f"{capture / 'images'} holds {len(images)} image(s); at least {MIN_IMAGES} are needed, 20 work well")
     if len({path.stem for path in images}) < len(images):
         raise StepError(f"{capture / 'images'} holds images that differ only in their suffix; keep one of each")
-    masks, size_px, digests = [], None, set()
+    masks, size_px, digests = [] if (capture / "masks").is_dir() else None, None, set()
     for image in images:
         pixels = read_image(image)
         size = (pixels.shape[1], pixels.shape[0])
@@ -54,6 +54,8 @@ def read_image_set(capture: Path) -> ImageSet:
                 f"image {image} is {size[0]} x {size[1]} px, {images[0].name} is {size_px[0]} x {size_px[1]} px; all must be equal"
             )
         digests.add(cv2.resize(pixels, (32, 32), interpolation=cv2.INTER_AREA).tobytes())
+        if masks is None:
+            continue
         mask = capture / "masks" / f"{image.stem}.png"
         if not mask.is_file():
             raise StepError(f"mask {mask} of image {image.name} does not exist; every image needs one")
@@ -63,11 +65,17 @@ def read_image_set(capture: Path) -> ImageSet:
         masks.append(mask)
     if len(digests) == 1:
         raise StepError(f"all images in {capture / 'images'} are alike; the camera must move around the object")
-    return ImageSet(tuple(images), tuple(masks), size_px)
+    return ImageSet(tuple(images), None if masks is None else tuple(masks), size_px)
 
 
 def read_masks(image_set: ImageSet, names: list[str] | None = None) -> dict[str, np.ndarray]:
-    """The masks as {image name: (height, width) bool}, of all images or of `names`."""
+    """The masks as {image name: (height, width) bool}, of all images or of `names`.
+
+    Raises:
+        StepError: there are no masks.
+    """
+    if image_set.masks is None:
+        raise StepError(f"{image_set.images[0].parent.parent} has no masks; register its whole scene first, then segment it")
     chosen = set(image_set.names if names is None else names)
     pairs = zip(image_set.images, image_set.masks, strict=True)
     return {image.name: read_mask(mask, image_set.size_px) for image, mask in pairs if image.name in chosen}

@@ -1,9 +1,9 @@
 """What every registration method writes, and how it fails.
 
-A registration that succeeded is a folder with images/, masks/, sparse/ and registration.json. One that failed raises,
-and nothing is written; in a table run (`--keep-going`) the folder is written with a registration.json that says
-`failed` and why, and with empty images/, masks/ and sparse/, so that the other objects go on. A model that was found
-and rejected lies in rejected/, for those who want to see what went wrong.
+A registration that succeeded is a folder with images/, masks/ (where the capture has masks), sparse/ and
+registration.json. One that failed raises, and nothing is written; in a table run (`--keep-going`) the folder is
+written with a registration.json that says `failed` and why, and with empty images/, masks/ and sparse/, so that the
+other objects go on. A model that was found and rejected lies in rejected/, for those who want to see what went wrong.
 """
 
 import argparse
@@ -28,7 +28,7 @@ class RegistrationFailed(StepError):
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all registration methods share."""
-    parser.add_argument("--capture", type=Path, required=True, help="folder with images/ and masks/")
+    parser.add_argument("--capture", type=Path, required=True, help="folder with images/ and, unless the whole scene is meant, masks/")
     parser.add_argument(
         "--scene", required=True, choices=("su_l", "su_h", "su_b", "se", "video"), help="se uses features on the object only"
     )

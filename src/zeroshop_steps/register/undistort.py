@@ -7,12 +7,13 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
 from zeroshop_steps.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.image_set import ImageSet
 
 
 def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) -> pycolmap.Reconstruction:
-    """Write `out`/images, `out`/masks and `out`/sparse for all registered images, with PINHOLE cameras.
+    """Write `out`/images, `out`/masks (where there are masks) and `out`/sparse for all registered images, with PINHOLE cameras.
 
     Images are resampled with bicubic, masks with nearest-neighbour interpolation, by the same map. All are written as
     PNG, so that nothing is compressed twice.
@@ -26,7 +27,8 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         The model written, whose images are named `STEM.png`.
     """
     maps = {camera_id: undistortion_map(camera) for camera_id, camera in model.cameras.items()}
-    files = {image.name: (image, mask) for image, mask in zip(image_set.images, image_set.masks, strict=True)}
+    files = {path.name: path for path in image_set.images}
+    masks = dict(zip(image_set.names, image_set.masks or (), strict=image_set.masks is not None))
     pinhole_model = pycolmap.Reconstruction()
     for camera_id, (pinhole, _) in sorted(maps.items()):
         pinhole.camera_id = camera_id
@@ -34,10 +36,11 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
     for image_id in sorted(model.reg_image_ids()):
         image = model.images[image_id]
         pinhole, (map_x, map_y) = maps[image.camera_id]
-        image_file, mask_file = files[image.name]
+        image_file = files[image.name]
         pixels = cv2.remap(read_image(image_file), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         write_image(out / "images" / f"{image_file.stem}.png", pixels)
-        write_mask(out / "masks" / f"{image_file.stem}.png", _remapped_mask(mask_file, map_x, map_y))
+        if image.name in masks:
+            write_mask(out / "masks" / f"{image_file.stem}.png", _remapped_mask(masks[image.name], map_x, map_y))
         points = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
         rays = model.cameras[image.camera_id].cam_from_img(points)
         points = rays * [pinhole.focal_length_x, pinhole.focal_length_y] + [pinhole.principal_point_x, pinhole.principal_point_y]
@@ -56,7 +59,13 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
 
 
 def pinhole_views(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[list[Camera], dict[str, np.ndarray]]:
-    """Registered cameras as `undistort` would write them, under their images' names, with their undistorted masks; writes nothing."""
+    """Registered cameras as `undistort` would write them, under their images' names, with their undistorted masks; writes nothing.
+
+    Raises:
+        StepError: there are no masks.
+    """
+    if image_set.masks is None:
+        raise StepError("a whole scene has no masks to undistort")
     maps = {camera_id: undistortion_map(camera) for camera_id, camera in model.cameras.items()}
     masks = dict(zip(image_set.names, image_set.masks, strict=True))
     cameras, undistorted = [], {}

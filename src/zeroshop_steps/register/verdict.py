@@ -39,14 +39,14 @@ class Verdict:
     """What the checks found.
 
     Attributes:
-        coherence: of the masks.
+        coherence: of the masks; None where there are none.
         evidence: of the image pairs.
         errors_px: {image name: median reprojection error}.
         reason: why the model is wrong, for the user; None when it is borne out.
         culprits: the images to blame, if single ones are.
     """
 
-    coherence: SilhouetteCoherence
+    coherence: SilhouetteCoherence | None
     evidence: PairEvidence
     errors_px: dict[str, float]
     reason: str | None
@@ -55,9 +55,14 @@ class Verdict:
     def figures(self) -> dict[str, Any]:
         """The figures as they stand in registration.json."""
         cut, group = self.evidence.weakest_cut()
+        silhouettes = {}
+        if self.coherence:
+            silhouettes = {
+                "silhouette_px": dict(zip(self.coherence.names, np.round(self.coherence.unexplained_px, 2).tolist(), strict=True)),
+                "silhouette_worst_px": round(float(self.coherence.unexplained_px.max()), 2),
+            }
         return {
-            "silhouette_px": dict(zip(self.coherence.names, np.round(self.coherence.unexplained_px, 2).tolist(), strict=True)),
-            "silhouette_worst_px": round(float(self.coherence.unexplained_px.max()), 2),
+            **silhouettes,
             "error_px": {name: round(error, 3) for name, error in self.errors_px.items()},
             "error_worst_ratio": round(max(self.errors_px.values()) / float(np.median(list(self.errors_px.values()))), 2),
             "contradicted_share": dict(zip(self.evidence.names, np.round(self.evidence.contradicted_share, 3).tolist(), strict=True)),
@@ -68,8 +73,8 @@ class Verdict:
 
 
 def judge(model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, limits: Limits) -> Verdict:
-    """Check a model against the masks and against each image pair's own matches."""
-    coherence = silhouette_coherence(*pinhole_views(model, image_set))
+    """Check a model against the masks, if there are any, and against each image pair's own matches."""
+    coherence = silhouette_coherence(*pinhole_views(model, image_set)) if image_set.masks else None
     evidence = pair_evidence(model, database)
     errors_px = reprojection_errors_px(model)
     reason, culprits = first_fault(coherence, evidence, errors_px, limits, image_set.size_px[0] / 1000)
@@ -77,13 +82,12 @@ def judge(model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, l
 
 
 def first_fault(
-    coherence: SilhouetteCoherence, evidence: PairEvidence, errors_px: dict[str, float], limits: Limits, scale: float
+    coherence: SilhouetteCoherence | None, evidence: PairEvidence, errors_px: dict[str, float], limits: Limits, scale: float
 ) -> tuple[str | None, tuple[str, ...]]:
     """The first check that fails: its reason for the user, and the images to blame. `scale` is the image width over 1000 px."""
     wrong = "the reconstruction hangs together but is wrong"
     remedy = "add pictures in between, or put the object on a strongly textured surface"
-    worst_px = float(coherence.unexplained_px.max())
-    if worst_px > limits.unexplained_px * scale:
+    if coherence and (worst_px := float(coherence.unexplained_px.max())) > limits.unexplained_px * scale:
         name = coherence.names[int(coherence.unexplained_px.argmax())]
         found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
         return f"{wrong}, or masks are: {found}; check the masks, {remedy}", (coherence.culprit(),)

@@ -1,0 +1,198 @@
+"""Take frames from a video of the object: the first, then the sharpest of each stretch of the camera's way.
+
+Stretches are equal in how much the picture changes, not in time: where the camera rests nothing new is seen. Rotation that the
+file records is applied. The original is never changed.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, small_grey, thumbnail
+from zeroshop_steps.capture.photos import height_problems
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import write_json, written_whole_dir
+from zeroshop_steps.images import write_image
+
+VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm")
+FRAMES, MIN_FRAMES = 20, 8
+MAX_SIDE_PX = 1920
+WINDOW_SHARE = 0.35  # of a stretch, to either side of its middle: where its sharpest frame is looked for
+READABLE_SHARE = 0.9
+STILL_CHANGE = 0.012  # of the picture from one frame to the next, that noise alone makes
+MOVING_FRAMES = 2  # for each that is taken; with fewer there is no sharp one to choose
+BLURRED_SHARE = 0.5  # of the sharpness of the film's best frames
+
+
+@dataclass(frozen=True)
+class Film:
+    """What a first pass over a video tells.
+
+    Attributes:
+        sharpnesses, levels: (F,) of every frame.
+        changes: (F,) mean change of the picture since the frame before, in standard deviations of its grey; 0 for the first.
+        thumbnails: (F, 48, 64) float32.
+    """
+
+    sharpnesses: np.ndarray
+    levels: np.ndarray
+    changes: np.ndarray
+    thumbnails: np.ndarray
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command line."""
+    parser.add_argument("--images", type=Path, required=True, help=f"video file: {', '.join(VIDEO_SUFFIXES)}")
+    parser.add_argument("--frames", type=int, default=FRAMES, help="frames to take (default: %(default)s)")
+    parser.add_argument("--max-side-px", type=int, default=MAX_SIDE_PX, help="larger frames are scaled down (default: %(default)s)")
+    parser.add_argument("--height-m", type=float, help="height of the standing object in metres; unknown when left out")
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Entry point of the command line."""
+    take_frames(args.images, args.frames, args.max_side_px, args.height_m, args.out)
+
+
+def take_frames(video: Path, count: int, max_side_px: int, height_m: float | None, out: Path) -> None:
+    """Write `count` frames to `out`/images, a picture of them all, and what to film again to capture.json.
+
+    Raises:
+        StepError: no video, a damaged or cut-off one, or one in which the camera hardly moves.
+    """
+    problems = height_problems(height_m)
+    if problems:
+        raise StepError("; ".join(problems))
+    film = watch(video)
+    chosen = choose_frames(film, count)
+    needed = min(MIN_FRAMES, count)
+    if len(chosen) < needed:
+        raise StepError(f"{video} shows only {len(chosen)} different views, {needed} are needed: move the camera all around the object")
+    wanted = set(chosen)
+    images = {number: frame for number, frame in enumerate(read_frames(video)) if number in wanted}
+    names = [f"{index:06d}" for index in range(len(chosen))]
+    warnings = picture_warnings(names, film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist())
+    moving = int((film.changes > STILL_CHANGE).sum())
+    if moving < MOVING_FRAMES * count:
+        warnings.append(f"the camera moved too fast: only {moving} frames show its way; take twice the time for it")
+    elif np.median(film.sharpnesses[chosen]) < BLURRED_SHARE * np.quantile(film.sharpnesses, 0.95):
+        warnings.append("the camera moved too fast: most frames are blurred, some are not; take twice the time for the same way")
+    if len(chosen) < count:
+        warnings.append(f"only {len(chosen)} of {count} frames differ enough: film a longer way around the object")
+    with written_whole_dir(out) as folder:
+        scaled = [_scaled(images[number], max_side_px) for number in chosen]
+        for name, image in zip(names, scaled, strict=True):
+            write_image(folder / "images" / f"{name}.png", image)
+        write_image(folder / "contact_sheet.png", contact_sheet(scaled, names))
+        write_json(
+            folder / "capture.json",
+            {
+                "scene": "video",
+                "virtual": False,
+                "seed": None,
+                "width_px": scaled[0].shape[1],
+                "height_px": scaled[0].shape[0],
+                "images": len(chosen),
+                "known_height_m": height_m,
+                "video": video.name,
+                "video_frames": len(film.changes),
+                "source_frames": [int(number) for number in chosen],
+                "sharpness": [round(float(value), 4) for value in film.sharpnesses[chosen]],
+                "level": [round(float(value), 1) for value in film.levels[chosen]],
+                "warnings": warnings,
+            },
+        )
+    for warning in warnings:
+        print(f"warning: {warning}")
+
+
+def watch(video: Path) -> Film:
+    """Measure every frame. Raises StepError where the file cannot be read to its end, or holds one picture only."""
+    sharpnesses, levels, changes, thumbnails = [], [], [], []
+    before = None
+    for frame in read_frames(video):
+        small = cv2.GaussianBlur(small_grey(frame), (0, 0), 1.5)
+        sharpnesses.append(sharpness(frame))
+        levels.append(float(small.mean()))
+        # Changing exposure is no way of the camera's.
+        even = small - small.mean()
+        changes.append(0.0 if before is None else float(np.abs(even - before).mean() / (even.std() + 1.0)))
+        thumbnails.append(thumbnail(frame))
+        before = even
+    if not sharpnesses:
+        raise StepError(f"{video} holds no frames that can be read; export it again as mp4 (H.264)")
+    if len(sharpnesses) == 1:
+        raise StepError(f"{video} holds a single frame; film the object from all around")
+    promised = _promised_frames(video)
+    if len(sharpnesses) < READABLE_SHARE * promised:
+        raise StepError(
+            f"{video} is cut off or damaged: {len(sharpnesses)} of its {promised} frames can be read; copy it from the camera again"
+        )
+    return Film(*(np.array(values) for values in (sharpnesses, levels, changes, thumbnails)))
+
+
+def read_frames(video: Path) -> Iterator[np.ndarray]:
+    """All frames in order, (H, W, 3) uint8 RGB, upright as the file's rotation says."""
+    capture = _opened(video)
+    try:
+        while True:
+            found, frame = capture.read()
+            if not found:
+                return
+            yield cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
+    finally:
+        capture.release()
+
+
+def choose_frames(film: Film, count: int) -> list[int]:
+    """Numbers of up to `count` frames: the first, and the sharpest around the middle of each equal stretch of change."""
+    way = np.cumsum(np.maximum(film.changes - STILL_CHANGE, 0.0))
+    if way[-1] <= 0:
+        return [0]
+    step = way[-1] / max(count - 1, 1)
+    chosen = [0]
+    for index in range(1, count):
+        # The last stretch ends with the film.
+        middle = min(index * step, way[-1] - WINDOW_SHARE * step / 2)
+        near = np.flatnonzero(np.abs(way - middle) <= WINDOW_SHARE * step)
+        near = near[near > chosen[-1]]
+        if not len(near):
+            near = np.array([int(np.abs(way - middle).argmin())])
+        best = int(near[film.sharpnesses[near].argmax()])
+        if best not in chosen and not any(alike(film.thumbnails[best], film.thumbnails[other]) for other in chosen):
+            chosen.append(best)
+    return sorted(chosen)
+
+
+def _opened(video: Path) -> cv2.VideoCapture:
+    video = Path(video)
+    if not video.is_file():
+        raise StepError(f"video {video} does not exist; check the path")
+    if video.suffix.lower() not in VIDEO_SUFFIXES:
+        raise StepError(f"{video} is no video that can be read; expected a file ending in {', '.join(VIDEO_SUFFIXES)}")
+    capture = cv2.VideoCapture(str(video))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+    if not capture.isOpened():
+        raise StepError(
+            f"{video} cannot be read as a video: it is damaged, cut off or of an unknown format; export it again as mp4 (H.264)"
+        )
+    return capture
+
+
+def _promised_frames(video: Path) -> int:
+    capture = _opened(video)
+    try:
+        return max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+    finally:
+        capture.release()
+
+
+def _scaled(image: np.ndarray, max_side_px: int) -> np.ndarray:
+    scale = max_side_px / max(image.shape[:2])
+    if scale >= 1:
+        return image
+    return cv2.resize(image, (round(image.shape[1] * scale), round(image.shape[0] * scale)), interpolation=cv2.INTER_AREA)

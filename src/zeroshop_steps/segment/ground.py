@@ -1,0 +1,154 @@
+"""What is not ground: each image compared with the picture of the bare support plane that all images together give.
+
+Every point of the plane is seen by most views, whatever stands on it: the median over the views is the plane itself, shadows
+included. A pixel that differs from it is no ground (background subtraction, as with a fixed camera, by the plane's homographies).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.segment.stand import Stand
+
+REACH_DISTANCES = 0.9  # half the side of the square of plane that is pictured
+CELL_DISTANCES = 0.004
+MIN_WITNESSES = 3
+NOISE_LEVELS = 5.0  # of 255
+SPREAD_WEIGHT = 1.5
+SHIFT_PX = 1  # cameras and flatness of the ground are this good
+SAME_SIGMAS, OTHER_SIGMAS = 1.0, 3.0
+MOST_ODDS = 1.5
+LIGHT_ODDS = 0.7
+LIGHT_RANGE = (0.55, 1.7)
+LIGHT_WINDOW_PX = 11
+NO_GROUND_SPREAD = 40.0
+"""Where views differ this much, in levels, there is no ground that a pixel could differ from."""
+GAIN_RANGE = (0.4, 2.5)
+GAIN_STEP = 4
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The picture of the plane.
+
+    Attributes:
+        color: (N, N, 3) float32 RGB, 0 to 255: median over the views.
+        spread: (N, N) float32: median deviation of the views from it.
+        known: (N, N) bool: enough views see the cell.
+        world_from_cell: (4, 3): homogeneous cell position (x, y, 1) to a homogeneous point of the plane.
+    """
+
+    color: np.ndarray
+    spread: np.ndarray
+    known: np.ndarray
+    world_from_cell: np.ndarray
+
+    def view_from_cell(self, camera: Camera) -> np.ndarray:
+        """(3, 3) homography from cells to the pixels of a view, pixel centres at whole numbers."""
+        shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
+        return shift @ camera.intrinsics @ camera.camera_from_world[:3] @ self.world_from_cell
+
+    def evidence(self, camera: Camera, image: np.ndarray) -> np.ndarray:
+        """(H, W) float32 log odds, -2 to 2, that a pixel is no ground; 0 where the ground is unknown.
+
+        A colour off the ground's speaks for an object. One that agrees speaks against it, the more the fewer colours would.
+        """
+        homography = self.view_from_cell(camera)
+        size = (camera.width_px, camera.height_px)
+        expected, spread, known = (
+            cv2.warpPerspective(part, homography, size, flags=cv2.INTER_LINEAR)
+            for part in (self.color, self.spread, self.known.astype(np.float32))
+        )
+        sigma = NOISE_LEVELS + SPREAD_WEIGHT * spread
+        window = np.ones((2 * SHIFT_PX + 1,) * 2, np.uint8)
+        highest, lowest = cv2.dilate(expected, window), cv2.erode(expected, window)
+        off = np.linalg.norm(np.maximum(np.maximum(image - highest, lowest - image), 0), axis=2) / sigma
+        # The same colour in another light: the photographer's shadow, a lamp's reflection.
+        both, own = (cv2.blur((part * expected).sum(2), (LIGHT_WINDOW_PX,) * 2) for part in (image, expected))
+        light = np.clip(both / np.maximum(own, 1.0), *LIGHT_RANGE)[..., None]
+        off_in_any_light = np.linalg.norm(np.maximum(np.maximum(image - light * highest, light * lowest - image), 0), axis=2) / sigma
+        accepted = ((highest - lowest).mean(2) + 4 * sigma) / 255.0  # of each channel's range; colours vary in about two dimensions
+        against = np.log(np.minimum(accepted, 1.0) ** 2) / 2
+        against = np.maximum(against, -MOST_ODDS)
+        share, other_color = (np.clip((value - SAME_SIGMAS) / (OTHER_SIGMAS - SAME_SIGMAS), 0, 1) for value in (off, off_in_any_light))
+        odds = (1 - share) * against + share * (LIGHT_ODDS + other_color * (MOST_ODDS - LIGHT_ODDS))
+        odds *= np.where(odds > 0, np.clip(1 - spread / NO_GROUND_SPREAD, 0, 1), 1)
+        return np.where((known > 0.99) & in_front(camera, homography), odds, 0.0).astype(np.float32)
+
+
+def picture_ground(stand: Stand, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None = None) -> Ground:
+    """The median picture of the plane.
+
+    Args:
+        images: (H, W, 3) float32 RGB of the cameras' sizes.
+        hidden: (H, W) bool for each view, pixels known to show no ground.
+    """
+    return _pictured(stand, cameras, images, hidden, 1)[0]
+
+
+def _pictured(
+    stand: Stand, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None, step: int
+) -> tuple[Ground, np.ndarray]:
+    """The ground in cells `step` times the usual size, and (V, N, N, 3) what each view sees there, NaN for nothing."""
+    count = round(2 * REACH_DISTANCES / CELL_DISTANCES / step)
+    axes, cell = stand.axes(), CELL_DISTANCES * step * stand.distance
+    origin = stand.foot - REACH_DISTANCES * stand.distance * axes.sum(0) + cell / 2 * axes.sum(0)
+    world_from_cell = np.zeros((4, 3))
+    world_from_cell[:3] = np.stack([cell * axes[0], cell * axes[1], origin], axis=1)
+    world_from_cell[3, 2] = 1.0
+    ground = Ground(np.zeros(0), np.zeros(0), np.zeros(0), world_from_cell)
+    samples = np.full((len(cameras), count, count, 3), np.nan, np.float32)
+    for index, (camera, image) in enumerate(zip(cameras, images, strict=True)):
+        homography = ground.view_from_cell(camera)
+        back = np.linalg.inv(homography)
+        seen = np.ones(image.shape[:2], np.float32) if hidden is None else 1.0 - hidden[index].astype(np.float32)
+        seen *= in_front(camera, homography)
+        flags = {"flags": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
+        visible = cv2.warpPerspective(seen, back, (count, count), **flags) > 0.99
+        visible &= _cells_in_front(camera, world_from_cell, count)
+        samples[index][visible] = cv2.warpPerspective(image, back, (count, count), **flags)[visible]
+    return Ground(*_median(samples), world_from_cell), samples
+
+
+def equalized(stand: Stand, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
+    """The images with one factor a channel each, so that they agree on the ground: exposure and white balance differ."""
+    ground, samples = _pictured(stand, cameras, images, None, GAIN_STEP)
+    steady = ground.known & (ground.spread < NO_GROUND_SPREAD / 2) & (ground.color.min(2) > 10) & (ground.color.max(2) < 250)
+    gained = []
+    for image, sample in zip(images, samples, strict=True):
+        cells = steady & np.isfinite(sample[..., 0]) & (np.nan_to_num(sample).min(2) > 5)
+        gain = np.median(ground.color[cells] / sample[cells], axis=0) if cells.sum() > 50 else np.ones(3)
+        gained.append((image * np.clip(gain, *GAIN_RANGE)).astype(np.float32))
+    return gained
+
+
+def in_front(camera: Camera, view_from_cell: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels whose rays meet the plane before the camera, not above its horizon."""
+    cell_from_view = np.linalg.inv(view_from_cell)
+    # The third coordinate is the inverse of the depth.
+    x, y = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    w = cell_from_view[2, 0] * x + cell_from_view[2, 1] * y + cell_from_view[2, 2]
+    return w > 0
+
+
+def _cells_in_front(camera: Camera, world_from_cell: np.ndarray, count: int) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(count), np.arange(count))
+    row = camera.camera_from_world[2] @ world_from_cell
+    return row[0] * x + row[1] * y + row[2] > 0
+
+
+def _median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Median over the views, median deviation from it, and whether enough views witness it; NaN marks what a view does not see."""
+    count = np.isfinite(samples[..., 0]).sum(0)
+    middle = np.maximum(count - 1, 0) // 2
+
+    def median(values: np.ndarray) -> np.ndarray:
+        ordered = np.sort(values, axis=0)  # NaN goes last
+        return np.take_along_axis(ordered, middle[None, ..., *(None,) * (values.ndim - 3)], axis=0)[0]
+
+    color = median(samples)
+    spread = median(np.abs(samples - color).max(-1))
+    known = count >= MIN_WITNESSES
+    return np.where(known[..., None], color, 0).astype(np.float32), np.where(known, spread, 0).astype(np.float32), known

@@ -1,0 +1,100 @@
+"""How good each mask is, without a truth: does it agree with the other views' masks, is it whole, does its size fit?"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+
+TOLERANCE = 0.02
+"""Width of the rim that may differ, in square roots of the mask's area: about two voxels of the hull."""
+MOST_DISAGREEMENT = 0.15
+MOST_AREA_JUMP = 0.3
+SMALLEST_SHARE = 5e-4
+BORDER_SHARE = 0.005
+MIN_GOOD, MIN_GOOD_SHARE = 8, 0.6
+
+
+@dataclass(frozen=True)
+class MaskQuality:
+    """Measures of one mask.
+
+    Attributes:
+        disagreement: area outside the silhouette that all masks share, and of that silhouette outside the mask, beyond the
+            tolerance, over the mask's area.
+        area_ratio: its area over that silhouette's, relative to the median view's.
+        border_share: of the image's circumference that it touches: the object is cut off there.
+        fault: why the mask cannot be used; None for a good one.
+    """
+
+    disagreement: float
+    area_ratio: float
+    border_share: float
+    fault: str | None
+
+
+def judge_masks(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[MaskQuality]:
+    """Measure (H, W) bool masks against the (H, W) bool silhouettes of what they have in common."""
+    ratios = np.array([mask.sum() / max(hull.sum(), 1) for mask, hull in zip(masks, hulls, strict=True)])
+    usual = float(np.median(ratios[ratios > 0])) if (ratios > 0).any() else 1.0
+    found = []
+    for mask, hull, ratio in zip(masks, hulls, ratios / usual, strict=True):
+        disagreement = _disagreement(mask, hull)
+        border = int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()) / (2 * sum(mask.shape))
+        fault = None
+        if mask.mean() < SMALLEST_SHARE:
+            fault = "the mask is empty"
+        elif disagreement > MOST_DISAGREEMENT:
+            fault = f"{disagreement:.0%} of the mask contradict the masks of the other views"
+        elif abs(ratio - 1) > MOST_AREA_JUMP:
+            fault = f"the mask is {ratio:.2f} times as large as the other views let expect"
+        found.append(MaskQuality(disagreement, float(ratio), border, fault))
+    return found
+
+
+def check_enough(qualities: list[MaskQuality], names: list[str]) -> None:
+    """Raise StepError where too few masks are good."""
+    good = sum(quality.fault is None for quality in qualities)
+    needed = max(min(MIN_GOOD, len(names)), int(np.ceil(MIN_GOOD_SHARE * len(names))))
+    if good < needed:
+        faults = [f"{name}: {quality.fault}" for name, quality in zip(names, qualities, strict=True) if quality.fault]
+        raise StepError(
+            f"only {good} of {len(names)} masks are good, {needed} are needed; put the object alone on a ground of other colours, or draw "
+            f"masks and name their folder in objects.tsv. {'; '.join(faults[:6])}{' ...' if len(faults) > 6 else ''}"
+        )
+
+
+def touches_border(quality: MaskQuality) -> bool:
+    """Whether the object is cut off at the image's border."""
+    return quality.border_share > BORDER_SHARE
+
+
+def quality_record(qualities: list[MaskQuality], names: list[str]) -> dict[str, Any]:
+    """The measures as they stand in segmentation.json."""
+    return {
+        "good_masks": sum(quality.fault is None for quality in qualities),
+        "dropped": {name: quality.fault for name, quality in zip(names, qualities, strict=True) if quality.fault},
+        "cut_off": [name for name, quality in zip(names, qualities, strict=True) if touches_border(quality)],
+        "median_disagreement": round(float(np.median([quality.disagreement for quality in qualities])), 4),
+        "masks": {
+            name: {
+                "disagreement": round(quality.disagreement, 4),
+                "area_ratio": round(quality.area_ratio, 4),
+                "border_share": round(quality.border_share, 4),
+            }
+            for name, quality in zip(names, qualities, strict=True)
+        },
+    }
+
+
+def _disagreement(mask: np.ndarray, hull: np.ndarray) -> float:
+    if not mask.any() or not hull.any():
+        return 1.0
+    radius = max(1, round(TOLERANCE * float(np.sqrt(mask.sum()))))
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
+    grown = cv2.dilate(hull.astype(np.uint8), window) > 0
+    # A hull of voxels is no smaller than the object; it may lack hairs, and fill gaps. Both are no fault of a mask.
+    shrunk = cv2.erode(hull.astype(np.uint8), window, borderValue=1) > 0
+    return float(((mask & ~grown).sum() + (shrunk & ~cv2.dilate(mask.astype(np.uint8), window).astype(bool)).sum()) / mask.sum())

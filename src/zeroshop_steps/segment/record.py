@@ -1,0 +1,84 @@
+"""What every segmentation method writes: the registered images with masks, without those whose mask is bad.
+
+A cameras folder: images/, masks/, sparse/, registration.json as the registration wrote them, segmentation.json with the
+quality of the masks, and contact_sheet.png, a picture of all masks.
+"""
+
+import argparse
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.capture.frames import TILE_WIDTH_PX, rows_of
+from zeroshop_steps.files import write_json, written_whole_dir
+from zeroshop_steps.finish.views import View
+from zeroshop_steps.images import write_image, write_mask
+from zeroshop_steps.register.record import read_registration
+
+
+def add_common_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all segmentation methods share."""
+    parser.add_argument("--scene", type=Path, required=True, help="registered scene: images/, sparse/ and perhaps masks/")
+    parser.add_argument("--seed", type=int, default=0, help="seed of RANSAC (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
+
+
+def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.ndarray], dropped: set[str], record: dict[str, Any]) -> None:
+    """Write the cameras folder.
+
+    Args:
+        scene: the registration's folder.
+        views: its views.
+        masks: (H, W) bool in their order and size.
+        dropped: names of images that are left out.
+        record: for segmentation.json.
+    """
+    registration = read_registration(scene)
+    with written_whole_dir(out) as folder:
+        for part in ("images", "masks"):
+            (folder / part).mkdir()
+        for view, mask in zip(views, masks, strict=True):
+            if view.camera.name not in dropped:
+                _link_or_copy(view.image_path, folder / "images" / view.camera.name)
+                write_mask(folder / "masks" / f"{Path(view.camera.name).stem}.png", mask)
+        model = pycolmap.Reconstruction(str(scene / "sparse"))
+        for image_id in sorted(model.reg_image_ids()):
+            if model.images[image_id].name in dropped:
+                model.deregister_frame(model.images[image_id].frame_id)
+        (folder / "sparse").mkdir()
+        model.write_binary(str(folder / "sparse"))
+        registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
+        write_json(folder / "registration.json", registration)
+        write_json(folder / "segmentation.json", record)
+        write_image(folder / "contact_sheet.png", contact_sheet(views, masks, dropped))
+    for name, fault in record.get("dropped", {}).items():
+        print(f"warning: {name} is left out: {fault}", file=sys.stderr)
+
+
+def contact_sheet(views: list[View], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:
+    """(H, W, 3) uint8: every image with what lies outside its mask darkened, the outline red; dropped ones crossed out."""
+    tiles = []
+    for view, mask in zip(views, masks, strict=True):
+        size = (TILE_WIDTH_PX, max(1, round(view.camera.height_px * TILE_WIDTH_PX / view.camera.width_px)))
+        tile = cv2.resize(view.image(), size, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+        tile = np.where(small[..., None], tile, tile // 3)
+        tile[small & ~(cv2.erode(small.astype(np.uint8), np.ones((3, 3))) > 0)] = (255, 0, 0)
+        if view.camera.name in dropped:
+            cv2.line(tile, (0, 0), size, (255, 0, 0), 3)
+        cv2.putText(tile, Path(view.camera.name).stem, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+        tiles.append(tile)
+    return rows_of(tiles)
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)

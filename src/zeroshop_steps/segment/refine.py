@@ -1,0 +1,135 @@
+"""From evidence to masks: colours and edges cut every image, the views' common hull keeps the cuts consistent, and again."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.segment.colors import ColorOdds
+from zeroshop_steps.segment.cut import cut
+from zeroshop_steps.segment.ground import picture_ground
+from zeroshop_steps.segment.space import silhouette, splat, votes
+from zeroshop_steps.segment.stand import Stand
+from zeroshop_steps.segment.subject import Subject
+
+COLOR_MOST = 1.5
+INSIDE_ODDS = (0.5, 0.7, 0.7)
+"""What lying in the common hull's silhouette speaks for the object, in each round."""
+OUTSIDE_ODDS = (0.0, -1.5, -2.5)
+"""What lying well outside of it does; a margin around it is left open."""
+FORBIDDEN_ODDS = -6.0
+HULL_MARGIN = 0.03  # of the square root of the silhouette's area
+RING = 0.6  # width of the surroundings whose colours count, in square roots of the silhouette's area
+MISSES_SHARE = 0.1
+FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
+"""Columns no higher than this share of the hull's height, or than these voxels, are no part of it."""
+CONTACT_SHARE = 0.1
+"""Gaps below the hull up to this share of its height are closed: there it touches the ground."""
+HIDDEN_MARGIN = 0.04
+"""Ground this near to the hull's silhouette, in square roots of its area, may be object that the hull lacks."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Masks and what they agree on.
+
+    Attributes:
+        masks: for each view, (H, W) float32 in [0, 1], above 1/2 on the object.
+        hulls: for each view, (H, W) bool: the silhouette of the voxels that the masks share.
+        occupied: (X, Y, Z) bool: these voxels.
+    """
+
+    masks: list[np.ndarray]
+    hulls: list[np.ndarray]
+    occupied: np.ndarray
+
+
+def refine(stand: Stand, subject: Subject, cameras: list[Camera], images: list[np.ndarray]) -> Refined:
+    """Alternate between cutting the images and carving the space they share.
+
+    Args:
+        images: (H, W, 3) float32 RGB, 0 to 255, of the cameras' sizes.
+    """
+    rooms = [silhouette(subject.space, subject.room, camera) for camera in cameras]
+    others = [splat(subject.others, subject.others_side, camera) for camera in cameras]
+    occupied = _on_ground(subject.core)
+    # Where all views agree there is ground, even under the hull: shadows. Or an object of one colour, hence colours weigh as much.
+    plain = picture_ground(stand, cameras, images)
+    agreed = [np.minimum(plain.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
+    for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
+        hulls = [silhouette(subject.space, occupied, camera) for camera in cameras]
+        standing = [silhouette(subject.space, _down_to_ground(occupied), camera) for camera in cameras]
+        hidden = [_grown(foot, HIDDEN_MARGIN) | other for foot, other in zip(standing, others, strict=True)]
+        ground = picture_ground(stand, cameras, images, hidden)
+        evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
+        colors = _colors(images, hulls, evidence)
+        masks = []
+        for image, odds, agree, hull, room in zip(images, evidence, agreed, hulls, rooms, strict=True):
+            total = np.where(odds == 0.0, agree, odds) + np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
+            total += np.where(hull, inside, np.where(_grown(hull, HULL_MARGIN), 0.0, outside))
+            masks.append(_cut_within(room, total, image))
+        occupied = _shared(subject, cameras, masks)
+    return Refined(masks, [silhouette(subject.space, occupied, camera) for camera in cameras], occupied)
+
+
+def _cut_within(room: np.ndarray, evidence: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """The cut of the room's part of an image; nothing is the object outside."""
+    y, x = np.nonzero(room)
+    mask = np.zeros(room.shape, np.float32)
+    if len(y):
+        crop = (slice(max(y.min() - 2, 0), y.max() + 3), slice(max(x.min() - 2, 0), x.max() + 3))
+        mask[crop] = cut(np.where(room[crop], evidence[crop], FORBIDDEN_ODDS), image[crop])
+    return mask
+
+
+def _down_to_ground(occupied: np.ndarray) -> np.ndarray:
+    """The voxels and all below them: ground that no view sees if the object stands there."""
+    return np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2)
+
+
+def _shared(subject: Subject, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
+    """Voxels of the subject's room that lie within nearly all masks."""
+    index = np.argwhere(subject.room)
+    _, empty = votes(subject.space, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
+    occupied = np.zeros(subject.room.shape, bool)
+    occupied[tuple(index[empty <= MISSES_SHARE * len(cameras)].T)] = True
+    return _on_ground(_upright(occupied, subject.ground_voxel))
+
+
+def _upright(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
+    """Without the columns that hardly rise above the ground: all views agree on prints and shadows, too, but those are flat."""
+    layers = np.flatnonzero(occupied.any(axis=(0, 1)))
+    if not len(layers):
+        return occupied
+    top = occupied.shape[2] - occupied[:, :, ::-1].argmax(axis=2)
+    flat = max(FLAT_SHARE * (layers[-1] - ground_voxel), FLAT_VOXELS)
+    return occupied & (top - ground_voxel > flat)[:, :, None]
+
+
+def _on_ground(occupied: np.ndarray) -> np.ndarray:
+    """Columns that end just above the ground reach down to it: the object stands, and its foot is what grazing views tell worst."""
+    height = np.flatnonzero(occupied.any(axis=(0, 1)))
+    if not len(height):
+        return occupied
+    lowest = np.where(occupied.any(axis=2), occupied.argmax(axis=2), occupied.shape[2])
+    short = (lowest <= CONTACT_SHARE * height[-1])[:, :, None]
+    below = np.arange(occupied.shape[2]) < lowest[:, :, None]
+    return occupied | (short & below)
+
+
+def _colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: list[np.ndarray]) -> ColorOdds:
+    """Learned inside the hull and around it, but for what speaks against it."""
+    inside, outside = [], []
+    for image, hull, odds in zip(images, hulls, evidence, strict=True):
+        within = (cv2.erode(hull.astype(np.uint8), np.ones((5, 5))) > 0) & (odds >= 0.0)
+        around = _grown(hull, RING) & ~_grown(hull, HULL_MARGIN) & (odds <= 0.0)
+        inside.append(image[within][::2])
+        outside.append(image[around][::4])
+    return ColorOdds(np.concatenate(inside), np.concatenate(outside))
+
+
+def _grown(mask: np.ndarray, share: float) -> np.ndarray:
+    """The mask grown by a share of the square root of its area."""
+    radius = max(1, round(share * float(np.sqrt(mask.sum()))))
+    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) <= radius

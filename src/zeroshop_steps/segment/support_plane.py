@@ -1,0 +1,103 @@
+"""Mask what stands on the support plane, nearest to the point that all cameras look at. No weights are needed.
+
+All images together give the picture of the bare ground; what differs from it, in all views alike, is carved out of the space
+above. Colours and edges then cut each image, the common hull keeps the cuts consistent, and masks that contradict the others
+are left out.
+"""
+
+import argparse
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import Camera, SparseModel
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.segment.ground import equalized, picture_ground
+from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record
+from zeroshop_steps.segment.record import add_common_arguments, write_segmented
+from zeroshop_steps.segment.refine import refine
+from zeroshop_steps.segment.stand import find_stand
+from zeroshop_steps.segment.subject import find_subject
+
+WIDTH_PX = 480
+LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003  # of a mask's area
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    parser.add_argument("--image-width-px", type=int, default=WIDTH_PX, help="images are cut at this width (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    start_s = time.monotonic()
+    views, model = read_views(args.scene)
+    masks, record = find_masks(views, model, args.image_width_px, args.seed)
+    record["seconds"] = round(time.monotonic() - start_s, 2)
+    write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+
+
+def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed: int) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """Masks of all views, (H, W) bool of the images' sizes, and the record of their quality.
+
+    Args:
+        views: the registered views.
+        model: their sparse points, object and ground.
+        image_width_px: images are cut at this width.
+        seed: of RANSAC.
+
+    Raises:
+        StepError: no ground, nothing or too much on it, or too few good masks.
+    """
+    stand = find_stand(model, views, seed)
+    cameras, images = _resized(views, image_width_px)
+    images = equalized(stand, cameras, images)
+    ground = picture_ground(stand, cameras, images)
+    subject = find_subject(stand, cameras, [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)])
+    refined = refine(stand, subject, cameras, images)
+    tidied = [tidy(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
+    names = [camera.name for camera in cameras]
+    qualities = judge_masks([mask > 0.5 for mask in tidied], refined.hulls)
+    check_enough(qualities, names)
+    record = {
+        "method": "support_plane",
+        **quality_record(qualities, names),
+        "things_on_the_ground": subject.found,
+        "plane_inliers": stand.inliers,
+        "plane": {"normal": stand.normal.tolist(), "offset": stand.offset},
+        "image_width_px": image_width_px,
+    }
+    sizes = [(view.camera.width_px, view.camera.height_px) for view in views]
+    return [cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > 0.5 for mask, size in zip(tidied, sizes, strict=True)], record
+
+
+def _resized(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
+    cameras, images = [], []
+    for view in views:
+        width = min(width_px, view.camera.width_px)
+        camera = view.camera.resized(width, round(view.camera.height_px * width / view.camera.width_px))
+        cameras.append(camera)
+        images.append(cv2.resize(view.image(), (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32))
+    return cameras, images
+
+
+def tidy(mask: np.ndarray, hull: np.ndarray) -> np.ndarray:
+    """The (H, W) float32 mask without islands off the common hull's silhouette, (H, W) bool, small ones, and pinholes.
+
+    Print may have the ground's colours. A larger hole is filled where the other views see no way through.
+    """
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((mask > 0.5).astype(np.uint8), connectivity=8)
+    if count < 2:
+        return np.zeros_like(mask)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    shared = np.bincount(labels[hull], minlength=count)[1:]
+    kept = np.flatnonzero((areas >= LEAST_ISLAND * areas.max()) & (shared > 0.5 * areas)) + 1
+    mask = np.where((mask <= 0.5) | np.isin(labels, kept), mask, 0.0)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((mask <= 0.5).astype(np.uint8), connectivity=4)
+    covered = np.bincount(labels[hull], minlength=count) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
+    small = stats[:, cv2.CC_STAT_AREA] <= LARGEST_FILLED_HOLE * areas.sum()
+    holes = [number for number in range(1, count) if small[number] or covered[number] > 0.9]
+    return np.where(np.isin(labels, holes), 1.0, mask).astype(np.float32)

@@ -1,0 +1,111 @@
+"""Frames from a film: spread over the camera's way, sharp, upright; films that cannot be used are refused with a remedy."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from zeroshop_steps.capture.video import choose_frames, take_frames, watch
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
+from zeroshop_steps.images import list_images, read_image
+
+WIDTH, HEIGHT = 320, 240
+
+
+def picture(seed: int = 0) -> np.ndarray:
+    """A wide picture that the camera passes along."""
+    rng = np.random.default_rng(seed)
+    coarse = cv2.resize(rng.integers(0, 255, (16, 160, 3), dtype=np.uint8), (2400, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    fine = cv2.resize(rng.integers(0, 90, (16, 160, 3), dtype=np.uint8), (2400, HEIGHT), interpolation=cv2.INTER_LINEAR)
+    return cv2.add(coarse // 2, fine)
+
+
+def film(path: Path, offsets, blurred=(), light=1.0) -> Path:
+    """Write a film that shows `picture` from these offsets."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*("MJPG" if path.suffix == ".avi" else "mp4v")), 30, (WIDTH, HEIGHT))
+    assert writer.isOpened()
+    whole = picture()
+    for number, offset in enumerate(offsets):
+        frame = whole[:, int(offset) : int(offset) + WIDTH]
+        if number in blurred:
+            frame = cv2.blur(frame, (25, 1))
+        writer.write(np.clip(frame * light, 0, 255).astype(np.uint8))
+    writer.release()
+    return path
+
+
+def test_frames_are_spread_over_the_way_not_over_time(tmp_path):
+    """The camera rests for two thirds of the film."""
+    way = np.concatenate([np.linspace(0, 900, 60), np.full(160, 900), np.linspace(900, 1800, 60)])
+    take_frames(film(tmp_path / "film.mp4", way), 12, 1920, None, tmp_path / "capture")
+    facts = read_json(tmp_path / "capture/capture.json")
+    chosen = facts["source_frames"]
+    assert chosen[0] == 0 and facts["images"] == 12 and chosen == sorted(set(chosen))
+    steps = np.diff(way[chosen])
+    assert steps.max() < 2.2 * np.median(steps), steps
+    assert len(list_images(tmp_path / "capture/images")) == 12
+    assert read_image(tmp_path / "capture/contact_sheet.png").shape[1] == 5 * 320
+    assert facts["warnings"] == []
+
+
+def test_sharp_frames_are_preferred(tmp_path):
+    way = np.linspace(0, 1800, 120)
+    blurred = set(range(1, 120)) - set(range(0, 120, 5))
+    found = watch(film(tmp_path / "film.mp4", way, blurred))
+    chosen = choose_frames(found, 10)
+    assert len(chosen) == 10 and not set(chosen) & blurred
+
+
+def test_the_same_film_gives_the_same_bytes(tmp_path):
+    path = film(tmp_path / "film.mp4", np.linspace(0, 900, 40))
+    for name in ("one", "two"):
+        take_frames(path, 8, 1920, 0.1, tmp_path / name)
+    for one in sorted((tmp_path / "one").rglob("*.*")):
+        assert one.read_bytes() == (tmp_path / "two" / one.relative_to(tmp_path / "one")).read_bytes()
+
+
+def test_large_frames_are_scaled_down(tmp_path):
+    take_frames(film(tmp_path / "film.avi", np.linspace(0, 900, 40)), 8, 160, None, tmp_path / "capture")
+    assert read_image(tmp_path / "capture/images/000000.png").shape == (120, 160, 3)
+
+
+def test_a_film_of_one_place_is_refused(tmp_path):
+    with pytest.raises(StepError, match="only 1 different views, 8 are needed"):
+        take_frames(film(tmp_path / "film.mp4", np.zeros(40)), 20, 1920, None, tmp_path / "capture")
+    assert not (tmp_path / "capture").exists()
+
+
+def test_one_frame_is_refused(tmp_path):
+    with pytest.raises(StepError, match="a single frame"):
+        watch(film(tmp_path / "film.mp4", [0]))
+
+
+def test_no_video_at_all(tmp_path):
+    for name, content, message in (
+        ("no.mp4", b"", "cannot be read as a video|no frames"),
+        ("text.mp4", b"no video at all" * 100, "cannot be read as a video|no frames"),
+        ("film.heic", b"x", "no video that can be read"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(StepError, match=message):
+            watch(tmp_path / name)
+    with pytest.raises(StepError, match="does not exist"):
+        watch(tmp_path / "nowhere.mp4")
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".avi"])
+def test_a_film_cut_off_in_the_middle_is_refused(tmp_path, suffix):
+    path = film(tmp_path / f"film{suffix}", np.linspace(0, 900, 60))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(StepError, match="cut off|cannot be read as a video"):
+        watch(path)
+
+
+def test_dark_and_fast_films_are_told(tmp_path):
+    take_frames(film(tmp_path / "dark.mp4", np.linspace(0, 900, 40), light=0.2), 8, 1920, None, tmp_path / "dark")
+    assert any("dark" in line for line in read_json(tmp_path / "dark/capture.json")["warnings"])
+    take_frames(film(tmp_path / "fast.mp4", np.linspace(0, 1900, 13)), 8, 1920, None, tmp_path / "fast")
+    assert any("too fast" in line for line in read_json(tmp_path / "fast/capture.json")["warnings"])

@@ -1,0 +1,50 @@
+"""A mask is judged by what the others say: those that contradict, jump in size or vanish are found, and too many end the step."""
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record, touches_border
+
+NAMES = [f"{index:06d}.png" for index in range(10)]
+
+
+def disk(radius=30, x=60):
+    rows, columns = np.mgrid[:100, :120]
+    return (columns - x) ** 2 + (rows - 50) ** 2 < radius**2
+
+
+def judged(**odd):
+    """The qualities of ten disks, some of them replaced: {"m3": mask}."""
+    masks = [odd.get(f"m{index}", disk()) for index in range(10)]
+    return judge_masks(masks, [disk()] * 10)
+
+
+def test_agreeing_masks_are_good():
+    qualities = judged(m4=disk(31))
+    assert all(quality.fault is None for quality in qualities)
+    check_enough(qualities, NAMES)
+    assert quality_record(qualities, NAMES)["good_masks"] == 10
+
+
+@pytest.mark.parametrize(
+    ("mask", "fault"),
+    [(disk() & False, "empty"), (disk(x=80), "contradict"), (disk(20), "contradict"), (disk(34), "contradict|times as large")],
+)
+def test_a_bad_mask_is_found(mask, fault):
+    qualities = judged(m3=mask)
+    assert [bool(quality.fault) for quality in qualities] == [index == 3 for index in range(10)]
+    assert any(word in qualities[3].fault for word in fault.split("|"))
+    assert list(quality_record(qualities, NAMES)["dropped"]) == ["000003.png"]
+
+
+def test_an_object_cut_off_is_told():
+    masks = [disk(x=15 if index == 2 else 60) for index in range(10)]
+    qualities = judge_masks(masks, masks)
+    assert [touches_border(quality) for quality in qualities] == [index == 2 for index in range(10)]
+
+
+def test_masks_that_vanish_in_half_of_the_frames_end_the_step():
+    nothing = disk() & False
+    with pytest.raises(StepError, match="only 5 of 10 masks are good, 8 are needed.*000000.png: the mask is empty"):
+        check_enough(judged(**{f"m{index}": nothing for index in range(5)}), NAMES)
