@@ -40,7 +40,7 @@ def height_options(wildcards):
         )
     for column in ("marker_images", "depth"):
         if extra_photos(column)(wildcards):
-            options[column] = shlex.quote(photo_folder(column)(wildcards))
+            options[column] = shlex.quote(photo_place(wildcards, column))
     return step_options(options)
 
 
