@@ -73,7 +73,7 @@ def test_the_area_of_the_bottom_is_that_of_its_border():
     corners = whole.vertices[whole.faces[underside.first_face :]]
     corners = corners[(corners[:, :, 2] < 1e-9).all(1)]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-    assert area == pytest.approx(48 / 2 * 30.0**2 * np.sin(2 * np.pi / 48), rel=1e-6)
+    assert area == pytest.approx(48 / 2 * 30.0**2 * np.sin(2 * np.pi / 48), rel=2e-3)
 
 
 @given(rotation=st.tuples(*[st.floats(-1, 1) for _ in range(4)]).filter(lambda q: np.linalg.norm(q) > 0.1), seed=st.integers(0, 99))
@@ -95,6 +95,26 @@ def test_a_hole_in_the_wall_is_no_underside():
     same, underside = closed(mesh, UP, 0.0)
     assert underside.state == "open" and not underside.watertight and underside.left_open == 1
     assert np.array_equal(same.faces, mesh.faces)
+
+
+def test_an_outline_that_crosses_itself_is_smoothed_until_it_does_not():
+    """The wall of a U, whose lower border winds to and fro: nothing may be spanned between its arms."""
+    outline = np.array([[0, 0], [90, 0], [90, 80], [60, 80], [60, 30], [30, 30], [30, 80], [0, 80.0]])
+    length = np.r_[0, np.cumsum(np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1))]
+    places = np.linspace(0, length[-1], 600, endpoint=False)
+    plan = np.stack([np.interp(places, length, np.r_[outline[:, k], outline[0, k]]) for k in (0, 1)], 1)
+    rows = [np.c_[plan, np.full(600, height)] for height in (1.0, 20.0, 40.0)]
+    rows[0][:, :2] += np.random.default_rng(0).uniform(-1.5, 1.5, (600, 2))  # points are 0.8 apart
+    here, after = np.arange(600), np.roll(np.arange(600), -1)
+    faces = [np.concatenate([np.stack([k + here, k + after, k + 600 + after], 1), np.stack([k + here, k + 600 + after, k + 600 + here], 1)])
+             for k in (0, 600)]  # fmt: skip
+    whole, underside = closed(Mesh(np.concatenate(rows), np.concatenate(faces)), UP, 0.0)
+    assert underside.state == "closed" and (underside.borders, underside.left_open) == (1, 1), "its upper border stays"
+    corners = whole.vertices[whole.faces[underside.first_face :]]
+    flat = corners[(np.abs(corners[:, :, 2]) < 1e-9).all(1)]
+    areas = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] / 2
+    assert areas.sum() == pytest.approx(-(90 * 80 - 30 * 50), rel=0.01)
+    assert areas.max() < 1e-3 * np.abs(areas).sum(), "nothing is covered twice"
 
 
 def test_a_closed_mesh_stays_as_it_is():

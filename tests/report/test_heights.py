@@ -31,13 +31,16 @@ def test_a_row_a_measurement_with_what_was_published(cells, tmp_path):
     words = ["--method", "heights", "--heights", *map(str, cells), "--root", str(tmp_path / "results"), "--out", str(out)]
     assert stage_main("zeroshop_steps.report", METHODS, words, reads_failures=METHODS) == 0
     with out.open(newline="") as file:
-        beside, apart, failed = list(csv.DictReader(file))
+        beside, apart, failed, *rest = list(csv.DictReader(file))
     assert (beside["how"], apart["how"]) == (BESIDE, APART)
     assert (float(beside["difference_mm"]), float(beside["difference_percent"])) == pytest.approx((-2.0, -1.0))
     assert (float(apart["difference_mm"]), float(apart["difference_percent"])) == pytest.approx((-9.0, -4.5))
     assert float(beside["deviation_mm"]) == 1.5
     assert beside["published_name"] == "mustard_bottle" and float(beside["published_difference_percent"]) == 5.79
     assert failed["height_m"] == "" and failed["reason"] == "height.marker: the board is cut off" and failed["published_name"] == ""
+    assert (
+        len(rest) == 16 and {row["how"] for row in rest} == {"thesis: MASt3R"} and "toothbrush" in {row["published_name"] for row in rest}
+    )
     picture = out.with_suffix(".svg").read_bytes()
     assert b"<svg" in picture and out.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
     assert stage_main("zeroshop_steps.report", METHODS, words, reads_failures=METHODS) == 0

@@ -1,9 +1,9 @@
 """Close the underside, which no photo shows while the object stands on its support.
 
-Every open border near the support plane is led straight down to the plane and closed flat in it: an object touches its
-support there, and a robot or a pose estimator is better off with a bottom than with a hole. What is added is marked as
-unseen: it is the mesh's last faces, and neither quality nor grade counts it. Its colour comes with the texture, which
-fills what no photo sees from its surroundings.
+Every open border near the support plane is led down to the plane, where its outline is made smooth, and closed flat in it: an
+object touches its support there, and a robot or a pose estimator is better off with a bottom than with a hole. What is added
+is marked as unseen: it is the mesh's last faces, and neither quality nor grade counts it. Its colour comes with the texture,
+which fills what no photo sees from its surroundings.
 """
 
 import argparse
@@ -25,6 +25,8 @@ FARTHEST_DIAGONALS = 0.15  # ... and none of it farther: a hole in the wall that
 MOST = 0.8
 SMALL_NEAR_DIAGONALS = 0.015  # a small border, of a foot or of a hole through the object, must be nearer
 SMALL_SHARE = 0.1  # in area, of the widest
+SMOOTHED_DIAGONALS = (0.02, 0.05, 0.1, 0.2, 0.4)  # waves of the outline shorter than this go; the first that leaves it simple is taken
+SIMPLE = 1e-4  # of the area, by which faces may lie upside down
 FIRST_STEP = 0.01  # width of the flat part's outermost ring, in its diagonals
 GROWTH = 1.4  # from ring to ring
 
@@ -97,10 +99,14 @@ def closed(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Underside]:
     after = np.concatenate([np.roll(border, -1) for border in chosen])
     foot = len(mesh.vertices) + np.arange(len(ring))  # below each vertex of the borders, on the plane
     foot_after = np.concatenate([np.roll(part, -1) for part in np.split(foot, np.cumsum([len(border) for border in chosen])[:-1])])
-    feet = mesh.vertices[ring] - np.outer(mesh.vertices[ring] @ up - bottom, up)
     skirt = np.concatenate([np.stack([after, ring, foot], 1), np.stack([after, foot, foot_after], 1)])
-    inner, flat = _flat_part(feet, [len(border) for border in chosen], up, len(mesh.vertices))
-    vertices = np.concatenate([mesh.vertices, feet, inner])
+    across = _axes_seen_from_below(up)
+    filled = _filled([mesh.vertices[border] @ across.T for border in chosen], float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
+    if filled is None:
+        return left_open(mesh)
+    points, flat = filled
+    vertices = np.concatenate([mesh.vertices, points @ across + bottom * up])
+    flat = flat + len(mesh.vertices)
     faces = np.concatenate([mesh.faces, skirt, flat])
     whole = Mesh(vertices, faces).with_normals()
     watertight = not open_borders(faces)
@@ -159,42 +165,57 @@ def _vector_area(chain: np.ndarray) -> np.ndarray:
     return np.cross(around, np.roll(around, -1, 0)).sum(0) / 2
 
 
-def _flat_part(feet: np.ndarray, lengths: list[int], up: np.ndarray, first_foot: int) -> tuple[np.ndarray, np.ndarray]:
-    """Fill the plane between the feet of the borders, by rings that become coarser inwards, so that triangles stay round.
+def _axes_seen_from_below(up: np.ndarray) -> np.ndarray:
+    """(2, 3) unit axes of the plane with this normal, of which the second is to the left of the first as seen from below."""
+    across = np.linalg.svd(up[None])[2][1:]
+    return across[::-1] if np.linalg.det(np.stack([*across, up])) > 0 else across
+
+
+def _filled(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Vertices and faces in the plane between closed (N, 2) chains, smoothed until nothing is covered twice; None where that fails."""
+    for length in SMOOTHED_DIAGONALS:
+        points, faces = _flat_part([_smoothed(border, length * diagonal) for border in borders])
+        (ax, ay), (bx, by), (cx, cy) = points[faces].transpose(1, 2, 0)
+        areas = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        if np.clip(-areas, 0.0, None).sum() < SIMPLE * np.abs(areas).sum():
+            return points, faces
+    return None
+
+
+def _smoothed(chain: np.ndarray, length: float) -> np.ndarray:
+    """A closed (N, 2) chain without waves shorter than `length`; longer ones stay as they are."""
+    step = np.linalg.norm(chain - np.roll(chain, -1, 0), axis=1).sum() / len(chain)
+    frequency = 2.0 * np.pi * np.fft.fftfreq(len(chain))
+    kept = 1.0 / (1.0 + (frequency * length / (2.0 * np.pi * step)) ** 8)
+    return np.fft.ifft(np.fft.fft(chain, axis=0) * kept[:, None], axis=0).real
+
+
+def _flat_part(rings: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Fill the plane inside an outline, by rings that become coarser inwards, so that triangles stay round.
 
     Args:
-        feet: (N, 3) points on the plane, border after border.
-        lengths: points a border.
-        up: (3,) the plane's normal; the flat part faces the other way.
-        first_foot: index of the first of the feet among the mesh's vertices.
+        rings: closed (N, 2) chains as seen from below, in the direction of the borders.
 
     Returns:
-        (M, 3) further vertices inside, and (T, 3) faces.
+        (M, 2) vertices, of which those of the rings come first, and (T, 3) faces that are seen from below.
     """
-    across = np.linalg.svd(up[None])[2][1:]
-    if np.linalg.det(np.stack([*across, up])) > 0:
-        across = across[::-1]  # seen from below, where the borders run the other way round
-    plane = feet @ across.T
-    ends = np.cumsum(lengths)
-    index = [np.arange(end - length, end)[::-1] for end, length in zip(ends, lengths, strict=True)]
-    points, triangles = [plane], []
-    step = float(np.linalg.norm(np.ptp(plane, axis=0))) * FIRST_STEP
+    ends = np.cumsum([len(ring) for ring in rings])
+    index = [np.arange(end - len(ring), end)[::-1] for end, ring in zip(ends, rings, strict=True)]
+    points, triangles = list(rings), []
+    step = float(np.linalg.norm(np.ptp(np.concatenate(rings), axis=0))) * FIRST_STEP
     while True:
-        rings = [np.concatenate(points)[ring] for ring in index]
-        inset = [_resampled(ring, step) for ring in manifold3d.CrossSection(rings).offset(-step, manifold3d.JoinType.Round).to_polygons()]
-        inset = [ring for ring in inset if len(ring) > 2]
-        first = sum(map(len, points)) + np.cumsum([0, *map(len, inset)])
+        everything = np.concatenate(points)
+        section = manifold3d.CrossSection([everything[ring] for ring in index]).offset(-step, manifold3d.JoinType.Round)
+        inset = [ring for ring in (_resampled(ring, step) for ring in section.to_polygons()) if len(ring) > 2]
+        first = len(everything) + np.cumsum([0, *map(len, inset)])
         inner = [np.arange(start, start + len(ring)) for start, ring in zip(first, inset, strict=False)]
-        border = [*index, *(ring[::-1] for ring in inner)]
+        band = [*index, *(ring[::-1] for ring in inner)]
         points += inset
         everything = np.concatenate(points)
-        triangles.append(np.concatenate(border)[manifold3d.triangulate([everything[ring] for ring in border], allow_convex=False)])
+        triangles.append(np.concatenate(band)[manifold3d.triangulate([everything[ring] for ring in band], allow_convex=False)])
         if not inset:
-            break
+            return everything, np.concatenate(triangles)
         index, step = inner, step * GROWTH
-    level = feet[0] @ up
-    inside = np.concatenate(points)[len(feet) :] @ across + level * up
-    return inside, np.concatenate(triangles) + first_foot
 
 
 def _resampled(ring: np.ndarray, step: float) -> np.ndarray:

@@ -25,6 +25,7 @@ from zeroshop_steps.report.table import cell_of
 PUBLISHED = Path(__file__).with_name("published_heights.csv")
 BESIDE, APART, THESIS = "board beside the object", "board in the empty scene", "thesis: MASt3R"
 COLORS = {BESIDE: "tab:orange", APART: "tab:green", THESIS: "tab:blue"}
+MARKS = {BESIDE: "^", APART: "v", THESIS: "o"}
 COLUMNS = (
     "dataset",
     "object",
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> None:
         writer = csv.DictWriter(file, COLUMNS, restval="")
         writer.writeheader()
         writer.writerows(rows)
+        writer.writerows(rest_of(published, rows))
     figure = drawn(rows, published)
     with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), written_whole(args.out.with_suffix(".svg")) as temporary:
         FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
@@ -104,8 +106,7 @@ def row_of(path: Path, root: Path, published: Sequence[Published]) -> dict[str, 
     row: dict[str, str | float] = dict(cell_of(path, root))
     if row["dataset"] == "ycbv":
         for found in (found for found in published if found.ycbv_object == row["object"]):
-            row |= {"published_name": found.name, "published_height_m": found.height_m}
-            row |= {"published_measured_height_m": found.measured_height_m, "published_difference_percent": found.difference_percent}
+            row |= _columns_of(found)
     row["how"] = BESIDE if row["scene"] == "su_b" else APART
     failure = read_failure(path)
     if failure:
@@ -123,9 +124,24 @@ def row_of(path: Path, root: Path, published: Sequence[Published]) -> dict[str, 
     }
 
 
+def rest_of(published: Sequence[Published], rows: Sequence[dict[str, str | float]]) -> list[dict[str, str | float]]:
+    """A row for each published height of an object that no other row is about."""
+    named = {row.get("published_name") for row in rows}
+    return [{"how": THESIS, **_columns_of(found)} for found in published if found.name not in named]
+
+
+def _columns_of(found: Published) -> dict[str, str | float]:
+    return {
+        "published_name": found.name,
+        "published_height_m": found.height_m,
+        "published_measured_height_m": found.measured_height_m,
+        "published_difference_percent": found.difference_percent,
+    }
+
+
 def drawn(rows: Sequence[dict[str, str | float]], published: Sequence[Published]) -> Figure:
     """Absolute error in per cent over the true height in metres; the thesis's with its trend."""
-    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    figure = Figure(figsize=(7.0, 4.5), dpi=150, layout="constrained")
     axes = figure.add_subplot()
     points = {THESIS: np.array([(found.height_m, abs(found.difference_percent)) for found in published])}
     for how in (BESIDE, APART):
@@ -134,7 +150,7 @@ def drawn(rows: Sequence[dict[str, str | float]], published: Sequence[Published]
     for how, found in points.items():
         if len(found) == 0:
             continue
-        axes.scatter(*found.T, s=22, color=COLORS[how], label=how)
+        axes.scatter(*found.T, s=24, color=COLORS[how], marker=MARKS[how], label=how)
         if len(found) > 2:
             slope, level = np.polyfit(*found.T, 1)
             ends = np.array([found[:, 0].min(), found[:, 0].max()])
