@@ -1,0 +1,103 @@
+"""Render each model of a folder from all sides, once: colour, depth and mask from 42 or 642 directions.
+
+The directions are the corners of an icosahedron whose faces are divided in four once (42) or three times (642). Every view
+has the model in its middle, as large as the picture lets it be in every turn. One file a model, obj_000001.npz.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from zeroshop_steps.bop.models import Model, listed_objects, read_models
+from zeroshop_steps.cache import Cached
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.capture.rings import look_at
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole_dir
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.progress import track
+
+CACHED = Cached(inputs=("models",))
+SUBDIVISIONS = {42: 1, 642: 3}
+DISTANCE_DIAMETERS = 3.0
+FILLED = 0.95  # of the picture's side, by the model's bounding sphere
+
+
+@dataclass(frozen=True)
+class Templates:
+    """The views of one model, N of them.
+
+    Attributes:
+        colors: (N, side, side, 3) uint8 unlit texture, black beside the model.
+        depths_mm: (N, side, side) float32 along the optical axis, 0 beside the model.
+        camera_from_model: (N, 4, 4) mm.
+        intrinsics: (3, 3) of all views, the project's: pixel (0, 0)'s centre at (0.5, 0.5).
+    """
+
+    colors: np.ndarray
+    depths_mm: np.ndarray
+    camera_from_model: np.ndarray
+    intrinsics: np.ndarray
+
+    @property
+    def masks(self) -> np.ndarray:
+        """(N, side, side) bool."""
+        return self.depths_mm > 0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--models", type=Path, required=True, help="folder of models in BOP's layout")
+    parser.add_argument("--views", type=int, choices=SUBDIVISIONS, default=42, help="directions (default: %(default)s)")
+    parser.add_argument("--side-px", type=int, default=224, help="side of the square views (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Render the views of all models of a folder."""
+    models = read_models(args.models, listed_objects(args.models))
+    with written_whole_dir(args.out) as folder:
+        for model in track(models.values(), "templates", len(models)):
+            views = render_templates(model, args.views, args.side_px)
+            np.savez(folder / f"obj_{model.object_id:06d}.npz", **vars(views))
+
+
+def render_templates(model: Model, views: int, side_px: int) -> Templates:
+    """Render one model from `views` directions, 42 or 642."""
+    vertices = model.mesh.vertices
+    middle = (vertices.min(0) + vertices.max(0)) / 2
+    radius_mm = float(np.linalg.norm(vertices - middle, axis=1).max())
+    distance_mm = DISTANCE_DIAMETERS * 2 * radius_mm
+    focal_px = FILLED * side_px / 2 * np.sqrt(distance_mm**2 - radius_mm**2) / radius_mm
+    intrinsics = np.array([[focal_px, 0, side_px / 2], [0, focal_px, side_px / 2], [0, 0, 1]])
+    renderer = MeshRenderer(model.mesh)
+    colors, depths, poses = [], [], []
+    for direction in view_directions(views):
+        pose = look_at(middle + distance_mm * direction, middle)
+        camera = Camera("", side_px, side_px, intrinsics, pose)
+        depth = renderer.hits(camera).depth
+        color, _ = renderer.masked_color(camera)
+        colors.append(np.where((depth > 0)[..., None], color, 0))
+        depths.append(depth)
+        poses.append(pose)
+    return Templates(np.stack(colors), np.stack(depths), np.stack(poses), intrinsics)
+
+
+def view_directions(views: int) -> np.ndarray:
+    """(views, 3) unit vectors from the model to its cameras; turned a little, so that none looks straight down."""
+    corners = np.asarray(trimesh.creation.icosphere(SUBDIVISIONS[views], 1.0).vertices)
+    turn = trimesh.transformations.rotation_matrix(0.1, [1.0, 0.3, 0.2])[:3, :3]
+    return corners @ turn.T
+
+
+def read_templates(folder: Path, object_id: int) -> Templates:
+    """Read the views of one model. Raises StepError where there are none."""
+    path = Path(folder) / f"obj_{object_id:06d}.npz"
+    try:
+        with np.load(path) as content:
+            return Templates(**content)
+    except (OSError, ValueError, TypeError) as error:
+        raise StepError(f"{path} holds no views of object {object_id} ({error}); make them with --method templates") from None
