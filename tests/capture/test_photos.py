@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from zeroshop_steps.capture.photos import take_photos
 from zeroshop_steps.errors import StepError
@@ -145,3 +146,45 @@ def test_skull(shared_data, tmp_path):
     folder = shared_data / "dtu_scan65"
     take_photos(folder / "images", folder / "masks", None, 8, tmp_path / "capture")
     assert read_json(tmp_path / "capture" / "capture.json")["images"] == 25
+
+
+def test_photos_without_masks(shoot):
+    take_photos(shoot.images, None, None, 8, shoot.out)
+    assert read_json(shoot.out / "capture.json")["images"] == 9
+    assert not (shoot.out / "masks").exists()
+    assert (shoot.out / "images" / "000003.jpg").read_bytes() == shoot.image(3).read_bytes()
+
+
+def test_turned_photos_are_turned_upright_and_keep_their_focal_length(shoot):
+    for index in range(9):
+        with Image.open(shoot.image(index)) as image:
+            exif = image.getexif()
+            exif[0x0112] = 6  # stored lying, to be turned clockwise
+            exif.get_ifd(0x8769)[0xA405] = 28  # focal length on a 35 mm film
+            image.save(shoot.image(index), exif=exif)
+    take_photos(shoot.images, None, None, 8, shoot.out)
+    facts = read_json(shoot.out / "capture.json")
+    assert (facts["width_px"], facts["height_px"]) == (HEIGHT, WIDTH)
+    with Image.open(shoot.out / "images" / "000000.jpg") as image:
+        assert image.size == (HEIGHT, WIDTH)
+        assert image.getexif().get(0x0112, 1) == 1
+        assert image.getexif().get_ifd(0x8769)[0xA405] == 28
+
+
+def test_portrait_and_landscape_mixed(shoot):
+    with Image.open(shoot.image(4)) as image:
+        image.transpose(Image.Transpose.ROTATE_90).save(shoot.image(4))
+    with pytest.raises(StepError, match=r"different sizes.*IMG_0004.jpg \(120 x 160\)"):
+        take_photos(shoot.images, None, None, 8, shoot.out)
+
+
+def test_heic_photos_are_refused(shoot):
+    shoot.image(2).rename(shoot.images / "IMG_0002.HEIC")
+    with pytest.raises(StepError, match="format that cannot be read: IMG_0002.HEIC; export them as JPEG"):
+        take_photos(shoot.images, None, None, 8, shoot.out)
+
+
+def test_a_blurred_photo_is_told(shoot, capsys):
+    write_image(shoot.image(5), cv2.GaussianBlur(cv2.imread(str(shoot.image(5))), (0, 0), 6))
+    take_photos(shoot.images, None, None, 8, shoot.out)
+    assert "blurred, much more than the others: IMG_0005.jpg" in capsys.readouterr().err

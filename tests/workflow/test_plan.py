@@ -172,7 +172,7 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
         ("results/demo/mustard_bottle/su_h/colmp/2dgs/mesh.ply", "unknown registration of a virtual dataset: colmp. Did you mean colmap"),
         ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),
         ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video"),
-        ("results/photos/cup/2dgs.ply", "the folder of its images, photos/of/nothing, does not exist"),
+        ("results/photos/cup/2dgs.ply", "the video or folder of its images, photos/of/nothing, does not exist"),
         ("results/photos/tables/reconstruction.csv", "unknown virtual dataset: photos"),
         ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),
         ("results/demo/tables/su_q/colmap/2dgs.csv", "unknown scene of a virtual dataset: su_q. Did you mean su_"),

@@ -1,0 +1,29 @@
+"""A capture without masks is registered as a whole scene, and checked by its image pairs alone."""
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.images import write_image
+from zeroshop_steps.register.image_set import read_image_set, read_masks
+from zeroshop_steps.register.pair_evidence import PairEvidence
+from zeroshop_steps.register.verdict import Limits, Verdict, first_fault
+
+
+def test_images_without_masks_are_a_set(tmp_path):
+    for index in range(4):
+        write_image(tmp_path / "images" / f"{index}.png", np.full((40, 60, 3), 40 * index, np.uint8))
+    image_set = read_image_set(tmp_path)
+    assert image_set.masks is None and image_set.size_px == (60, 40)
+    with pytest.raises(StepError, match="no masks"):
+        read_masks(image_set)
+
+
+def test_the_other_checks_still_judge():
+    names = tuple("abcd")
+    supporting, contradicting = np.full((4, 4), 100), np.zeros((4, 4), int)
+    evidence = PairEvidence(names, supporting, contradicting)
+    assert first_fault(None, evidence, dict.fromkeys(names, 0.3), Limits(), 1.0) == (None, ())
+    reason, culprits = first_fault(None, evidence, {**dict.fromkeys(names, 0.3), "b": 1.4}, Limits(), 1.0)
+    assert "b fits with 1.40 px" in reason and culprits == ("b",)
+    assert "silhouette_worst_px" not in Verdict(None, evidence, dict.fromkeys(names, 0.3), None, ()).figures()
