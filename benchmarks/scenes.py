@@ -129,8 +129,9 @@ def ball_of_voxels(name: str, level: int, edge_px: int, views: int = 1) -> Voxel
     """Leaves of two levels in a shell around the surface, thin before it and dense behind it."""
     rng = np.random.default_rng(level)
     edge = 2.0 / (1 << level)
-    cells = np.stack(np.meshgrid(*[np.arange(1 << level)] * 3, indexing="ij"), -1)
-    octree = Octree.uniform(np.abs(_height((cells.reshape(-1, 3) + 0.5) * edge - 1.0)).reshape(cells.shape[:3]) < edge)
+    axis = (np.arange(1 << level) + 0.5) * edge - 1.0
+    slabs = (np.stack(np.meshgrid(x, axis, axis, indexing="ij"), -1)[0] for x in axis)
+    octree = Octree.uniform(np.stack([np.abs(_height(slab.reshape(-1, 3))).reshape(slab.shape[:2]) < edge for slab in slabs]))
     octree, _ = octree.refined(np.ones(len(octree), bool), rng.uniform(size=len(octree)) < 0.17)
     corners = octree.corner_points * (2.0 / 1024) - 1.0
     densities = np.clip(-1.0 - 2.5 / edge * _height(corners), -6.0, 6.0) + rng.normal(0.0, 1.5, len(corners))
