@@ -69,7 +69,7 @@ class Refinement:
         if not self._printed:
             return Fit(transform, distance, 0.0)
         ours, theirs = self._source.colors[weights > 0], self._target.colors[nearest][weights > 0]
-        return Fit(transform, distance, _likeness(ours, theirs))
+        return Fit(transform, distance, likeness(ours, theirs))
 
     def _match(self, transform: np.ndarray):
         moved = self._source.points @ transform[:3, :3].T + transform[:3, 3]
@@ -110,8 +110,8 @@ def _brightness(colors: np.ndarray) -> np.ndarray:
     return colors @ [0.299, 0.587, 0.114]
 
 
-def _likeness(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Mean correlation of brightness, red against green and yellow against blue, each as far as it varies."""
+def likeness(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Correlation, -1..1, of two (N, 3) lists of colours: in brightness, red-green and yellow-blue, as far as each varies."""
     axes = np.array([[0.299, 0.587, 0.114], [0.7, -0.7, 0.0], [0.5, 0.5, -1.0]]).T
     a, b = ours @ axes, theirs @ axes
     a, b = a - a.mean(0), b - b.mean(0)

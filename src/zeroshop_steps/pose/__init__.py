@@ -1,0 +1,1 @@
+"""Pose: where exactly a detected object is, and how it is turned."""
