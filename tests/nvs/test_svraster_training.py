@@ -18,7 +18,7 @@ from zeroshop_steps.nvs.svraster.settings import TrainingSettings
 from zeroshop_steps.nvs.svraster.start import start_voxels
 from zeroshop_steps.nvs.svraster.train import BETAS, LEARNING_RATES, Trainer
 from zeroshop_steps.nvs.svraster.voxels import Voxels, read_voxels, write_voxels
-from zeroshop_steps.nvs.svraster_mesh import faced, marching_cubes, surface, view_depth
+from zeroshop_steps.nvs.svraster_mesh import marching_cubes, seen, surface, view_depth
 from zeroshop_steps.nvs.training import Views
 from zeroshop_steps.nvs.views import ObjectSphere, TrainingView
 
@@ -209,11 +209,15 @@ def test_sparse_voxel_meshes_name_a_missing_file(tmp_path: Path) -> None:
         read_voxels(tmp_path / "none.npz")
 
 
-def test_what_faces_no_camera_is_left_out(ball: tuple) -> None:
-    views = [view for view in ball[0] if view.camera.centre_in_world[2] > 0]
-    sphere = trimesh.creation.icosphere(4, RADIUS)
-    seen = faced(Mesh(np.asarray(sphere.vertices), np.asarray(sphere.faces)), views)
-    assert seen.vertices[:, 2].max() == pytest.approx(RADIUS, rel=0.01) and -RADIUS < seen.vertices[:, 2].min() < -0.3 * RADIUS
+def test_what_too_few_cameras_see_is_left_out(ball: tuple) -> None:
+    above = [(view, depth.astype(np.float32)) for view, depth in zip(*ball, strict=True) if view.camera.centre_in_world[2] > 0]
+    views, depths = [view for view, _ in above], [depth for _, depth in above]
+    both = trimesh.util.concatenate([trimesh.creation.icosphere(4, radius) for radius in (RADIUS, RADIUS / 2)])
+    mesh = Mesh(np.asarray(both.vertices), np.asarray(both.faces))
+    kept = seen(mesh, views, depths, reach=0.1)
+    assert kept.vertices[:, 2].max() == pytest.approx(RADIUS, rel=0.01) and -RADIUS < kept.vertices[:, 2].min() < -0.3 * RADIUS
+    assert np.linalg.norm(kept.vertices, axis=1).min() > 0.9 * RADIUS, "what is hidden inside goes"
+    assert len(seen(mesh, views[:1], depths[:1], reach=0.1).faces) == 0, "one view is not enough"
 
 
 def test_marching_cubes_faces_outwards() -> None:

@@ -1,7 +1,8 @@
 """A raw mesh straight from trained voxels: marching cubes (Lorensen & Cline 1987) over the density at their corners.
 
 Leaves of all levels are interpolated onto one lattice, so that no crack opens where levels meet. What no camera sees counts
-as inside, so that the thin shell that training leaves of an object has one side. A small offset brings the silhouettes onto the masks.
+as inside, so that the thin shell that training leaves of an object has one side; a small offset brings the silhouettes onto
+the masks, and what too few cameras see of the surface is left out.
 """
 
 import argparse
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json
@@ -32,10 +34,14 @@ BAND_STEPS = 1.5
 """The density draws the surface within this many steps of the one that the depths show."""
 COSINE_MIN = 0.15
 """Cosine of the angle between normal and ray from which a face counts as facing a camera."""
+SMOOTH_STEPS = 1.0
+"""Standard deviation, in steps of the lattice, by which distances are smoothed: colour says nothing of ripples this fine."""
 SOFT = 4.0
 """Values are clipped this far around the surface's: no crossing is drawn towards a far value."""
 OFFSET_STEPS = 2.0
 """Most that the surface is moved to meet the masks."""
+SEEN_STEPS = 2.0
+"""What lies within this many steps of the surface that a view shows is seen by it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,11 +58,14 @@ def run(args: argparse.Namespace) -> None:
     voxels, sphere = read_voxels(args.voxels_file)
     views = training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
     field = Field.of(voxels.octree, voxels.densities.numpy(), border=2)
-    mesh = surface(field, views, [view_depth(voxels, view) for view in views], args.field == "density")
+    depths = [view_depth(voxels, view) for view in views]
+    mesh = surface(field, views, depths, args.field == "density")
     if mesh is None:
         raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
     mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
-    mesh = faced(mesh, views)
+    mesh = seen(mesh, views, depths, SEEN_STEPS * field.step)
+    if len(mesh.faces) == 0:
+        raise StepError(f"{args.voxels_file} has no surface that {MIN_VIEWS} views see; train longer or check masks and cameras")
     world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
     write_ply(args.out, world)
     figures = {
@@ -89,22 +98,34 @@ def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray], o
     if of_density:
         density = np.where(field.covered, np.clip(field.values - half_value(field.step), -SOFT, SOFT), -SOFT)
         values = np.where(np.abs(values) < BAND_STEPS * field.step, density, np.sign(values) * SOFT)
+    values = gaussian_filter(values, SMOOTH_STEPS)
     outside = values.min()
     values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = outside
     mesh = marching_cubes(values.astype(np.float32))
     return mesh and Mesh(field.points(mesh.vertices), mesh.faces)
 
 
-def faced(mesh: Mesh, views: list[TrainingView]) -> Mesh:
-    """The part of a mesh that faces some camera, however much else hides it; the rest, such as the underside, is a guess."""
+def seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], reach: float) -> Mesh:
+    """The part of a mesh that lies, within `reach`, on the surface that enough views show, and faces some camera.
+
+    The rest, such as the underside and the walls of what no camera looks into, is a guess.
+
+    Args:
+        depths: (H, W) depth of the surface in each view, 0 where it sees past the object.
+    """
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    cosine = np.full(len(normals), -1.0)
-    for view in views:
+    cosine, shown = np.full(len(normals), -1.0), np.zeros(len(mesh.vertices), int)
+    for view, depth in zip(views, depths, strict=True):
         towards = view.camera.centre_in_world - corners[:, 0]
         np.maximum(cosine, np.einsum("fi,fi->f", normals, towards) / np.linalg.norm(towards, axis=1), out=cosine)
-    used, faces = np.unique(mesh.faces[cosine > COSINE_MIN], return_inverse=True)
+        pixels, z = view.camera.project(mesh.vertices)
+        x, y = np.floor(pixels).astype(int).T
+        framed = np.flatnonzero((x >= 0) & (y >= 0) & (x < view.camera.width_px) & (y < view.camera.height_px))
+        shown[framed] += np.abs(depth[y[framed], x[framed]] - z[framed]) < reach
+    kept = (cosine > COSINE_MIN) & (shown[mesh.faces] >= MIN_VIEWS).all(axis=1)
+    used, faces = np.unique(mesh.faces[kept], return_inverse=True)
     return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
 
 

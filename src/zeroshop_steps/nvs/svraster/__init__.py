@@ -23,7 +23,7 @@ CACHED = Cached(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_training_arguments(parser, "voxels.npz", iterations=TrainingSettings.iterations, image_width_px=800, sh_degree=1)
+    add_training_arguments(parser, "voxels.npz", iterations=TrainingSettings.iterations, image_width_px=500, sh_degree=1)
     for name, text in LOSSES.items():
         parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=getattr(TrainingSettings, name), help=text)
 

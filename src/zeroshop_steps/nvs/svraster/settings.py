@@ -18,7 +18,7 @@ LOSSES = {
 class TrainingSettings:
     """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
 
-    iterations: int = 600
+    iterations: int = 400
     sh_degree: int = 1
     seed: int = 0
     lambda_dssim: float = 0.02
@@ -26,13 +26,12 @@ class TrainingSettings:
     lambda_transmittance: float = 0.1
     lambda_color: float = 0.01
     lambda_ascending: float = 0.01
-    lambda_normal: float = 0.05
-    lambda_depth: float = 0.5
-    depth_until_share: float = 0.7
+    lambda_normal: float = 0.2
+    lambda_depth: float = 5.0
     normal_from_share: float = 0.25
     coarse_share: float = 0.5
-    adapt_shares: tuple[float, ...] = (0.05, 0.25, 0.5, 0.6, 0.75)
+    adapt_shares: tuple[float, ...] = (0.1, 0.5, 0.65)
     weight_min: float = 0.005
     level_start: int = 6
     level_max: int = 8
-    count_max: int = 130_000
+    count_max: int = 70_000

@@ -1,4 +1,4 @@
-"""Where training starts: the cells of the visual hull, dense along the surface that stereo and masks suggest."""
+"""Where training starts: the cells of the visual hull, finer and dense along the surface that stereo and masks suggest."""
 
 import numpy as np
 import torch
@@ -15,19 +15,23 @@ from zeroshop_steps.nvs.views import TrainingView
 
 REACH = 0.06
 """Reach of confirmed depths around the surface, in normalized units."""
-SLOPE = 160.0
-"""Rise of the density, before activation, with the depth behind the suggested surface: five for each leaf of level 6."""
+NEAR = 0.9
+"""Leaves whose centre is nearer to the suggested surface than this many of their edges are split: those that it may cross."""
+DEEP = 0.05
+"""Leaves whose centre is deeper behind the suggested surface than this, in normalized units, are left out: no light gets there."""
+RISE = 5.0
+"""Rise of the density, before activation, across one of the finest leaves, with the depth behind the suggested surface."""
 DENSITY_MIN, DENSITY_MAX = -4.0, 2.5
-HALF_DENSITY = 1.0
-"""Density at the suggested surface: with this slope, half of the light is stopped before it."""
+HALF_DENSITY = 0.8
+"""Density at the suggested surface: half of the light is stopped a fraction of a leaf behind it."""
 SMOOTH_CELLS = 1.5
-"""Standard deviation of the smoothing, in half leaves."""
+"""Standard deviation of the smoothing, in edges of the finest leaves."""
 FILL_PX = 1.5
 """A confirmed depth stands for the pixels around it as far as this: not every pixel has one."""
 
 
 def start_voxels(start: Start, views: list[TrainingView], level: int, sh_degree: int) -> Voxels:
-    """The cells of a level that the visual hull meets and that are not wholly in free space, as voxels.
+    """The cells of a level that the visual hull meets and that are not wholly in free space, those near the surface split.
 
     Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Colours are
     means over the views, the same from all sides.
@@ -35,6 +39,7 @@ def start_voxels(start: Start, views: list[TrainingView], level: int, sh_degree:
     Args:
         start: free space and confirmed depths.
         views: the small views that these come from.
+        level: of the leaves away from the surface; those along it are of the next one.
     """
     free_space = start.free_space
     coarse = VisualHull.carve(free_space.cameras, free_space.masks, half_extent=1.0, resolution=1 << level, misses_allowed=1).occupied
@@ -45,16 +50,19 @@ def start_voxels(start: Start, views: list[TrainingView], level: int, sh_degree:
     occupied[tuple(children[solid].T)] = True
     met = cells[solid.any(axis=1)]
     octree = Octree.of(met * (CELLS >> level), np.full(len(met), level))
+    grid = _smooth_distances(start, views, occupied)
 
-    corners = octree.corner_points * (2.0 / CELLS) - 1.0
-    distances = _smooth_distances(start, views, occupied)
-    distances = map_coordinates(distances, (corners.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
-    densities = np.clip(HALF_DENSITY - SLOPE * distances, DENSITY_MIN, DENSITY_MAX)
+    def distances(points: np.ndarray) -> np.ndarray:
+        return map_coordinates(grid, (points.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
+
+    depth = distances(octree.centres)
+    octree, _ = octree.refined(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
+    densities = HALF_DENSITY - RISE * (1 << level) * distances(octree.corner_points * (2.0 / CELLS) - 1.0)
     outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
     colors = mean_colors(octree.centres, outward, views)
     return Voxels(
         octree,
-        torch.from_numpy(densities.astype(np.float32)),
+        torch.from_numpy(np.clip(densities, DENSITY_MIN, DENSITY_MAX).astype(np.float32)),
         torch.tensor((colors - 0.5) / SH_CONSTANT, dtype=torch.float32)[:, None, :],
         torch.zeros(len(octree), (sh_degree + 1) ** 2 - 1, 3),
     )

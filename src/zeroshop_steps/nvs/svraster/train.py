@@ -19,6 +19,10 @@ from zeroshop_steps.nvs.views import TrainingView
 
 LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
 BETAS = (0.9, 0.99)
+SOLID_DENSITY = 2.0
+"""Mean density, before activation, from which a leaf counts as the object's inside."""
+SPLIT_PX = 1.5
+"""A leaf that covers fewer pixels than this along its edge has nothing to gain from being split."""
 RATE_FALL = 0.1
 """The learning rate at the end, as a share of that at the start; it falls exponentially."""
 
@@ -67,8 +71,7 @@ class Trainer(ViewTrainer):
     def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
         settings, view = self.settings, self.views[index]
         terms = view_loss(rendering, view, settings, share >= settings.normal_from_share)
-        if share < settings.depth_until_share:
-            terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], view.active.sum())
+        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], view.active.sum())
         return terms
 
     def learn(self, rendering: Rendering, index: int, share: float) -> None:
@@ -82,9 +85,10 @@ class Trainer(ViewTrainer):
         if self.iteration not in [math.ceil(share * settings.iterations) for share in settings.adapt_shares]:
             return
         octree = self.voxels.octree
-        keep = self.meter.weight > settings.weight_min
-        # A voxel that covers no more than a pixel has nothing to gain.
-        wanted = np.where(octree.sizes > self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
+        # What is dense and hidden stays: light that leaks through a thin spot must not reach the far wall, where nothing would tell.
+        solid = self.voxels.densities.detach().numpy()[octree.corners].mean(axis=1) > SOLID_DENSITY
+        keep = (self.meter.weight > settings.weight_min) | solid
+        wanted = np.where(octree.sizes > SPLIT_PX * self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
         prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
         self.meter = VoxelMeter(len(self.voxels))
 
