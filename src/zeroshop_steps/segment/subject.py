@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
@@ -22,6 +23,8 @@ RIVAL_SHARE = 0.3
 RIVAL_NEAR = 1.6
 """... and it is no farther from the focus than this many times the chosen one's distance."""
 LOOKED_AT_VOXELS = 1.5
+PART_GAP_VOXELS = 6
+"""Clusters nearer to each other than this, with the cameras looking in between, are parts of one object."""
 FINE_VOXELS = 96
 MARGIN = 0.12  # around the found cluster, in its own size
 
@@ -77,24 +80,33 @@ def find_subject(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray]
     # The nearest edge counts most: a large thing may stand off the middle. The mean settles the rest.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
     chosen = min(names, key=lambda name: (away[name], name))
-    _refuse_rivals(chosen, names, places, away, sizes)
-    return _subject(space, occupied, labels, chosen, count)
+    parts = _looked_at_together(chosen, names, places, away, sizes)
+    return _subject(space, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
 
 
-def _refuse_rivals(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray) -> None:
-    """Raise where the cameras look past the chosen cluster, at something between it and another of its kind."""
+def _looked_at_together(
+    chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray
+) -> list[int]:
+    """The chosen cluster, and those that are parts of the same object because the cameras look in between.
+
+    Raises:
+        StepError: the cameras look in between things that stand apart.
+    """
     if np.linalg.norm(places[chosen], axis=1).min() < LOOKED_AT_VOXELS:
-        return
-    rivals = [name for name in names if name != chosen and away[name] < RIVAL_NEAR * away[chosen]]
-    rivals = [name for name in rivals if sizes[name - 1] > RIVAL_SHARE * sizes[chosen - 1]]
+        return [chosen]
+    near = [name for name in names if name != chosen and away[name] < RIVAL_NEAR * away[chosen]]
+    tree = cKDTree(places[chosen])
+    gaps = {name: float(tree.query(places[name])[0].min()) for name in near}
+    rivals = [name for name in near if gaps[name] > PART_GAP_VOXELS and sizes[name - 1] > RIVAL_SHARE * sizes[chosen - 1]]
     if rivals:
         raise StepError(
             f"{1 + len(rivals)} objects stand equally near to the point that the cameras look at; take away all but one, "
             "or keep the one that is meant in the middle of the picture"
         )
+    return [chosen, *(name for name in near if gaps[name] <= PART_GAP_VOXELS)]
 
 
-def _subject(space: Space, occupied: np.ndarray, labels: np.ndarray, chosen: int, count: int) -> Subject:
+def _subject(space: Space, labels: np.ndarray, chosen: int, count: int) -> Subject:
     own = labels == chosen
     index = np.argwhere(own)
     low, high = index.min(0), index.max(0) + 1

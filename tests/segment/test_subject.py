@@ -1,0 +1,53 @@
+"""Which of several things on the ground is meant."""
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.capture.rings import look_at
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.segment.space import splat
+from zeroshop_steps.segment.stand import Stand
+from zeroshop_steps.segment.subject import find_subject
+
+INTRINSICS = np.array([[200.0, 0, 80], [0, 200, 60], [0, 0, 1]])
+STAND = Stand(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 8]), 100.0, 100)
+CAMERAS = [
+    Camera(f"{index}.png", 160, 120, INTRINSICS, look_at(100 * np.array([np.cos(a) * 0.8, np.sin(a) * 0.8, 0.6]), np.array([0.0, 0, 5])))
+    for index, a in enumerate(np.linspace(0, 2 * np.pi, 10, endpoint=False))
+]
+
+
+def blocks(*boxes):
+    """Evidence of boxes (x, y, half width, height) that stand on the ground, in all views."""
+    points = []
+    for x, y, half, height in boxes:
+        grid = np.stack(np.meshgrid(*[np.linspace(-half, half, 15)] * 2, np.linspace(0, height, 15), indexing="ij"), -1).reshape(-1, 3)
+        points.append(grid + [x, y, 0])
+    points = np.concatenate(points)
+    return [np.where(splat(points, 1.5, camera), 1.0, -1.0).astype(np.float32) for camera in CAMERAS]
+
+
+def extent(subject):
+    """Mean position of the chosen cluster on the ground, and its width."""
+    centres = subject.space.centres(np.argwhere(subject.core))
+    return centres[:, :2].mean(0), np.ptp(centres[:, :2], axis=0)
+
+
+def test_the_thing_in_the_middle_is_meant():
+    subject = find_subject(STAND, CAMERAS, blocks((1, 0, 5, 12), (24, 5, 4, 10), (-20, 14, 6, 8)))
+    middle, width = extent(subject)
+    # Voxels of 1.2 and the cones behind the block widen it by two voxels and half a splat at either side; its neighbours are 8 off.
+    assert np.abs(middle - [1, 0]).max() < 1.5 and (width < 17).all()
+    assert subject.found == 3 and len(subject.others) > 100
+    assert (subject.room & subject.core).sum() == subject.core.sum()
+
+
+def test_two_objects_are_refused():
+    with pytest.raises(StepError, match="2 objects stand equally near"):
+        find_subject(STAND, CAMERAS, blocks((13, 0, 5, 10), (-13, 0, 5, 10)))
+
+
+def test_parts_close_together_are_one_object():
+    middle, width = extent(find_subject(STAND, CAMERAS, blocks((6, 0, 3, 8), (-6, 0, 3, 8))))
+    assert abs(middle[0]) < 1.5 and width.max() > 14
