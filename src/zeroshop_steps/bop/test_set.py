@@ -8,7 +8,6 @@ Written are the scenes (rgb, depth with a sensor's noise and holes, mask, mask_v
 import argparse
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from zeroshop_steps.bop.annotate import annotate
@@ -19,6 +18,7 @@ from zeroshop_steps.bop.models import listed_objects, read_models
 from zeroshop_steps.bop.scene import Frame, Instance, write_scene
 from zeroshop_steps.bop.table_scene import Shot, TableScene
 from zeroshop_steps.bop.targets import Target, write_targets
+from zeroshop_steps.capture.shading import use_threads
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json, written_whole_dir
 from zeroshop_steps.images import write_depth_mm, write_image, write_mask
@@ -46,8 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write one test set."""
-    if args.threads > 0:
-        numba.set_num_threads(min(args.threads, numba.config.NUMBA_NUM_THREADS))
+    use_threads(args.threads)
     models = read_models(args.models, listed_objects(args.models))
     for model in models.values():
         if model.mesh.uv is None or model.mesh.texture is None:

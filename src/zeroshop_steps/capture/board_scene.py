@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 
 import cv2
-import numba
 import numpy as np
 
 from zeroshop_steps.cache import Cached
@@ -18,6 +17,7 @@ from zeroshop_steps.capture import raycast
 from zeroshop_steps.capture.renderer import Renderer, expose
 from zeroshop_steps.capture.rings import LENS_MM, SENSOR_WIDTH_MM, Subject, look_at
 from zeroshop_steps.capture.scenes import SURFACE_SIDE_IN_SIZES, object_part, surface_part
+from zeroshop_steps.capture.shading import use_threads
 from zeroshop_steps.files import write_json, written_whole_dir
 from zeroshop_steps.height.board import BOARDS, Board, drawn
 from zeroshop_steps.images import write_image
@@ -39,17 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--model", type=Path, required=True, help="textured PLY in mm, upright, z up")
     parser.add_argument("--view", choices=VIEWS, required=True, help="the object beside the board, or the empty scene with the board")
-    parser.add_argument("--width", type=int, default=1000, help="image width in px (default 1000)")
-    parser.add_argument("--height", type=int, default=750, help="image height in px (default 750)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the surface and of the sensor noise (default 0)")
-    parser.add_argument("--threads", type=int, default=0, help="threads for shading (default all)")
+    raycast.add_image_arguments(parser)
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write; for the empty scene it has images and truth only")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    if args.threads > 0:
-        numba.set_num_threads(min(args.threads, numba.config.NUMBA_NUM_THREADS))
+    use_threads(args.threads)
     if args.view == "object":
         facts = {"scene": "su_b", "board": BOARD.name}
         raycast.capture(args.model, SCENE, args.width, args.height, args.seed, args.out, board_beside, facts)

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from zeroshop_steps.cache import Cached
@@ -17,6 +16,7 @@ from zeroshop_steps.cameras import Camera, write_cameras
 from zeroshop_steps.capture.renderer import Renderer, expose
 from zeroshop_steps.capture.rings import DISTANCE_IN_SIZES, ELEVATIONS_DEG, Subject, capture_cameras, held_out_cameras
 from zeroshop_steps.capture.scenes import SCENES, object_part, surface_part
+from zeroshop_steps.capture.shading import use_threads
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.images import write_depth_mm, write_image, write_mask
@@ -32,17 +32,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--model", type=Path, required=True, help="textured PLY in mm, upright, z up")
     parser.add_argument("--scene", choices=SCENES, required=True)
+    add_image_arguments(parser)
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def add_image_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all rendered captures share."""
     parser.add_argument("--width", type=int, default=1000, help="image width in px (default 1000)")
     parser.add_argument("--height", type=int, default=750, help="image height in px (default 750)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the surface and of the sensor noise (default 0)")
     parser.add_argument("--threads", type=int, default=0, help="threads for shading (default all)")
-    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    if args.threads > 0:
-        numba.set_num_threads(min(args.threads, numba.config.NUMBA_NUM_THREADS))
+    use_threads(args.threads)
     capture(args.model, args.scene, args.width, args.height, args.seed, args.out)
 
 

@@ -16,6 +16,12 @@ MISS = np.uint32(0xFFFFFFFF)
 BLOCK = 2048
 
 
+def use_threads(threads: int) -> None:
+    """Let the shading kernels use this many threads, at most the machine's; 0 for all."""
+    if threads > 0:
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+
+
 class PartArrays(NamedTuple):
     """A `Part` for the kernel: corners, normals (F, 3, 3) and uv (F, 3, 2) by face, and its pyramid's fields."""
 
