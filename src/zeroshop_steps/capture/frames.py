@@ -1,7 +1,13 @@
 """What makes a picture usable: is it sharp, is it light enough, does it show something new?"""
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
 import cv2
 import numpy as np
+
+from zeroshop_steps.files import write_json
 
 SMALL_WIDTH_PX = 320
 THUMBNAIL_PX = (64, 48)
@@ -36,7 +42,7 @@ def alike(one: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.percentile(np.abs(one - other), 99) < ALIKE_LEVELS)
 
 
-def picture_warnings(names: list[str], sharpnesses: list[float], levels: list[float]) -> list[str]:
+def picture_warnings(names: list[str], sharpnesses: Sequence[float], levels: Sequence[float]) -> list[str]:
     """What to film again, from the sharpness and the mean level (0 to 255) of every picture."""
     warnings = []
     usual = float(np.median(sharpnesses))
@@ -67,3 +73,37 @@ def rows_of(tiles: list[np.ndarray]) -> np.ndarray:
     """Pictures of one size in rows of `SHEET_COLUMNS`."""
     tiles = tiles + [np.zeros_like(tiles[0])] * (-len(tiles) % SHEET_COLUMNS)
     return np.vstack([np.hstack(tiles[start : start + SHEET_COLUMNS]) for start in range(0, len(tiles), SHEET_COLUMNS)])
+
+
+def write_record(
+    folder: Path,
+    size_px: tuple[int, int],
+    height_m: float | None,
+    sharpnesses: Sequence[float],
+    levels: Sequence[float],
+    facts: dict[str, Any],
+) -> None:
+    """Write the capture.json of real pictures.
+
+    Args:
+        folder: the capture.
+        size_px: (width, height) of every picture.
+        height_m: of the object, None where unknown.
+        sharpnesses, levels: of every picture.
+        facts: further ones; warnings and seconds belong to them.
+    """
+    write_json(
+        folder / "capture.json",
+        {
+            "scene": "video",
+            "virtual": False,
+            "seed": None,
+            "width_px": size_px[0],
+            "height_px": size_px[1],
+            "images": len(levels),
+            "known_height_m": height_m,
+            "sharpness": [round(float(value), 4) for value in sharpnesses],
+            "level": [round(float(value), 1) for value in levels],
+            **facts,
+        },
+    )

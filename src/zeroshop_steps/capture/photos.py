@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, thumbnail
+from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, thumbnail, write_record
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import write_json, written_whole_dir
+from zeroshop_steps.files import written_whole_dir
 from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
 
 MIN_IMAGES = 8
@@ -105,23 +105,13 @@ def take_photos(images: Path, masks: Path | None, height_m: float | None, min_im
                 write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
         sheet = contact_sheet([read_image(path) for path in list_images(folder / "images")], [photo.path.stem for photo in photos])
         write_image(folder / "contact_sheet.png", sheet)
-        write_json(
-            folder / "capture.json",
-            {
-                "scene": "video",
-                "virtual": False,
-                "seed": None,
-                "width_px": photos[0].size_px[0],
-                "height_px": photos[0].size_px[1],
-                "images": len(photos),
-                "known_height_m": height_m,
-                "source_names": [photo.path.name for photo in photos],
-                "sharpness": [round(photo.sharpness, 4) for photo in photos],
-                "level": [round(photo.level, 1) for photo in photos],
-                "warnings": warnings,
-                "seconds": round(time.monotonic() - start_s, 2),
-            },
-        )
+        facts = {
+            "source_names": [photo.path.name for photo in photos],
+            "warnings": warnings,
+            "seconds": round(time.monotonic() - start_s, 2),
+        }
+        sharpnesses, levels = [photo.sharpness for photo in photos], [photo.level for photo in photos]
+        write_record(folder, photos[0].size_px, height_m, sharpnesses, levels, facts)
 
 
 def height_problems(height_m: float | None) -> list[str]:

@@ -5,6 +5,7 @@ file records is applied. The original is never changed.
 """
 
 import argparse
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, small_grey, thumbnail
+from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, small_grey, thumbnail, write_record
 from zeroshop_steps.capture.photos import height_problems
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import write_json, written_whole_dir
+from zeroshop_steps.files import written_whole_dir
 from zeroshop_steps.images import write_image
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm")
@@ -64,6 +65,7 @@ def take_frames(video: Path, count: int, max_side_px: int, height_m: float | Non
     Raises:
         StepError: no video, a damaged or cut-off one, or one in which the camera hardly moves.
     """
+    start_s = time.monotonic()
     problems = height_problems(height_m)
     if problems:
         raise StepError("; ".join(problems))
@@ -88,24 +90,15 @@ def take_frames(video: Path, count: int, max_side_px: int, height_m: float | Non
         for name, image in zip(names, scaled, strict=True):
             write_image(folder / "images" / f"{name}.png", image)
         write_image(folder / "contact_sheet.png", contact_sheet(scaled, names))
-        write_json(
-            folder / "capture.json",
-            {
-                "scene": "video",
-                "virtual": False,
-                "seed": None,
-                "width_px": scaled[0].shape[1],
-                "height_px": scaled[0].shape[0],
-                "images": len(chosen),
-                "known_height_m": height_m,
-                "video": video.name,
-                "video_frames": len(film.changes),
-                "source_frames": [int(number) for number in chosen],
-                "sharpness": [round(float(value), 4) for value in film.sharpnesses[chosen]],
-                "level": [round(float(value), 1) for value in film.levels[chosen]],
-                "warnings": warnings,
-            },
-        )
+        facts = {
+            "video": video.name,
+            "video_frames": len(film.changes),
+            "source_frames": [int(number) for number in chosen],
+            "warnings": warnings,
+            "seconds": round(time.monotonic() - start_s, 2),
+        }
+        height_px, width_px = scaled[0].shape[:2]
+        write_record(folder, (width_px, height_px), height_m, film.sharpnesses[chosen], film.levels[chosen], facts)
     for warning in warnings:
         print(f"warning: {warning}")
 
