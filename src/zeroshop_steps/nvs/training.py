@@ -1,6 +1,7 @@
 """The training loop that the optimizers share: one view an iteration, coarse images first, checkpoints, the curve of the loss."""
 
 import csv
+import dataclasses
 from abc import ABC, abstractmethod
 from argparse import Namespace
 from dataclasses import dataclass
@@ -12,13 +13,16 @@ import torch
 
 from zeroshop_steps.cache import content_digest
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole
+from zeroshop_steps.files import write_json, written_whole
 from zeroshop_steps.nvs.optimizer import AdamWithSurgery
 from zeroshop_steps.nvs.seeds import Seeds, read_seeds, seed_views
 from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.start import Start
 from zeroshop_steps.nvs.views import CameraSet, ObjectSphere, TrainingView, object_sphere, read_camera_set, training_views
 from zeroshop_steps.progress import ProgressReport
+
+CHECKPOINT = "checkpoint.pt"
+"""The run as far as it has come, beside what it is to write."""
 
 
 @dataclass(frozen=True)
@@ -255,3 +259,23 @@ def write_curve(path: Path, history: list[dict[str, float]]) -> None:
         writer = csv.DictWriter(file, names, restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows({key: f"{value:.6g}" for key, value in row.items()} for row in history)
+
+
+def write_record(args: Namespace, trainer: ViewTrainer, method: str, threads: int, resumed_from: int, seconds: tuple[float, float]) -> None:
+    """Write training.csv and training.json into --out; seconds: of wall time and of CPU time. The checkpoint has then served its turn."""
+    write_curve(args.out / "training.csv", trainer.history)
+    write_json(
+        args.out / "training.json",
+        {
+            "method": method,
+            "seconds": round(seconds[0], 2),
+            "cpu_seconds": round(seconds[1], 2),
+            "resumed_from_iteration": resumed_from,
+            "threads": threads,
+            "image_width_px": args.image_width_px,
+            "settings": dataclasses.asdict(trainer.settings),
+            trainer.noun: len(trainer.model),
+            "psnr_training_db": round(float(np.mean([trainer.psnr_db(index) for index in range(len(trainer.pyramid.fine))])), 3),
+        },
+    )
+    (args.out / CHECKPOINT).unlink(missing_ok=True)

@@ -5,10 +5,7 @@ is kept beside them; --resume goes on from there.
 """
 
 import argparse
-import dataclasses
 import time
-
-import numpy as np
 
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.nvs.options import add_training_arguments
@@ -30,13 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.errors import StepError
-    from zeroshop_steps.files import write_json
     from zeroshop_steps.nvs.start import find_start
     from zeroshop_steps.nvs.svraster.start import start_voxels
     from zeroshop_steps.nvs.svraster.train import Trainer
     from zeroshop_steps.nvs.svraster.voxels import write_voxels
     from zeroshop_steps.nvs.threads import use_threads
-    from zeroshop_steps.nvs.training import TrainingInputs, write_curve
+    from zeroshop_steps.nvs.training import CHECKPOINT, TrainingInputs, write_record
     from zeroshop_steps.nvs.views import grid_view
 
     threads = use_threads(args.threads)
@@ -45,7 +41,7 @@ def run(args: argparse.Namespace) -> None:
     views, identity = inputs.views, inputs.identity
     weights = {name: getattr(args, name) for name in LOSSES}
     settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed, **weights)
-    checkpoint = args.out / "checkpoint.pt"
+    checkpoint = args.out / CHECKPOINT
     start = find_start(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, 0, args.seed)
     trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
     resumed_from = trainer.iteration if trainer else 0
@@ -60,19 +56,5 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"training on {args.cameras} left {len(trainer.voxels)} voxels: masks and cameras do not agree; look at both")
 
     write_voxels(args.out / "voxels.npz", trainer.voxels, inputs.sphere)
-    write_curve(args.out / "training.csv", trainer.history)
-    write_json(
-        args.out / "training.json",
-        {
-            "method": "svraster",
-            "seconds": round(time.monotonic() - start_s, 2),
-            "cpu_seconds": round(time.process_time() - start_cpu_s, 2),
-            "resumed_from_iteration": resumed_from,
-            "threads": threads,
-            "image_width_px": args.image_width_px,
-            "settings": dataclasses.asdict(settings),
-            "voxels": len(trainer.voxels),
-            "psnr_training_db": round(float(np.mean([trainer.psnr_db(index) for index in range(len(views.fine))])), 3),
-        },
-    )
-    checkpoint.unlink(missing_ok=True)
+    seconds = time.monotonic() - start_s, time.process_time() - start_cpu_s
+    write_record(args, trainer, "svraster", threads, resumed_from, seconds)
