@@ -210,15 +210,15 @@ def test_a_bad_config_names_the_key(snakemake, config, message):
     assert message in run.stdout
 
 
-def test_nothing_is_written_outside_results():
-    """Every output, log and benchmark lies under results/ (downloads go to resources/)."""
+def test_nothing_is_written_outside_results_and_resources():
+    """Every output, log and benchmark lies under results/; downloads lie under resources/."""
     paths = [
         path
         for file in (REPOSITORY / "workflow" / "rules").glob("*.smk")
         for path in re.findall(r'^ +(?:\w+=)?(?:directory\()?"([^" [][^" ]*/[^" ]+)"\)?,?$', file.read_text(), flags=re.MULTILINE)
     ]
     assert len(paths) > 50
-    assert [path for path in paths if not path.startswith(("results/", "../envs/"))] == []
+    assert [path for path in paths if not path.startswith(("results/", "resources/", "../envs/"))] == []
 
 
 def test_weights_are_downloaded_by_name_and_say_their_licence(snakemake):
