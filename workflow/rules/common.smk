@@ -205,6 +205,21 @@ def registration_options(wildcards):
     return step_options({**options, "seed": config["seed"]}) if options else ""
 
 
+def registration_mem_mb(wildcards, attempt):
+    """The memory that the registration method in the path may take; more where it was killed before."""
+    return methods.REGISTRATIONS[wildcards.registration].mem_mb * attempt
+
+
+def registration_runtime_min(wildcards, attempt):
+    """The minutes that it may take."""
+    return methods.REGISTRATIONS[wildcards.registration].runtime_min * attempt
+
+
+def registration_gpus(wildcards):
+    """The CUDA devices that it uses where there are any: one for a network."""
+    return int(bool(methods.REGISTRATIONS[wildcards.registration].weights))
+
+
 def models_option(wildcards):
     """The option that names a local folder of BOP models, if the config does."""
     folder = config["datasets"][wildcards.dataset]["models_folder"]
