@@ -205,19 +205,24 @@ def registration_options(wildcards):
     return step_options({**options, "seed": config["seed"]}) if options else ""
 
 
+def registration_needs(wildcards):
+    """The method that the path names; an unknown one is refused where the capture is looked for."""
+    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
+
+
 def registration_mem_mb(wildcards, attempt):
     """The memory that the registration method in the path may take; more where it was killed before."""
-    return methods.REGISTRATIONS[wildcards.registration].mem_mb * attempt
+    return registration_needs(wildcards).mem_mb * attempt
 
 
 def registration_runtime_min(wildcards, attempt):
     """The minutes that it may take."""
-    return methods.REGISTRATIONS[wildcards.registration].runtime_min * attempt
+    return registration_needs(wildcards).runtime_min * attempt
 
 
 def registration_gpus(wildcards):
     """The CUDA devices that it uses where there are any: one for a network."""
-    return int(bool(methods.REGISTRATIONS[wildcards.registration].weights))
+    return int(bool(registration_needs(wildcards).weights))
 
 
 def models_option(wildcards):
