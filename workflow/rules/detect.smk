@@ -1,6 +1,7 @@
-"""Detect: views of the models from all sides, which detectors and pose estimators compare with.
+"""Detect: views of the models from all sides, and what detectors find with them in a dataset's test set.
 
-results/DATASET/bop/templates/MODELS/VIEWS   MODELS: models or models_NVS (bop.smk); VIEWS: 42 or 642
+results/DATASET/bop/templates/MODELS/VIEWS           MODELS: models or models_NVS (bop.smk); VIEWS: 42 or 642
+results/DATASET/bop/contour-MODELS/detections.json   precision.csv beside it scores it (bop.smk)
 """
 
 
@@ -27,3 +28,30 @@ rule templates:
     shell:
         "python -m zeroshop_steps.detect --method templates --models {input.models} --views {wildcards.views}"
         " --out {output.templates} > {log} 2>&1"
+
+
+rule contour:
+    input:
+        models="results/{dataset}/bop/{models}",
+        templates="results/{dataset}/bop/templates/{models}/42",
+        scenes="results/{dataset}/bop/test",
+        targets="results/{dataset}/bop/test_targets_bop19.json",
+    output:
+        detections="results/{dataset}/bop/contour-{models}/detections.json",
+    log:
+        "results/{dataset}/bop/contour-{models}/logs/detections.log",
+    benchmark:
+        "results/{dataset}/bop/contour-{models}/benchmarks/detections.tsv"
+    wildcard_constraints:
+        models=r"models(_[^/.]+)?",
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    message:
+        "Looking for the {wildcards.models} of {wildcards.dataset} by contours"
+    shell:
+        "python -m zeroshop_steps.detect --method contour --models {input.models} --templates {input.templates}"
+        " --scenes {input.scenes} --targets {input.targets} --out {output.detections} > {log} 2>&1"
