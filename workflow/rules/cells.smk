@@ -14,14 +14,14 @@ CELL = "results/{dataset}/{object}/{scene}/{registration}/{nvs}"
 def table_axis(axis, names):
     """The names that the config wants on an axis of the tables."""
     wanted = config["tables"][axis]
-    return [name for name, method in names.items() if not methods.lacks(method, ROOT)] if wanted == "all" else wanted
+    return [name for name, method in names.items() if not methods.lacks(method)] if wanted == "all" else wanted
 
 
 @functools.cache
 def say_what_is_left_out():
     """One line, once, on the methods that tables leave out because they cannot run here."""
     tables = [table for axis, table in (("registrations", methods.REGISTRATIONS), ("nvs", methods.NVS)) if config["tables"][axis] == "all"]
-    line = methods.left_out(*tables, root=ROOT)
+    line = methods.left_out(*tables)
     if line:
         logger.info(line)
 

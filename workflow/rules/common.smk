@@ -73,7 +73,7 @@ def is_virtual(dataset):
 
 def usable(what, name, table, remedy):
     """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods."""
-    reason = methods.refusal(what, known(what, name, table, remedy), table, ROOT)
+    reason = methods.refusal(what, known(what, name, table, remedy), table)
     if reason:
         raise WorkflowError(reason)
     return name
@@ -179,7 +179,7 @@ def segmentation_method(wildcards):
         return "given"
     name = config["segmentation"]
     if name == "auto":
-        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method, ROOT))
+        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method))
     return usable("segmentation", name, methods.SEGMENTATIONS, "")
 
 
