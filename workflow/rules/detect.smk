@@ -2,6 +2,7 @@
 
 results/DATASET/bop/templates/MODELS/VIEWS           MODELS: models or models_NVS (bop.smk); VIEWS: 42 or 642
 results/DATASET/bop/DETECTOR-MODELS/detections.json  DETECTOR: contour or cnos; precision.csv beside it scores it (bop.smk)
+results/DATASET/bop/DETECTOR-MODELS/masks.json       those of them that poses are estimated from: sure ones, without overlap
 """
 
 
@@ -93,3 +94,29 @@ rule cnos:
     shell:
         "python -m zeroshop_steps.detect --method cnos --models {input.models} --templates {input.templates}"
         " --scenes {input.scenes} --targets {input.targets} --out {output.detections} > {log} 2>&1"
+
+
+rule filter_masks:
+    input:
+        detections="results/{dataset}/bop/{detector}-{models}/detections.json",
+        models="results/{dataset}/bop/{models}",
+    output:
+        masks="results/{dataset}/bop/{detector}-{models}/masks.json",
+    log:
+        "results/{dataset}/bop/{detector}-{models}/logs/masks.log",
+    benchmark:
+        "results/{dataset}/bop/{detector}-{models}/benchmarks/masks.tsv"
+    wildcard_constraints:
+        detector="|".join(methods.DETECTORS),
+        models=r"models(_[^/.]+)?",
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Choosing masks for poses of the {wildcards.models} of {wildcards.dataset}, found by {wildcards.detector}"
+    shell:
+        "python -m zeroshop_steps.detect --method filter_masks --detections {input.detections} --models {input.models}"
+        " --out {output.masks} > {log} 2>&1"
