@@ -68,7 +68,7 @@ def _basins(surface: Surface, edges: Edges) -> np.ndarray:
     """(height, width) int labels of the watershed of all edges, 0 on the ground; where nothing was measured, of colour's alone."""
     ground = cv2.morphologyEx(surface.ground.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
     shape = np.maximum(np.maximum(edges.jump, edges.concave / STEEPEST), 0.5 * edges.convex / STEEPEST)
-    relief = np.where(surface.measured, np.maximum(shape, 0.5 * edges.color), 0.8 * edges.color)
+    relief = np.maximum(np.where(surface.measured, shape, 0.8 * edges.jump), np.where(surface.measured, 0.5, 0.8) * edges.color)
     smooth = cv2.GaussianBlur(relief.astype(np.float32), (0, 0), 1.5)
     lowest = cv2.erode(smooth, np.ones((MARKER_SPACING_PX, MARKER_SPACING_PX), np.uint8))
     _, markers = cv2.connectedComponents(((smooth <= lowest) & ~ground).astype(np.uint8))
@@ -84,13 +84,21 @@ def _borders(labels: np.ndarray, surface: Surface, edges: Edges) -> tuple[np.nda
         between = labels[one] != labels[other]
         first, second = labels[one][between], labels[other][between]
         codes.append(np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second))
-        shape, color, measured = (
+        shape, jump, color, measured = (
             choose(picture[one][between], picture[other][between])
-            for choose, picture in ((np.maximum, depth_tells), (np.maximum, edges.color), (np.minimum, surface.measured))
+            for choose, picture in (
+                (np.maximum, depth_tells),
+                (np.maximum, edges.jump),
+                (np.maximum, edges.color),
+                (np.minimum, surface.measured),
+            )
         )
-        mixed = [np.maximum(trust_shape * shape, trust_color * color) for trust_shape, trust_color in TRUSTS]
-        # Where nothing was measured, colour is all there is.
-        values.append(np.where(measured[:, None], np.stack(mixed, 1), color[:, None]))
+        for_holes = np.maximum(jump, 0.5 * color), color
+        mixed = [
+            np.where(measured, np.maximum(trust_shape * shape, trust_color * color), for_holes[index % 2])
+            for index, (trust_shape, trust_color) in enumerate(TRUSTS)
+        ]
+        values.append(np.stack(mixed, 1))
     unique, index = np.unique(np.concatenate(codes), return_inverse=True)
     lengths, stacked = np.bincount(index), np.concatenate(values)
     sums = np.stack([np.bincount(index, stacked[:, column]) for column in range(len(TRUSTS))], 1)
