@@ -53,6 +53,13 @@ HEIGHTS = {
     "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
     "none": Method("height.none"),
 }
+DETECTORS = {
+    "contour": Method("detect.contour"),
+    "cnos": Method(
+        "detect.cnos",
+        weights=tuple(f"{model}/{file}" for model in ("sam-vit-huge", "dinov2-large") for file in ("model.safetensors", "config.json")),
+    ),
+}
 
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:

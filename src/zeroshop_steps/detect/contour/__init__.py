@@ -12,7 +12,7 @@ import numpy as np
 
 from zeroshop_steps.bop.models import listed_objects, read_models
 from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.detect.contour.compare import Reference, confidence, measures_of, reference_of
+from zeroshop_steps.detect.contour.compare import Reference, confidences, reference_of
 from zeroshop_steps.detect.contour.descriptors import linear_rgb, patch_of
 from zeroshop_steps.detect.contour.edges import edges_of
 from zeroshop_steps.detect.contour.regions import Proposal, proposals_of
@@ -46,13 +46,12 @@ def detect(frame: Frame, references: dict[int, Reference]) -> list[Found]:
     proposals = proposals_of(surface, edges_of(surface, lab))
     linear, focal_px = linear_rgb(photo), float(np.sqrt(frame.intrinsics[0, 0] * frame.intrinsics[1, 1]))
     patches = [patch_of(one.mask, linear[one.window], surface.depth_mm[one.window], focal_px) for one in proposals]
+    scores = confidences(patches, np.array([(one.border, one.inside) for one in proposals]).reshape(-1, 2), references)
     found = []
-    for number, reference in references.items():
-        indices, measures = measures_of(patches, reference)
-        scores = confidence(measures)
-        best = [index for index in np.argsort(-scores, kind="stable")[:MOST_CANDIDATES] if scores[index] >= LEAST_CONFIDENCE]
-        masks = [_whole(proposals[indices[index]], photo.shape[:2]) for index in best]
-        found += [Found(number, float(scores[best[kept]]), masks[kept]) for kept in suppressed(masks, scores[best], MOST_IOU)]
+    for number, mine in zip(references, scores.T, strict=True):
+        best = [index for index in np.argsort(-mine, kind="stable")[:MOST_CANDIDATES] if mine[index] >= LEAST_CONFIDENCE]
+        masks = [_whole(proposals[index], photo.shape[:2]) for index in best]
+        found += [Found(number, float(mine[best[kept]]), masks[kept]) for kept in suppressed(masks, mine[best], MOST_IOU)]
     return found
 
 
