@@ -297,5 +297,5 @@ def stage_facts(wildcards):
 
 
 def published_option(wildcards):
-    """The option that puts published grades beside ours, for the dataset that has some."""
+    """The option that puts published figures beside ours, for the dataset that has some."""
     return "--published" if wildcards.dataset == "ycbv" else ""
