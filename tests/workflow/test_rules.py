@@ -62,6 +62,7 @@ def test_the_config_lists_every_demo_object():
         ("finish.clean", ("finish", "clean")),
         ("finish.grade", ("finish", "grade")),
         ("bop.test_set", ("bop", "test_set")),
+        ("report.object_page", ("report", "page")),
     ],
 )
 def test_config_values_are_the_defaults_of_their_step(module, keys):
