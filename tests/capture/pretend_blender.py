@@ -45,7 +45,7 @@ def main(told: dict, folder: Path) -> None:
         thing = np.zeros(shape, np.uint8)
         thing[10:-10, 10:-10] = 1
         linear = np.full((*shape, 3), 0.2, np.float16)
-        np.savez(target, linear=linear, alpha=(thing > 0).astype(np.float16), depth_mm=np.where(thing, 300.0, 0.0), thing=thing)
+        np.savez(target, linear=linear, depth_mm=np.where(thing, 300.0, 0.0), thing=thing)
         print(f"@frame {frame}", flush=True)
         done += 1
     print("@ready")

@@ -25,6 +25,7 @@ from zeroshop_steps.images import write_image
 from zeroshop_steps.progress import ProgressReport
 
 OBJECT_ROUGHNESS, SURFACE_ROUGHNESS = 0.4, 0.8
+BACKGROUND_GREYS = (0.85 * BACKGROUND, 0.3 * BACKGROUND)  # the ray caster's: level, and what it gains towards the zenith
 NEAREST_IN_DISTANCES = 0.05
 CODE = (render_script, world)  # frames of another version of these do not go with new ones
 
@@ -81,23 +82,12 @@ def render_frames(
                 report.advance()
 
 
-def pictures(folder: Path, cameras: Sequence[Camera], with_background: bool) -> Iterator[Picture]:
-    """The rendered frames of these cameras, in their order; `with_background` puts the ray caster's grey behind them."""
-    for index, camera in enumerate(cameras):
+def pictures(folder: Path, cameras: Sequence[Camera]) -> Iterator[Picture]:
+    """The rendered frames of these cameras, in their order."""
+    for index in range(len(cameras)):
         frame = _frame(folder, index)
         assert frame is not None, f"frame {index} of {folder} was rendered a moment ago"
-        linear = frame["linear"].astype(np.float32)
-        if with_background:
-            linear += (1.0 - frame["alpha"].astype(np.float32)) * _background(camera)
-        yield Picture(linear, frame["thing"] == 1, frame["depth_mm"])
-
-
-def _background(camera: Camera) -> np.ndarray:
-    """(height, width, 1) grey of what lies beyond the surface, a little brighter above."""
-    x, y = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
-    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
-    up = rays[..., 2] / np.linalg.norm(rays, axis=-1)
-    return (BACKGROUND * (0.85 + 0.3 * up))[..., None].astype(np.float32)
+        yield Picture(frame["linear"].astype(np.float32), frame["thing"] == 1, frame["depth_mm"])
 
 
 def _describe(folder: Path, things: Sequence[Thing], lights: lighting.Lights, cameras: Sequence[Camera], samples: int, seed: int) -> None:
@@ -115,6 +105,7 @@ def _describe(folder: Path, things: Sequence[Thing], lights: lighting.Lights, ca
         "samples": samples,
         "seed": seed,
         "sky": float(lights.sky),
+        "background": BACKGROUND_GREYS if len(things) > 1 else (0.0, 0.0),
         "light_half_side_mm": float(lights.half_side_mm),
         "lights": [
             {"centre_mm": centre.tolist(), "axes": axes.tolist(), "radiance": float(radiance)}
@@ -171,7 +162,7 @@ def _frame(folder: Path, index: int) -> dict[str, np.ndarray] | None:
     path = folder / f"frame_{index:06d}.npz"
     try:
         with np.load(path) as arrays:
-            return {name: arrays[name] for name in ("linear", "alpha", "depth_mm", "thing")}
+            return {name: arrays[name] for name in ("linear", "depth_mm", "thing")}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         path.unlink(missing_ok=True)
         return None

@@ -56,11 +56,10 @@ def capture(
     frames = frames_folder(out)
 
     def render(parts: list[Part], subject: Subject, cameras: Sequence[Camera]) -> Iterator[Picture]:
-        on_surface = len(parts) > 1
-        lights = place_lights(subject, on_surface)
+        lights = place_lights(subject, on_surface=len(parts) > 1)
         title = f"render {scene} with BlenderProc"
         render_frames(frames, environment, title, scene_things(parts), lights, cameras, samples, seed, threads)
-        return pictures(frames, cameras, with_background=on_surface)
+        return pictures(frames, cameras)
 
     facts = {"renderer": "blenderproc", "samples": samples}
     virtual.capture(render, model, scene, width_px, height_px, seed, out, facts=facts)

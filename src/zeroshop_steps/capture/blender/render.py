@@ -1,8 +1,8 @@
 """Render the frames of a described scene with BlenderProc: `... FOLDER THREADS`.
 
 FOLDER has scene.json and what it names. Every frame becomes `frame_NNNNNN.npz`, written beside and renamed, so that it is
-whole or absent; those that are there stay. It holds `linear` (height, width, 3), premultiplied linear light, `alpha` (how much
-of the pixel is not sky), `depth_mm` and `thing` (height, width) at the pixel's centre: 0 for nothing, else the thing's number + 1.
+whole or absent; those that are there stay. It holds `linear` (height, width, 3), linear light, and `depth_mm` and `thing` (height,
+width) at the pixel's centre: 0 for nothing, else the thing's number + 1.
 """
 
 import json
@@ -26,7 +26,7 @@ def render(bproc: ModuleType, folder: Path, threads: int) -> None:
     scene = json.loads((folder / "scene.json").read_text())
     build(bproc, folder, scene)
     bproc.renderer.set_cpu_threads(threads)
-    bproc.renderer.set_output_format("OPEN_EXR", color_depth=32, enable_transparency=True)
+    bproc.renderer.set_output_format("OPEN_EXR", color_depth=32)
     bproc.renderer.enable_depth_output(activate_antialiasing=False)
     bproc.renderer.enable_segmentation_output(map_by="instance", default_values={})
     files = _output_files()
@@ -40,8 +40,7 @@ def render(bproc: ModuleType, folder: Path, threads: int) -> None:
         with partial.open("wb") as file:
             np.savez(
                 file,
-                linear=color[..., :3].astype(np.float16),
-                alpha=color[..., 3].astype(np.float16),
+                linear=color.astype(np.float16),
                 depth_mm=np.where(depth_m < NOWHERE_M, depth_m / M_A_MM, 0.0).astype(np.float32),
                 thing=thing.astype(np.uint8),
             )
@@ -82,11 +81,11 @@ def _geometry(bproc: ModuleType, frame: int, files: list) -> tuple[np.ndarray, n
 
 
 def _color(bproc: ModuleType, frame: int, files: list, samples: int, seed: int) -> np.ndarray:
-    """(height, width, 4) denoised linear light and coverage."""
+    """(height, width, 3) denoised linear light."""
     bproc.renderer.set_denoiser("INTEL")
     bproc.renderer.set_light_bounces(DIFFUSE_BOUNCES, GLOSSY_BOUNCES, 0, MAX_BOUNCES)
     _show(frame, files, False, samples, FILTER_PX, (1000003 * seed + frame) % 2**31)
-    return bproc.renderer.render(load_keys={"colors"}, keys_with_alpha_channel={"colors"}, verbose=True)["colors"][0]
+    return bproc.renderer.render(load_keys={"colors"}, verbose=True)["colors"][0]
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import importlib.util
 import os
 import sys
 import tempfile
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -87,14 +88,20 @@ def tell(kind: str, text: object = "") -> None:
 
 
 def run(work: Callable[[ModuleType], None]) -> None:
-    """Start BlenderProc, do the work and end the process: told are `@ready` at the end, or `@fault` and why it did not start."""
+    """Start BlenderProc, do the work and end the process: told are `@ready` at the end, or `@fault` and why it did not start.
+
+    Taking Blender's module down the usual way ends in a segmentation fault, so this does not return.
+    """
+    status = 1
     with tempfile.TemporaryDirectory() as scratch:
         try:
             bproc = start(Path(scratch))
+            work(bproc)
+            tell("ready")
+            status = 0
         except ImportError as error:
             tell("fault", error)
-            os._exit(1)
-        work(bproc)
-    tell("ready")
+        except BaseException:
+            traceback.print_exc()
     sys.stderr.flush()
-    os._exit(0)  # taking Blender's module down the usual way ends in a segmentation fault
+    os._exit(status)

@@ -54,7 +54,7 @@ def _material(bproc: ModuleType, texture: Path, name: str, thing: dict):
 
 
 def add_lights(bproc: ModuleType, scene: dict) -> None:
-    """Square area lights, unseen by the camera, and a sky of even radiance."""
+    """Square area lights, unseen by the camera, and a sky of even radiance, which the camera sees as the background."""
     side_m = 2.0 * scene["light_half_side_mm"] * M_A_MM
     for index, light in enumerate(scene["lights"]):
         lamp = bproc.types.Light("AREA", f"light {index}")
@@ -67,6 +67,30 @@ def add_lights(bproc: ModuleType, scene: dict) -> None:
         lamp.set_local2world_mat(world_from_lamp)
         lamp.set_energy(WATT_A_RADIANCE * light["radiance"] * side_m**2)
     bproc.renderer.set_world_background([scene["sky"]] * 3)
+    _show_background(*scene["background"])
+
+
+def _show_background(level: float, slope: float) -> None:
+    """Let rays of the camera that hit nothing see the grey `level + slope * (z of the ray's direction)` in place of the sky."""
+    import bpy
+
+    tree = bpy.context.scene.world.node_tree
+    direction, split, grey, background, path, mix = (
+        tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "Math", "Background", "LightPath", "MixShader")
+    )
+    grey.operation = "MULTIPLY_ADD"
+    grey.inputs[1].default_value, grey.inputs[2].default_value = slope, level
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputWorld")
+    for source, target in (
+        (direction.outputs["Generated"], split.inputs[0]),
+        (split.outputs["Z"], grey.inputs[0]),
+        (grey.outputs[0], background.inputs["Color"]),
+        (path.outputs["Is Camera Ray"], mix.inputs["Fac"]),
+        (tree.nodes["Background"].outputs[0], mix.inputs[1]),
+        (background.outputs[0], mix.inputs[2]),
+        (mix.outputs[0], output.inputs["Surface"]),
+    ):
+        tree.links.new(source, target)
 
 
 def add_cameras(bproc: ModuleType, scene: dict) -> None:
