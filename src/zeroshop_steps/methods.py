@@ -59,7 +59,14 @@ DETECTORS = {
         "detect.cnos",
         weights=tuple(f"{model}/{file}" for model in ("sam-vit-huge", "dinov2-large") for file in ("model.safetensors", "config.json")),
     ),
+    "sam6d_ism": Method("detect.sam6d_ism", weights=("dinov2-large/model.safetensors", "sam-vit-huge/model.safetensors")),
 }
+ESTIMATORS = {
+    "render_compare": Method("pose.render_compare"),
+    "foundationpose": Method("pose.foundationpose", weights=("foundationpose/refiner.pth", "foundationpose/scorer.pth")),
+    "sam6d_pem": Method("pose.sam6d_pem", weights=("sam6d_pem/model.pth",)),
+}
+"""Of poses, from true masks or from those of a detector."""
 
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:

@@ -115,6 +115,18 @@ def test_the_table_of_heights_measures_every_object_twice(snakemake):
     assert jobs["capture_empty_scene"] == jobs["capture_with_board"] == jobs["capture_virtual"] == 11
 
 
+def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_set_of_models(snakemake):
+    run = snakemake("-n", "results/demo/tables/bop.csv")
+    assert run.returncode == 0, run.stdout
+    assert "cnos lacks" in run.stdout and "foundationpose lacks" in run.stdout
+    jobs, sets, detectors = planned(run.stdout), 1 + able(methods.NVS), able(methods.DETECTORS)
+    assert (jobs["contour"], jobs["score_detections"]) == (sets, sets * detectors)
+    assert jobs["estimate_poses"] == jobs["score_poses"] == sets * able(methods.ESTIMATORS) * (1 + detectors)
+    assert jobs["test_set"] == jobs["true_models"] == jobs["bop_table"] == 1
+    named = snakemake("-n", "results/demo/bop/render_compare-cnos-models/poses.csv")
+    assert named.returncode != 0 and "detector cnos cannot run here" in named.stdout
+
+
 def test_every_cell_of_the_matrix_has_a_path(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/se/truth/2dgs/mesh.ply", "results/demo/mustard_bottle/su_l/colmap/2dgs/quality.csv")
     assert run.returncode == 0, run.stdout

@@ -39,8 +39,8 @@ def add_image_arguments(parser: argparse.ArgumentParser) -> None:
 def frames_of(scenes: Path, targets: Path | None) -> list[Frame]:
     """The images that targets name, or all; which objects are in them is not looked at."""
     if targets is not None:
-        return list(read_target_frames(scenes, read_targets(targets), targets).values())
-    return [frame for folder in scene_folders(scenes).values() for frame in read_scene(folder).values()]
+        return list(read_target_frames(scenes, read_targets(targets), targets, truth_needed=False).values())
+    return [frame for folder in scene_folders(scenes).values() for frame in read_scene(folder, truth_needed=False).values()]
 
 
 def photo_of(frame: Frame) -> np.ndarray:
