@@ -10,6 +10,19 @@ import os
 from zeroshop_steps import failures
 
 
+def is_filmed(dataset):
+    """Whether the captures of a dataset are rendered films, which from there on go the way of a user's own."""
+    return config["datasets"][dataset]["kind"] == "films"
+
+
+def film_row(wildcards):
+    """What a row of objects.tsv would say of a rendered film."""
+    folder = f"results/{wildcards.dataset}/{wildcards.object}/film"
+    scene = "" if config["datasets"][wildcards.dataset]["board"] == "beside" else f"{folder}/empty_scene"
+    row = {"images": f"{folder}/film.mp4", "height_method": "marker", "marker_images": scene}
+    return {**dict.fromkeys(("masks", "prompt", "depth"), ""), "height_m": None, **row}
+
+
 def filmed_model(wildcards):
     """The model that is filmed."""
     check_object(wildcards)
@@ -30,7 +43,7 @@ def film_files(name):
 
     def files(wildcards):
         os.environ[failures.SWITCH] = "1"
-        place = name.format(registration=registration, nvs=table_axis("nvs", methods.NVS)[0])
+        place = name.format(registration=registration, nvs=table_axis("nvs")[0])
         return [f"results/{wildcards.dataset}/{item}/{place}" for item in objects_of(wildcards.dataset)]
 
     return files
