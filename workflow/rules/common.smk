@@ -219,6 +219,26 @@ def registration_options(wildcards):
     return step_options({**options, "seed": config["seed"]}) if options else ""
 
 
+def registration_needs(wildcards):
+    """The method that the path names; an unknown one is refused where the capture is looked for."""
+    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
+
+
+def registration_mem_mb(wildcards, attempt):
+    """The memory that the registration method in the path may take; more where it was killed before."""
+    return registration_needs(wildcards).mem_mb * attempt
+
+
+def registration_runtime_min(wildcards, attempt):
+    """The minutes that it may take."""
+    return registration_needs(wildcards).runtime_min * attempt
+
+
+def registration_gpus(wildcards):
+    """The CUDA devices that it uses where there are any: one for a network."""
+    return int(bool(registration_needs(wildcards).weights))
+
+
 def environment_of(*keys):
     """An input function: the environment that the renderer chosen at this place in the config needs, if it needs one."""
     return lambda wildcards: ["resources/envs/blenderproc.json"] if at(*keys)["renderer"] == "blenderproc" else []
