@@ -15,7 +15,7 @@ mesh: $(READY)
 	$(BIN)/snakemake --cores 2 results/demo/mustard_bottle/2dgs.ply
 
 test: lint
-	$(BIN)/python -m pytest -x -q --durations=15
+	$(BIN)/python -m pytest -q --durations=15
 
 lint: $(READY)
 	$(BIN)/ruff check src tests benchmarks

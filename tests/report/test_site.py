@@ -173,8 +173,8 @@ def test_the_benchmark_has_a_row_for_each_set_of_models(tmp_path):
     (tmp_path / "tables/bop.csv").write_text("\n".join([head, *rows]) + "\n")
     made_gallery(tmp_path / "report", tables=tmp_path / "tables")
     page = (tmp_path / "report/tables.html").read_text()
-    assert "render_compare, truth masks, AR" in page and "contour, AP" in page
-    assert all(f">{value}</td>" in page for value in ("0.91", "0.87", "0.42")) and ">0.5</td>" not in page
+    assert "render_compare, true masks, AR" in page and "contour, AP" in page
+    assert all(f">{value}</td>" in page for value in ("0.910", "0.870", "0.420", "0.040")) and ">0.500</td>" not in page
     assert (tmp_path / "report/downloads/bop.csv").read_text().count("\n") == 5
 
 

@@ -20,8 +20,16 @@ PHOTO_SCENES = ["video"]
 # The record of the training of each surface method, in its cell.
 TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
 
-# The steps run with the Python that runs Snakemake, whether or not its environment is activated.
-os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
+# What BlenderProc's environment consists of, and the minutes that renderers may take for one capture.
+BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
+RENDER_MINUTES = {"raycast": 10, "blenderproc": 240}
+
+# The steps run with the Python that runs Snakemake, whether or not its environment is activated; that of a conda environment
+# finds them, too.
+os.environ.update(
+    PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
+    PYTHONPATH=os.pathsep.join([str(ROOT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]),
+)
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
 shell.prefix(
     'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
@@ -73,7 +81,7 @@ def is_virtual(dataset):
 
 def usable(what, name, table, remedy):
     """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods."""
-    reason = methods.refusal(what, known(what, name, table, remedy), table, ROOT)
+    reason = methods.refusal(what, known(what, name, table, remedy), table)
     if reason:
         raise WorkflowError(reason)
     return name
@@ -179,7 +187,7 @@ def segmentation_method(wildcards):
         return "given"
     name = config["segmentation"]
     if name == "auto":
-        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method, ROOT))
+        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method))
     return usable("segmentation", name, methods.SEGMENTATIONS, "")
 
 
@@ -203,6 +211,26 @@ def registration_options(wildcards):
     """The options of the registration method in the path; the true cameras need none."""
     options = config["register"].get(wildcards.registration)
     return step_options({**options, "seed": config["seed"]}) if options else ""
+
+
+def environment_of(*keys):
+    """An input function: the environment that the renderer chosen at this place in the config needs, if it needs one."""
+    return lambda wildcards: ["resources/envs/blenderproc.json"] if at(*keys)["renderer"] == "blenderproc" else []
+
+
+def renderer_options(*keys):
+    """A params function: the options of the renderer chosen at this place in the config, of those that not every renderer has."""
+    return lambda wildcards, input: step_options(
+        {"samples": at(*keys)["samples"] if input.environment else None, "environment": str(input.environment) or None}
+    )
+
+
+def at(*keys):
+    """A part of the config."""
+    part = config
+    for key in keys:
+        part = part[key]
+    return part
 
 
 def models_option(wildcards):
@@ -269,5 +297,5 @@ def stage_facts(wildcards):
 
 
 def published_option(wildcards):
-    """The option that puts published grades beside ours, for the dataset that has some."""
+    """The option that puts published figures beside ours, for the dataset that has some."""
     return "--published" if wildcards.dataset == "ycbv" else ""

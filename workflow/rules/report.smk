@@ -5,6 +5,7 @@ localrules:
     camera_table,
     reconstruction_table,
     reconstruction_marks,
+    bop_table,
     report_index,
 
 
@@ -89,6 +90,31 @@ rule reconstruction_marks:
         "Marking every cell of {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.report --method reconstruction --table {input.table} {params.published} --out {output.page} > {log} 2>&1"
+
+
+rule bop_table:
+    input:
+        scores=scores_of_table,
+    output:
+        table="results/{dataset}/tables/bop.csv",
+        page="results/{dataset}/tables/bop.md",
+    log:
+        "results/{dataset}/tables/logs/bop.log",
+    benchmark:
+        "results/{dataset}/tables/benchmarks/bop.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        published=published_option,
+    message:
+        "Gathering the detections' and poses' scores of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} --page {output.page}"
+        " --out {output.table} > {log} 2>&1"
 
 
 rule report_object:

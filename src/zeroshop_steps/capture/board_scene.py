@@ -13,10 +13,10 @@ import numpy as np
 
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.cameras import Camera, write_cameras
-from zeroshop_steps.capture import raycast
+from zeroshop_steps.capture import raycast, virtual
 from zeroshop_steps.capture.renderer import Renderer, expose
 from zeroshop_steps.capture.rings import LENS_MM, SENSOR_WIDTH_MM, Subject, look_at
-from zeroshop_steps.capture.scenes import SURFACE_SIDE_IN_SIZES, object_part, surface_part
+from zeroshop_steps.capture.scenes import SCENES, SURFACE_SIDE_IN_SIZES, object_part, surface_part
 from zeroshop_steps.capture.shading import use_threads
 from zeroshop_steps.files import write_json, written_whole_dir
 from zeroshop_steps.height.board import BOARDS, Board, drawn
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--model", type=Path, required=True, help="textured PLY in mm, upright, z up")
     parser.add_argument("--view", choices=VIEWS, required=True, help="the object beside the board, or the empty scene with the board")
-    raycast.add_image_arguments(parser)
+    virtual.add_image_arguments(parser)
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write; for the empty scene it has images and truth only")
 
 
@@ -59,15 +59,15 @@ def board_beside(mesh: Mesh, subject: Subject):
 
 
 def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Path) -> None:
-    """Photograph the surface with the board where the object would stand beside it. Raises StepError as `raycast.capture` does."""
-    mesh, subject, _ = raycast.read_subject(model, width_px, height_px, seed)
+    """Photograph the surface with the board where the object would stand beside it. Raises StepError as `virtual.capture` does."""
+    mesh, subject, _ = virtual.read_subject(model, width_px, height_px, seed)
     surface = surface_part(SCENE, subject, seed, board_beside(mesh, subject))
     renderer = Renderer([object_part(_hidden(subject)), surface], subject, seed)
     cameras = empty_cameras(mesh, subject, width_px, height_px)
     with written_whole_dir(out) as folder:
         for number, camera in enumerate(cameras):
             picture = renderer.render(camera)
-            write_image(folder / "images" / camera.name, expose(picture.linear, np.random.default_rng([seed, number, len(raycast.SCENES)])))
+            write_image(folder / "images" / camera.name, expose(picture.linear, np.random.default_rng([seed, number, len(SCENES)])))
         write_cameras(folder / "truth", cameras)
         write_json(folder / "capture.json", {"scene": "empty", "virtual": True, "seed": seed, "images": len(cameras), "board": BOARD.name})
 

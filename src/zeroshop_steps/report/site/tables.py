@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from zeroshop_steps.files import written_whole, written_whole_dir
+from zeroshop_steps.report import bop
 from zeroshop_steps.report.heights import THESIS, published_heights
 from zeroshop_steps.report.reconstruction import published_cells
 from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.found import read_csv
 from zeroshop_steps.report.site.html import link, write_page
 
-PUBLISHED_BOP = Path(__file__).with_name("published_table_4_5.csv")
 SCENE_ORDER = ("su_l", "su_h", "se", "video")
 FIGURES = (
     ("accuracy_mm", "accuracy mm"),
@@ -46,11 +46,11 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
         "height_columns": used_height_columns(found.get("height", [])),
         "figure_4_8": height_plot(found.get("height", [])),
         "plots": plots(cards),
-        "bop": benchmark(found.get("bop", [])),
-        "published_bop": read_csv(PUBLISHED_BOP),
+        "bop": bop.summary([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
+        "published_bop": bop.summary(bop.published()),
     }
     rows = {"grades": grade_csv(cards, thesis), "figures": figure_csv(cards), "heights": content["heights"]}
-    rows |= {name: table for name, table in found.items() if name not in rows} | {"published_bop": content["published_bop"]}
+    rows |= {name: table for name, table in found.items() if name not in rows} | {"published_bop": bop.published()}
     rows = {name: table for name, table in rows.items() if table}
     with written_whole_dir(folder / "downloads") as downloads:
         for name, table in rows.items():
@@ -110,25 +110,6 @@ def used_height_columns(measured: Sequence[dict]) -> list[tuple[str, str]]:
     published = [("published_name", "published name"), ("published_height_m", "published height m")]
     published += [("published_measured_height_m", "published, MASt3R m"), ("published_difference_percent", "published difference %")]
     return (own if measured else []) + published
-
-
-def benchmark(rows: Sequence[dict]) -> dict | None:
-    """bop.csv, one row a measurement, as Table 4.5: one row a set of models, one column a method with its masks and its measure."""
-    shown = {"detection": "ap", "pose": "ar"}
-    rows = [row for row in rows if not row["object"] and row["measure"] == shown.get(row["task"])]
-    if not rows:
-        return None
-    columns: dict[tuple[str, str, str], None] = {}
-    sets: dict[tuple[str, str], dict] = {}
-    for row in rows:
-        column = (row["method"], row["masks"], row["measure"].upper())
-        columns[column] = None
-        sets.setdefault((row["source"], row["models"]), {})[column] = row["value"]
-    heads = [", ".join(part for part in (method, f"{masks} masks" if masks else "", measure) if part) for method, masks, measure in columns]
-    table = [
-        {"models": models, "source": source, "values": [row.get(column) for column in columns]} for (source, models), row in sets.items()
-    ]
-    return {"heads": heads, "rows": table}
 
 
 def height_plot(measured: Sequence[dict]):
