@@ -1,5 +1,8 @@
 """Asking for a dataset's report: what is made for it, and that an empty dataset has one, too."""
 
+import zipfile
+
+from pretend import pretend
 from running import planned
 
 
@@ -25,3 +28,16 @@ def test_an_empty_dataset_has_a_report(snakemake, tmp_path):
     assert "no objects yet" in (tmp_path / "results/photos/report/index.html").read_text()
     again = snakemake("results/photos/report/index.html", "--config", f"objects_table={tmp_path / 'none.tsv'}")
     assert "Nothing to be done" in again.stdout
+
+
+def test_snakemakes_own_report_has_captions_and_categories(snakemake, tmp_path):
+    arguments = ("--config", "datasets={demo: {objects: [mug]}}", "tables={scenes: [su_h], registrations: [colmap], nvs: [2dgs]}")
+    targets = [f"results/demo/{name}" for name in ("tables/reconstruction.md", "tables/cameras.csv", "mug/2dgs.ply")]
+    pretend(lambda *words: snakemake(*words, *arguments), tmp_path, *targets)
+    run = snakemake("--report", "own.zip", *targets, *arguments)
+    assert run.returncode == 0, run.stdout
+    with zipfile.ZipFile(tmp_path / "own.zip") as report:
+        texts = " ".join(report.read(name).decode() for name in report.namelist() if name.endswith((".js", ".html")))
+    assert "red is a surface seen from behind" in texts, "the caption of the preview"
+    assert "80 % of an object" in texts, "captions read the config"
+    assert all(name in texts for name in ("Meshes", "Tables", "camera errors", "2dgs.preview.png"))
