@@ -22,7 +22,15 @@ PAUSE_S = 3.0
 CHUNK_BYTES = 1 << 20
 
 
-def fetched(url: str, path: Path, without: str, attempts: int = ATTEMPTS, pause_s: float = PAUSE_S) -> Path:
+def fetched(
+    url: str,
+    path: Path,
+    without: str,
+    attempts: int = ATTEMPTS,
+    pause_s: float = PAUSE_S,
+    sha256: str | None = None,
+    size_bytes: int | None = None,
+) -> Path:
     """Return `path`, downloaded from `url` first where it is missing, and verified against `path`.sha256.
 
     The sha256 is recorded beside the file at its first use, whether it was downloaded or put there by hand, and kept when the
@@ -34,16 +42,18 @@ def fetched(url: str, path: Path, without: str, attempts: int = ATTEMPTS, pause_
         without: what a user without access to `url` can do besides, for the message of the error.
         attempts: how often to try.
         pause_s: pause after the first failed attempt; doubles each time.
+        sha256: what the file must have, where that is known.
+        size_bytes: how much room it needs, for servers that do not say.
 
     Raises:
-        StepError: the download failed, or the bytes are not those recorded.
+        StepError: the download failed, the disk has no room, or the bytes are not those expected or recorded.
     """
     path = Path(path)
     with locked(path.with_name(path.name + ".lock")):
         if not path.is_file():
             for attempt in range(1, attempts + 1):
                 try:
-                    _download(url, path)
+                    _download(url, path, size_bytes)
                     break
                 except (OSError, http.client.HTTPException) as error:
                     final = isinstance(error, urllib.error.HTTPError) and error.code in (400, 401, 403, 404, 410, 451)
@@ -55,14 +65,16 @@ def fetched(url: str, path: Path, without: str, attempts: int = ATTEMPTS, pause_
                         f"cannot download {url} ({error}). Check the network, or fetch that file elsewhere and put it at {path};"
                         f" or {without}"
                     ) from None
-        verify(path)
+        verify(path, sha256)
     return path
 
 
-def verify(path: Path) -> None:
-    """Check a file against the sha256 recorded in `path`.sha256, or record it when there is none."""
+def verify(path: Path, sha256: str | None = None) -> None:
+    """Check a file against `sha256`, if given, and that recorded in `path`.sha256, or record it when there is none."""
     with open(path, "rb") as file:
         found = hashlib.file_digest(file, "sha256").hexdigest()
+    if sha256 and found != sha256:
+        raise StepError(f"{path} has sha256 {found}, expected {sha256}: it is damaged or another file. Delete it to fetch it again.")
     record = path.with_name(path.name + ".sha256")
     if not record.exists():
         with written_whole(record) as temporary:
@@ -89,12 +101,13 @@ def locked(path: Path) -> Iterator[None]:
         yield
 
 
-def _download(url: str, path: Path) -> None:
+def _download(url: str, path: Path, size_bytes: int | None = None) -> None:
     request = urllib.request.Request(url, headers={"User-Agent": "zeroshop"})
     with urllib.request.urlopen(request, timeout=TIMEOUT_S) as response:
         announced = int(response.headers.get("Content-Length") or 0)
-        if shutil.disk_usage(path.parent).free < announced:
-            raise StepError(f"{path} needs {announced / 1e6:.0f} MB, which {path.parent} has not free; make room")
+        needed = announced or size_bytes or 0
+        if shutil.disk_usage(path.parent).free < needed:
+            raise StepError(f"{path} needs {needed / 1e6:.0f} MB, which {path.parent} has not free; make room")
         received = 0
         with written_whole(path) as temporary, ProgressReport(f"download {path.name} (MB)", max(announced >> 20, 1)) as report:
             with open(temporary, "wb") as file:

@@ -7,8 +7,9 @@ import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
+
 PACKAGE = "zeroshop_steps"
-WEIGHTS_FOLDER = Path("resources/weights")
 
 
 @dataclass(frozen=True)
@@ -20,19 +21,22 @@ class Method:
         weights: files below resources/weights.
         gpu: whether it runs on a CUDA device only.
         truth: whether it needs true cameras, which photos lack.
+        mem_mb, runtime_min: what a registration of about 20 images may take, for the scheduler.
     """
 
     step: str
     weights: tuple[str, ...] = ()
     gpu: bool = False
     truth: bool = False
+    mem_mb: int = 4000
+    runtime_min: int = 30
 
 
 REGISTRATIONS = {
     "colmap": Method("register.colmap"),
     "truth": Method("register.truth", truth=True),
     "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
-    "vggt": Method("register.vggt", weights=("VGGT-1B.pt",)),
+    "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",), mem_mb=12000, runtime_min=240),
 }
 SEGMENTATIONS = {
     "grounded_sam": Method(
@@ -52,6 +56,20 @@ HEIGHTS = {
     "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
     "none": Method("height.none"),
 }
+DETECTORS = {
+    "contour": Method("detect.contour"),
+    "cnos": Method(
+        "detect.cnos",
+        weights=tuple(f"{model}/{file}" for model in ("sam-vit-huge", "dinov2-large") for file in ("model.safetensors", "config.json")),
+    ),
+    "sam6d_ism": Method("detect.sam6d_ism", weights=("dinov2-large/model.safetensors", "sam-vit-huge/model.safetensors")),
+}
+ESTIMATORS = {
+    "render_compare": Method("pose.render_compare"),
+    "foundationpose": Method("pose.foundationpose", weights=("foundationpose/refiner.pth", "foundationpose/scorer.pth")),
+    "sam6d_pem": Method("pose.sam6d_pem", weights=("sam6d_pem/model.pth",)),
+}
+"""Of poses, from true masks or from those of a detector."""
 
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:
@@ -82,4 +100,13 @@ def refusal(what: str, name: str, methods: dict[str, Method], root: Path = Path(
     if not missing:
         return None
     able = [other for other in methods if not lacks(methods[other], root)]
-    return f"{what} {name} cannot run here, it lacks {' and '.join(missing)}. Those that can: {', '.join(able)}."
+    return (
+        f"{what} {name} cannot run here, it lacks {' and '.join(missing)}. Those that can: {', '.join(able)}.{_advice(methods[name], root)}"
+    )
+
+
+def _advice(method: Method, root: Path) -> str:
+    """How to get the weights that a method lacks."""
+    absent = [name for name in method.weights if not (root / WEIGHTS_FOLDER / name).is_file()]
+    table = read_table()
+    return "".join(f" {table[name].file}: {table[name].advice}." for name in absent if name in table)

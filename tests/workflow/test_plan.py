@@ -115,6 +115,18 @@ def test_the_table_of_heights_measures_every_object_twice(snakemake):
     assert jobs["capture_empty_scene"] == jobs["capture_with_board"] == jobs["capture_virtual"] == 11
 
 
+def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_set_of_models(snakemake):
+    run = snakemake("-n", "results/demo/tables/bop.csv")
+    assert run.returncode == 0, run.stdout
+    assert "cnos lacks" in run.stdout and "foundationpose lacks" in run.stdout
+    jobs, sets, detectors = planned(run.stdout), 1 + able(methods.NVS), able(methods.DETECTORS)
+    assert (jobs["contour"], jobs["score_detections"]) == (sets, sets * detectors)
+    assert jobs["estimate_poses"] == jobs["score_poses"] == sets * able(methods.ESTIMATORS) * (1 + detectors)
+    assert jobs["test_set"] == jobs["true_models"] == jobs["bop_table"] == 1
+    named = snakemake("-n", "results/demo/bop/render_compare-cnos-models/poses.csv")
+    assert named.returncode != 0 and "detector cnos cannot run here" in named.stdout
+
+
 def test_every_cell_of_the_matrix_has_a_path(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/se/truth/2dgs/mesh.ply", "results/demo/mustard_bottle/su_l/colmap/2dgs/quality.csv")
     assert run.returncode == 0, run.stdout
@@ -155,10 +167,12 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
     run = snakemake("-n", "results/demo/mug/cells.csv")
     lines = [line for line in run.stdout.splitlines() if "Left out of tables" in line]
     assert len(lines) == 1 and "mast3r lacks" in lines[0] and "vggt lacks" in lines[0]
-    assert "/mast3r/" not in run.stdout
+    assert "su_h/mast3r/" not in run.stdout
     named = snakemake("-n", "results/demo/mug/cells.csv", "--config", "tables={registrations: [colmap, mast3r]}")
     assert named.returncode != 0
     assert "mast3r cannot run here, it lacks" in named.stdout and "Those that can: colmap, truth." in named.stdout
+    for part in ("CC BY-NC-SA 4.0", "https://download.europe.naverlabs.com/", "snakemake resources/weights/MASt3R", "need no weights"):
+        assert part in named.stdout
     assert "Left out of tables: svraster" in named.stdout or "Left out" not in named.stdout
 
 
@@ -208,12 +222,19 @@ def test_a_bad_config_names_the_key(snakemake, config, message):
     assert message in run.stdout
 
 
-def test_nothing_is_written_outside_results():
-    """Every output, log and benchmark lies under results/ (downloads go to resources/)."""
+def test_nothing_is_written_outside_results_and_resources():
+    """Every output, log and benchmark lies under results/; downloads lie under resources/."""
     paths = [
         path
         for file in (REPOSITORY / "workflow" / "rules").glob("*.smk")
         for path in re.findall(r'^ +(?:\w+=)?(?:directory\()?"([^" [][^" ]*/[^" ]+)"\)?,?$', file.read_text(), flags=re.MULTILINE)
     ]
     assert len(paths) > 50
-    assert [path for path in paths if not path.startswith(("results/", "../envs/"))] == []
+    assert [path for path in paths if not path.startswith(("results/", "resources/", "../envs/"))] == []
+
+
+def test_weights_are_downloaded_by_name_and_say_their_licence(snakemake):
+    run = snakemake("-n", "resources/weights/VGGT-1B/model.safetensors")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == {"weights": 1} and "licence is: CC BY-NC 4.0" in run.stdout
+    assert snakemake("-n", "resources/weights/other.pth").returncode != 0

@@ -53,6 +53,7 @@ def test_the_config_lists_every_demo_object():
         ("capture.video", ("video",)),
         ("segment.support_plane", ("segment", "support_plane")),
         ("register.colmap", ("register", "colmap")),
+        ("register.vggt", ("register", "vggt")),
         ("nvs.twodgs", ("nvs", "2dgs", "train")),
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),
         ("nvs.svraster", ("nvs", "svraster", "train")),
@@ -62,6 +63,7 @@ def test_the_config_lists_every_demo_object():
         ("finish.clean", ("finish", "clean")),
         ("finish.grade", ("finish", "grade")),
         ("bop.test_set", ("bop", "test_set")),
+        ("report.object_page", ("report", "page")),
     ],
 )
 def test_config_values_are_the_defaults_of_their_step(module, keys):

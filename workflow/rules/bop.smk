@@ -176,7 +176,7 @@ rule score_detections:
         mem_mb=2000,
         runtime=30,
     message:
-        "Scoring the masks of {wildcards.estimator} in {wildcards.dataset}"
+        "Scoring the masks and boxes of {wildcards.estimator} in {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.bop --method score_detections --detections {input.detections} --targets {input.targets}"
-        " --scenes {input.scenes} --out {output.scores} > {log} 2>&1"
+        " --scenes {input.scenes} --of masks boxes --out {output.scores} > {log} 2>&1"

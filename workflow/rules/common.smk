@@ -82,7 +82,7 @@ def is_virtual(dataset):
 
 def usable(what, name, table, remedy):
     """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods."""
-    reason = methods.refusal(what, known(what, name, table, remedy), table, ROOT)
+    reason = methods.refusal(what, known(what, name, table, remedy), table)
     if reason:
         raise WorkflowError(reason)
     return name
@@ -188,7 +188,7 @@ def segmentation_method(wildcards):
         return "given"
     name = config["segmentation"]
     if name == "auto":
-        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method, ROOT))
+        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method))
     return usable("segmentation", name, methods.SEGMENTATIONS, "")
 
 
@@ -212,6 +212,26 @@ def registration_options(wildcards):
     """The options of the registration method in the path; the true cameras need none."""
     options = config["register"].get(wildcards.registration)
     return step_options({**options, "seed": config["seed"]}) if options else ""
+
+
+def registration_needs(wildcards):
+    """The method that the path names; an unknown one is refused where the capture is looked for."""
+    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
+
+
+def registration_mem_mb(wildcards, attempt):
+    """The memory that the registration method in the path may take; more where it was killed before."""
+    return registration_needs(wildcards).mem_mb * attempt
+
+
+def registration_runtime_min(wildcards, attempt):
+    """The minutes that it may take."""
+    return registration_needs(wildcards).runtime_min * attempt
+
+
+def registration_gpus(wildcards):
+    """The CUDA devices that it uses where there are any: one for a network."""
+    return int(bool(registration_needs(wildcards).weights))
 
 
 def environment_of(options):
@@ -294,5 +314,5 @@ def stage_facts(wildcards):
 
 
 def published_option(wildcards):
-    """The option that puts published grades beside ours, for the dataset that has some."""
+    """The option that puts published figures beside ours, for the dataset that has some."""
     return "--published" if wildcards.dataset == "ycbv" else ""

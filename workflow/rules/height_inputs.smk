@@ -48,7 +48,7 @@ def board_cells(wildcards):
     """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
     known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "")
     os.environ[failures.SWITCH] = "1"
-    nvs = table_axis("nvs", methods.NVS)[0]
+    nvs = table_axis("nvs")[0]
     cell = "results/{}/{}/{}/{}/{}/height_by_board.json"
     registration = config["chosen"]["virtual"]["registration"]
     return [

@@ -20,8 +20,9 @@ rule register:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=registration_mem_mb,
+        runtime=registration_runtime_min,
+        gpu=registration_gpus,
     params:
         options=registration_options,
     message:
@@ -46,8 +47,9 @@ rule register_photos:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=registration_mem_mb,
+        runtime=registration_runtime_min,
+        gpu=registration_gpus,
     params:
         options=registration_options,
     message:

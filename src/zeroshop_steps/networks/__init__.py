@@ -1,0 +1,1 @@
+"""Networks: learned models in plain PyTorch, and the files of their weights."""

@@ -1,0 +1,20 @@
+"""Download a file of weights from its publisher, under the publisher's licence, and check its size and SHA-256."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from zeroshop_steps.networks.weights import fetch, known
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--file", required=True, help="its path below resources/weights, as in weights.csv")
+    parser.add_argument("--out", type=Path, required=True, help="file to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the file."""
+    row = known(args.file)
+    print(f"{row.file}: for {row.purpose}, from {row.url}. Its licence: {row.licence}. By using it you accept that.", file=sys.stderr)
+    fetch(args.file, args.out)

@@ -1,0 +1,142 @@
+"""Weights: a table, checked downloads, and loading that leaves nothing out."""
+
+import argparse
+import hashlib
+import os
+import shutil
+from collections import namedtuple
+
+import pytest
+import torch
+from safetensors.torch import save_file
+from torch import nn
+
+from zeroshop_steps import methods
+from zeroshop_steps.downloads import fetched
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.networks import weights
+from zeroshop_steps.networks.weights import WeightsFile, fetch, read_table, require, strict_load
+
+CONTENT = b"weights" * 1000
+
+
+@pytest.fixture
+def published(tmp_path, monkeypatch):
+    """A table with one file, published in a folder of this machine."""
+    source = tmp_path / "publisher" / "net.pth"
+    source.parent.mkdir()
+    source.write_bytes(CONTENT)
+    row = WeightsFile("net.pth", source.as_uri(), len(CONTENT), hashlib.sha256(CONTENT).hexdigest(), "CC BY-NC 4.0", "tests", "use colmap")
+    monkeypatch.setattr(weights, "read_table", lambda: {"net.pth": row})
+    return source
+
+
+def test_the_table_is_whole_and_names_all_that_methods_need():
+    table = read_table()
+    tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.HEIGHTS, methods.NVS)
+    assert {name for methods_table in tables for method in methods_table.values() for name in method.weights} <= set(table)
+    for row in table.values():
+        assert row.url.startswith("https://") and row.licence and row.purpose and row.without
+        assert row.sha256 is None or len(bytes.fromhex(row.sha256)) == 32
+        assert row.size_bytes is None or row.size_bytes > 0
+
+
+def test_a_download_is_checked_and_found_again(published, tmp_path):
+    path = tmp_path / "resources/weights/net.pth"
+    fetch("net.pth", path)
+    assert path.read_bytes() == CONTENT
+    assert require("net.pth", tmp_path) == path
+
+
+def test_absent_weights_say_where_to_get_them_and_what_needs_none(published, tmp_path):
+    with pytest.raises(StepError) as error:
+        require("net.pth", tmp_path)
+    for part in (str(tmp_path / "resources/weights/net.pth"), published.as_uri(), "CC BY-NC 4.0", "use colmap", "snakemake resources/"):
+        assert part in str(error.value)
+    with pytest.raises(StepError, match="unknown weights: other.pth"):
+        require("other.pth", tmp_path)
+
+
+def test_weights_that_are_cut_short_or_others_are_refused(published, tmp_path):
+    path = tmp_path / "resources/weights/net.pth"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(CONTENT[:-1])
+    with pytest.raises(StepError, match="cut short"):
+        require("net.pth", tmp_path)
+    path.write_bytes(CONTENT[::-1])
+    with pytest.raises(StepError, match="sha256"):
+        require("net.pth", tmp_path)
+    path.write_bytes(CONTENT)
+    require("net.pth", tmp_path)
+    path.write_bytes(CONTENT[::-1])
+    later = path.stat().st_mtime + 5
+    os.utime(path, (later, later))
+    with pytest.raises(StepError, match="sha256"):
+        require("net.pth", tmp_path)
+
+
+def test_a_download_of_other_bytes_is_refused(published, tmp_path):
+    published.write_bytes(CONTENT[::-1])
+    with pytest.raises(StepError, match="expected .* damaged or another file"):
+        fetch("net.pth", tmp_path / "net.pth")
+
+
+def test_offline_says_where_to_put_the_file(tmp_path):
+    path = tmp_path / "net.pth"
+    with pytest.raises(StepError, match=rf"put it at {path}; or use colmap"):
+        fetched((tmp_path / "gone").as_uri(), path, "use colmap", attempts=1)
+
+
+def test_a_full_disk_is_said_before_the_download(published, tmp_path, monkeypatch):
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10, 9, 1))
+    with pytest.raises(StepError, match="make room"):
+        fetch("net.pth", tmp_path / "net.pth")
+    assert not (tmp_path / "net.pth").exists()
+
+
+@pytest.fixture
+def checkpoint(tmp_path):
+    """A small network, written as publishers write theirs: with the arguments of its training."""
+    path = tmp_path / "net.pth"
+    network = nn.Linear(3, 2)
+    torch.save({"args": argparse.Namespace(lr=1.0), "model": network.state_dict()}, path)
+    return network, path
+
+
+@pytest.mark.parametrize("device", ["cpu", "meta"])
+def test_both_kinds_of_checkpoints_are_loaded(checkpoint, tmp_path, device):
+    network, path = checkpoint
+    save_file(network.state_dict(), tmp_path / "net.safetensors")
+    for file in (path, tmp_path / "net.safetensors"):
+        loaded = nn.Linear(3, 2, device=device)
+        strict_load(loaded, file)
+        assert torch.equal(loaded.weight, network.weight) and torch.equal(loaded.bias, network.bias)
+
+
+def test_missing_extra_and_misshapen_parameters_are_named(tmp_path):
+    path = tmp_path / "net.pth"
+    torch.save({"weight": torch.zeros(2, 4), "scale": torch.zeros(1)}, path)
+    with pytest.raises(StepError) as error:
+        strict_load(nn.Linear(3, 2), path)
+    for part in ("1 missing (bias)", "1 unknown (scale)", "weight (2, 4) instead of (2, 3)", "another model"):
+        assert part in str(error.value)
+
+
+@pytest.mark.parametrize("suffix", [".pth", ".safetensors"])
+@pytest.mark.parametrize("keep", [0, 20, 700])
+def test_a_damaged_checkpoint_is_said(tmp_path, suffix, keep):
+    path = tmp_path / f"net{suffix}"
+    state = {"weight": torch.zeros(200, 3)}
+    save_file(state, path) if suffix == ".safetensors" else torch.save(state, path)
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(StepError, match="cut short"):
+        strict_load(nn.Linear(3, 200), path)
+
+
+def test_what_is_no_checkpoint_is_said(tmp_path):
+    torch.save([1, 2], tmp_path / "list.pth")
+    with pytest.raises(StepError, match="no tensors by name"):
+        strict_load(nn.Linear(3, 2), tmp_path / "list.pth")
+    with pytest.raises(StepError, match="do not exist"):
+        strict_load(nn.Linear(3, 2), tmp_path / "gone.pth")
