@@ -96,11 +96,30 @@ def write_found(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], S
 
 def suppressed(masks: Sequence[np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
     """Indices of the masks, surest first, none of which overlaps a surer one by more than `most_iou`."""
-    order = np.argsort(-np.asarray(scores), kind="stable")
-    flat = np.stack([masks[index].ravel() for index in order]).astype(np.float32) if len(order) else np.zeros((0, 1), np.float32)
-    areas, kept = flat.sum(1), []
-    for index in range(len(order)):
-        common = flat[kept] @ flat[index] if kept else np.zeros(0)
-        if not kept or (common / np.maximum(areas[kept] + areas[index] - common, 1)).max() <= most_iou:
+    flat = np.stack([mask.ravel() for mask in masks]).astype(np.float32) if len(masks) else np.zeros((0, 1), np.float32)
+    areas = flat.sum(1)
+    return _surest(lambda one, others: _iou(flat[others] @ flat[one], areas[one], areas[others]), scores, most_iou)
+
+
+def suppressed_boxes(boxes_px: np.ndarray, scores: np.ndarray, most_iou: float) -> list[int]:
+    """The same of (N, 4) boxes (x, y, width, height)."""
+    low, high = boxes_px[:, :2], boxes_px[:, :2] + boxes_px[:, 2:]
+    areas = boxes_px[:, 2:].prod(1)
+
+    def overlap(one: int, others: list[int]) -> np.ndarray:
+        sides = np.minimum(high[one], high[others]) - np.maximum(low[one], low[others])
+        return _iou(np.clip(sides, 0, None).prod(1), areas[one], areas[others])
+
+    return _surest(overlap, scores, most_iou)
+
+
+def _surest(overlap: Callable[[int, list[int]], np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
+    kept: list[int] = []
+    for index in np.argsort(-np.asarray(scores), kind="stable").tolist():
+        if not kept or overlap(index, kept).max() <= most_iou:
             kept.append(index)
-    return [int(order[index]) for index in kept]
+    return kept
+
+
+def _iou(common: np.ndarray, area: float, areas: np.ndarray) -> np.ndarray:
+    return common / np.maximum(area + areas - common, 1e-9)

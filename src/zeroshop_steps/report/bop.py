@@ -18,6 +18,7 @@ PUBLISHED = Path(__file__).with_name("published_bop.csv")
 THESIS = "thesis"
 COLUMNS = ("dataset", "models", "task", "method", "masks", "measure", "object", "value", "source")
 TRUE_MODELS, TRUE_MASKS = "models", "truth"
+LOST = "lost with"
 SHOWN = {"detection": "ap", "pose": "ar"}
 
 
@@ -74,27 +75,35 @@ def published() -> list[dict[str, str]]:
 
 def page_of(rows: Sequence[dict[str, str]]) -> str:
     """The whole Markdown text."""
-    shown = [row for row in rows if not row["object"] and row["measure"] == SHOWN[row["task"]]]
-    columns = sorted(
-        dict.fromkeys(_column(row) for row in shown), key=lambda key: (key[0] == THESIS, key[1] == "pose", key[3] != TRUE_MASKS)
-    )
-    values = {(row["models"], _column(row)): float(row["value"]) for row in shown}
-    models = list(dict.fromkeys(row["models"] for row in shown))
-    table = [["", *(_title(*column) for column in columns)], ["---", *(["--:"] * len(columns))]]
-    for name in models:
-        table.append([_words(name), *(_number(values.get((name, column))) for column in columns)])
-    for name in models:
-        compared = [column for column in columns if (name, column) in values and (TRUE_MODELS, column) in values]
-        if name != TRUE_MODELS and compared:
-            losses = {column: values[TRUE_MODELS, column] - values[name, column] for column in compared}
-            table.append([f"*lost with {_words(name)}*", *(_number(losses.get(column)) for column in columns)])
-    text = "# Detection and pose estimation\n\n" + "\n".join("| " + " | ".join(row) + " |" for row in table) + "\n"
+    head, *body = summary(rows)
+    lines = [[title.replace("\n", "<br>") for title in head], ["---", *["--:"] * (len(head) - 1)]]
+    lines += [[f"*{name}*" if name.startswith(LOST) else name, *values] for name, *values in body]
+    text = "# Detection and pose estimation\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
     text += "\nAP: average precision of masks over IoU 0.5 to 0.95. AR: average recall of VSD, MSSD and MSPD as in the BOP Challenge.\n"
     counts = {row["value"] for row in rows if row["measure"] == "instances" and not row["object"]}
     text += f"{' and '.join(sorted(counts))} instances in virtual test images.\n" if counts else ""
     if any(row["source"] == THESIS for row in rows):
         text += "Columns of the thesis: YCB-V's real test images (diploma thesis, TU Wien, January 2026, Table 4.5).\n"
     return text
+
+
+def summary(rows: Sequence[dict[str, str]]) -> list[list[str]]:
+    """One row a set of models, one column a method and its masks, after a row of titles; below, what each set loses."""
+    shown = [row for row in rows if not row["object"] and row["measure"] == SHOWN[row["task"]]]
+    columns = sorted(
+        dict.fromkeys(_column(row) for row in shown), key=lambda key: (key[0] == THESIS, key[1] == "pose", key[3] != TRUE_MASKS)
+    )
+    values = {(row["models"], _column(row)): float(row["value"]) for row in shown}
+    models = list(dict.fromkeys(row["models"] for row in shown))
+    table = [["", *(_title(*column) for column in columns)]]
+    for name in models:
+        table.append([_words(name), *(_number(values.get((name, column))) for column in columns)])
+    for name in models:
+        compared = [column for column in columns if (name, column) in values and (TRUE_MODELS, column) in values]
+        if name != TRUE_MODELS and compared:
+            losses = {column: values[TRUE_MODELS, column] - values[name, column] for column in compared}
+            table.append([f"{LOST} {_words(name)}", *(_number(losses.get(column)) for column in columns)])
+    return table
 
 
 def _column(row: dict[str, str]) -> tuple[str, str, str, str]:
@@ -104,7 +113,7 @@ def _column(row: dict[str, str]) -> tuple[str, str, str, str]:
 def _title(source: str, task: str, method: str, masks: str) -> str:
     whose = f"{THESIS}: " if source == THESIS else ""
     how = "" if task == "detection" else ", true masks" if masks == TRUE_MASKS else f", masks by {masks}"
-    return f"{whose}{method}{how}<br>{SHOWN[task].upper()}"
+    return f"{whose}{method}{how}\n{SHOWN[task].upper()}"
 
 
 def _words(models: str) -> str:

@@ -6,13 +6,14 @@ turn, at true scale; the confidence means the same for every object. Needs RGB-D
 """
 
 import argparse
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from zeroshop_steps.bop.models import listed_objects, read_models
 from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.detect.contour.compare import Reference, confidence, measures_of, reference_of
+from zeroshop_steps.detect.contour.compare import Reference, confidences, reference_of
 from zeroshop_steps.detect.contour.descriptors import linear_rgb, patch_of
 from zeroshop_steps.detect.contour.edges import edges_of
 from zeroshop_steps.detect.contour.regions import Proposal, proposals_of
@@ -23,6 +24,7 @@ from zeroshop_steps.detect.templates import read_templates
 LEAST_CONFIDENCE = 0.01
 MOST_IOU = 0.25
 MOST_CANDIDATES = 40
+"""Of an object in an image, before doubles go."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,14 +48,26 @@ def detect(frame: Frame, references: dict[int, Reference]) -> list[Found]:
     proposals = proposals_of(surface, edges_of(surface, lab))
     linear, focal_px = linear_rgb(photo), float(np.sqrt(frame.intrinsics[0, 0] * frame.intrinsics[1, 1]))
     patches = [patch_of(one.mask, linear[one.window], surface.depth_mm[one.window], focal_px) for one in proposals]
+    scores = confidences(patches, np.array([(one.border, one.inside) for one in proposals]).reshape(-1, 2), references)
     found = []
-    for number, reference in references.items():
-        indices, measures = measures_of(patches, reference)
-        scores = confidence(measures)
-        best = [index for index in np.argsort(-scores, kind="stable")[:MOST_CANDIDATES] if scores[index] >= LEAST_CONFIDENCE]
-        masks = [_whole(proposals[indices[index]], photo.shape[:2]) for index in best]
-        found += [Found(number, float(scores[best[kept]]), masks[kept]) for kept in suppressed(masks, scores[best], MOST_IOU)]
-    return found
+    for number, mine in zip(references, scores.T, strict=True):
+        best = [index for index in np.argsort(-mine, kind="stable")[:MOST_CANDIDATES] if mine[index] >= LEAST_CONFIDENCE]
+        masks = [_whole(proposals[index], photo.shape[:2]) for index in best]
+        found += [Found(number, float(mine[best[kept]]), masks[kept]) for kept in suppressed(masks, mine[best], MOST_IOU)]
+    return explained(found)
+
+
+def explained(found: list[Found]) -> list[Found]:
+    """With less confidence in what surer detections explain: what they leave of a mask counts."""
+    found = sorted(found, key=lambda one: -one.score)
+    if not found:
+        return found
+    flat = np.stack([one.mask.ravel() for one in found]).astype(np.float32)
+    covered = flat @ flat.T / flat.sum(1)[:, None]
+    scores = np.array([one.score for one in found])
+    for index in range(1, len(found)):
+        scores[index] *= np.prod(1 - scores[:index] * covered[index, :index])
+    return [replace(one, score=float(score)) for one, score in zip(found, scores, strict=True)]
 
 
 def _whole(proposal: Proposal, shape: tuple[int, int]) -> np.ndarray:

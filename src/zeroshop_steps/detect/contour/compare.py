@@ -1,9 +1,10 @@
-"""Compare regions with the views of one object, and tell how likely a region shows it."""
+"""Compare regions with the views of the objects, and tell how likely a region shows each of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import softmax
 
 from zeroshop_steps.detect.contour.descriptors import Descriptors, Patch, describe, linear_rgb, patch_of
 from zeroshop_steps.detect.templates import Templates
@@ -11,9 +12,12 @@ from zeroshop_steps.detect.templates import Templates
 TURNS = 18
 SMALLEST_SHARE, LARGEST_SHARE = 0.08, 1.5  # of a region's area in those of the views, to be looked at
 LONGEST_DIAMETERS = 1.35
-NAMES = ("overlap", "color", "relief", "gradients", "histogram", "any_histogram", "area")
-# Logistic regression over NAMES, fitted on virtual tables of the demo objects; the last is the constant.
-WEIGHTS = np.array([8.81, 1.71, -1.90, 1.00, 8.33, 5.92, -0.43, -21.46])
+VIEW_NAMES = ("overlap", "relief", "gradients", "histogram", "any_histogram")  # the last: of the view whose colours fit best
+REGION_NAMES = ("border", "inside")
+# Fitted on virtual tables of the demo objects: logistic regression over what these name, and within an image the share of its
+# best region among an object's regions.
+VIEW_WEIGHTS = np.array([9.28, -6.11, 2.57, 6.75, 14.37])
+REGION_WEIGHTS, CONSTANT = np.array([7.21, 3.96]), -36.24
 
 
 @dataclass(frozen=True)
@@ -40,54 +44,59 @@ def reference_of(templates: Templates, diameter_mm: float) -> Reference:
     return Reference(diameter_mm, describe(patches, diameter_mm, TURNS), np.array([patch.area_mm2 for patch in patches]))
 
 
-def measures_of(patches: Sequence[Patch], reference: Reference) -> tuple[np.ndarray, np.ndarray]:
+def view_measures(patches: Sequence[Patch], reference: Reference) -> tuple[np.ndarray, np.ndarray]:
     """How regions agree with the view that fits best.
 
     Returns:
         indices: (M,) of the patches that can be this object by their size.
-        measures: (M, len(NAMES)) of each.
+        measures: (M, len(VIEW_NAMES)) of each.
     """
     areas = np.array([patch.area_mm2 for patch in patches])
     lengths = np.array([patch.length_mm for patch in patches])
     low, high = reference.areas_mm2.min() * SMALLEST_SHARE, reference.areas_mm2.max() * LARGEST_SHARE
     indices = np.flatnonzero((areas > low) & (areas < high) & (lengths < LONGEST_DIAMETERS * reference.diameter_mm))
     if not len(indices):
-        return indices, np.zeros((0, len(NAMES)))
+        return indices, np.zeros((0, len(VIEW_NAMES)))
     regions = describe([patches[index] for index in indices], reference.diameter_mm)
-    all_measures = _all_measures(regions, reference, areas[indices])
-    best = (all_measures @ WEIGHTS[:-1]).argmax(1)
+    all_measures = _all_measures(regions, reference)
+    best = (all_measures @ VIEW_WEIGHTS).argmax(1)
     return indices, all_measures[np.arange(len(indices)), best]
 
 
-def confidence(measures: np.ndarray) -> np.ndarray:
-    """(M,) 0..1 that a region with these measures is the object, well cut out."""
-    return 1 / (1 + np.exp(-(measures @ WEIGHTS[:-1] + WEIGHTS[-1])))
+def confidences(patches: Sequence[Patch], edges: np.ndarray, references: Mapping[int, Reference]) -> np.ndarray:
+    """(patches, objects) 0..1 that a region is an object, well cut out; in a row, the objects and none of them share 1.
+
+    Args:
+        patches: the regions.
+        edges: (patches, len(REGION_NAMES)) strengths around each, and within it.
+        references: the objects.
+    """
+    odds = np.full((len(patches), len(references)), -np.inf)
+    of_region = edges @ REGION_WEIGHTS + CONSTANT
+    for column, reference in enumerate(references.values()):
+        indices, measures = view_measures(patches, reference)
+        odds[indices, column] = measures @ VIEW_WEIGHTS + of_region[indices]
+    return softmax(np.concatenate([odds, np.zeros((len(patches), 1))], 1), axis=1)[:, :-1]
 
 
-def _all_measures(regions: Descriptors, reference: Reference, areas_mm2: np.ndarray) -> np.ndarray:
-    """(regions, views, len(NAMES))."""
+def _all_measures(regions: Descriptors, reference: Reference) -> np.ndarray:
+    """(regions, views, len(VIEW_NAMES))."""
     views = reference.views
     common = np.maximum(regions.mask @ views.mask.T, 1e-3)
     union = regions.mask.sum(1)[:, None] + views.mask.sum(1) - common
-    relief = _distance(regions.mask, regions.relief[..., None], views.mask, views.relief[..., None]) / common
-    color = _distance(regions.mask, regions.color, views.mask, views.color) / common
+    relief = _squares(regions.mask, regions.relief, views.mask, views.relief) / common
     histogram = regions.histogram @ views.histogram.T
-    size = np.log(areas_mm2[:, None] / np.repeat(reference.areas_mm2, TURNS))
     measures = [
         common / union,
-        np.sqrt(np.maximum(color, 0)),
         np.sqrt(np.maximum(relief, 0)),
         regions.gradients @ views.gradients.T,
         histogram,
         np.broadcast_to(histogram.max(1, keepdims=True), histogram.shape),
-        np.abs(size),
     ]
     return np.stack(measures, -1)
 
 
-def _distance(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
+def _squares(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
     """(N, M) sums over cells of mask x other mask x squared difference; values are already times their masks."""
-    squares = (values**2).sum(2) / np.maximum(mask, 1e-3)
-    other_squares = (other_values**2).sum(2) / np.maximum(other_mask, 1e-3)
-    cross = values.reshape(len(values), -1) @ other_values.reshape(len(other_values), -1).T
-    return squares @ other_mask.T + mask @ other_squares.T - 2 * cross
+    squares, other_squares = values**2 / np.maximum(mask, 1e-3), other_values**2 / np.maximum(other_mask, 1e-3)
+    return squares @ other_mask.T + mask @ other_squares.T - 2 * (values @ other_values.T)

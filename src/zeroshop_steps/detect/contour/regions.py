@@ -17,6 +17,8 @@ from zeroshop_steps.detect.contour.surface import Surface
 
 MARKER_SPACING_PX = 9
 TRUSTS = ((1.0, 0.0), (1.0, 0.35), (1.0, 0.7), (0.4, 1.0))  # of each hierarchy: in shape's and in colour's edges
+JUDGING = 1  # the hierarchy by whose edges regions are judged
+LEAST_BORDER = 0.4  # mean strength around a region; those with less are pieces of something
 CONVEX_TRUST = 0.3
 CREASE, STEEPEST = 0.6, 1.4  # differences of unit normals: a full edge, and the largest that edges are told apart by
 SMALL_PX, SMALLEST_PX = 60, 120
@@ -27,11 +29,19 @@ SAME_IOU = 0.92
 
 @dataclass(frozen=True)
 class Proposal:
-    """A region: `mask` (rows, columns) bool within the image, its upper left pixel at (`top`, `left`)."""
+    """A region.
+
+    Attributes:
+        left, top: its upper left pixel in the image.
+        mask: (rows, columns) bool.
+        border, inside: 0..1 mean strengths of the edges around it and of those within it.
+    """
 
     left: int
     top: int
     mask: np.ndarray
+    border: float
+    inside: float
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -51,14 +61,18 @@ def proposals_of(surface: Surface, edges: Edges) -> list[Proposal]:
         for region in _hierarchy(pairs, strengths[:, index], lengths, sizes, unknown):
             if sizes[region].sum() >= SMALLEST_PX and not unknown[region].all():
                 members.setdefault(np.sort(region).tobytes(), np.sort(region))
-    return _cut_out(_distinct(list(members.values()), sizes), labels)
+    groups = list(members.values())
+    border, inside = _strengths(groups, count, pairs, strengths[:, JUDGING] * lengths, lengths)
+    kept = np.flatnonzero(border >= LEAST_BORDER)
+    kept = kept[_distinct([groups[index] for index in kept], sizes)]
+    return _cut_out([groups[index] for index in kept], labels, border[kept], inside[kept])
 
 
 def _basins(surface: Surface, edges: Edges) -> np.ndarray:
     """(height, width) int labels of the watershed of all edges, 0 on the ground; where nothing was measured, of colour's alone."""
     ground = cv2.morphologyEx(surface.ground.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
     shape = np.maximum(np.maximum(edges.jump, edges.concave / STEEPEST), 0.5 * edges.convex / STEEPEST)
-    relief = np.where(surface.measured, np.maximum(shape, 0.5 * edges.color), 0.8 * edges.color)
+    relief = np.maximum(np.where(surface.measured, shape, 0.8 * edges.jump), np.where(surface.measured, 0.5, 0.8) * edges.color)
     smooth = cv2.GaussianBlur(relief.astype(np.float32), (0, 0), 1.5)
     lowest = cv2.erode(smooth, np.ones((MARKER_SPACING_PX, MARKER_SPACING_PX), np.uint8))
     _, markers = cv2.connectedComponents(((smooth <= lowest) & ~ground).astype(np.uint8))
@@ -74,13 +88,21 @@ def _borders(labels: np.ndarray, surface: Surface, edges: Edges) -> tuple[np.nda
         between = labels[one] != labels[other]
         first, second = labels[one][between], labels[other][between]
         codes.append(np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second))
-        shape, color, measured = (
+        shape, jump, color, measured = (
             choose(picture[one][between], picture[other][between])
-            for choose, picture in ((np.maximum, depth_tells), (np.maximum, edges.color), (np.minimum, surface.measured))
+            for choose, picture in (
+                (np.maximum, depth_tells),
+                (np.maximum, edges.jump),
+                (np.maximum, edges.color),
+                (np.minimum, surface.measured),
+            )
         )
-        mixed = [np.maximum(trust_shape * shape, trust_color * color) for trust_shape, trust_color in TRUSTS]
-        # Where nothing was measured, colour is all there is.
-        values.append(np.where(measured[:, None], np.stack(mixed, 1), color[:, None]))
+        for_holes = np.maximum(jump, 0.5 * color), color
+        mixed = [
+            np.where(measured, np.maximum(trust_shape * shape, trust_color * color), for_holes[index % 2])
+            for index, (trust_shape, trust_color) in enumerate(TRUSTS)
+        ]
+        values.append(np.stack(mixed, 1))
     unique, index = np.unique(np.concatenate(codes), return_inverse=True)
     lengths, stacked = np.bincount(index), np.concatenate(values)
     sums = np.stack([np.bincount(index, stacked[:, column]) for column in range(len(TRUSTS))], 1)
@@ -137,32 +159,41 @@ def _hierarchy(pairs: np.ndarray, strengths: np.ndarray, lengths: np.ndarray, si
     return found
 
 
-def _distinct(groups: list[np.ndarray], sizes: np.ndarray) -> list[np.ndarray]:
-    """Without groups that are nearly an earlier one (IoU)."""
-    kept: list[np.ndarray] = []
-    inside = np.zeros((0, len(sizes)), bool)
-    areas = np.zeros(0)
-    for group in groups:
-        area = sizes[group].sum()
-        common = inside[:, group] @ sizes[group]
-        if len(kept) and (common / (areas + area - common)).max() > SAME_IOU:
-            continue
-        row = np.zeros((1, len(sizes)), bool)
-        row[0, group] = True
-        inside, areas = np.concatenate([inside, row]), np.append(areas, area)
-        kept.append(group)
+def _distinct(groups: list[np.ndarray], sizes: np.ndarray) -> list[int]:
+    """Indices of the groups that are not nearly an earlier one (IoU)."""
+    kept: list[int] = []
+    inside, areas = np.zeros((len(groups), len(sizes)), bool), np.zeros(len(groups))
+    for index, group in enumerate(groups):
+        area, count = sizes[group].sum(), len(kept)
+        common = inside[:count, group] @ sizes[group]
+        if not count or (common / (areas[:count] + area - common)).max() <= SAME_IOU:
+            inside[count, group], areas[count] = True, area
+            kept.append(index)
     return kept
 
 
-def _cut_out(groups: list[np.ndarray], labels: np.ndarray) -> list[Proposal]:
+def _strengths(
+    groups: list[np.ndarray], count: int, pairs: np.ndarray, totals: np.ndarray, lengths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean strength of the edges around each group of basins, and within it (0 for a single basin)."""
+    chosen = np.zeros((len(groups), count), bool)
+    for row, group in zip(chosen, groups, strict=True):
+        row[group] = True
+    one, other = chosen[:, pairs[:, 0]], chosen[:, pairs[:, 1]]
+    around, within = one ^ other, one & other
+    return tuple((edges @ totals) / np.maximum(edges @ lengths, 1) for edges in (around, within))
+
+
+def _cut_out(groups: list[np.ndarray], labels: np.ndarray, border: np.ndarray, inside: np.ndarray) -> list[Proposal]:
+    """Their masks."""
     boxes = find_objects(labels)
     found = []
-    for group in groups:
+    for group, *strengths in zip(groups, border.tolist(), inside.tolist(), strict=True):
         top = min(boxes[basin - 1][0].start for basin in group)
         bottom = max(boxes[basin - 1][0].stop for basin in group)
         left = min(boxes[basin - 1][1].start for basin in group)
         right = max(boxes[basin - 1][1].stop for basin in group)
         chosen = np.zeros(int(labels.max()) + 1, bool)
         chosen[group] = True
-        found.append(Proposal(left, top, chosen[labels[top:bottom, left:right]]))
+        found.append(Proposal(left, top, chosen[labels[top:bottom, left:right]], *strengths))
     return found

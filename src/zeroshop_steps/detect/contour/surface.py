@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from zeroshop_steps.errors import StepError
 
@@ -27,7 +26,7 @@ class Surface:
 
     Attributes:
         measured: bool, where the camera gave a depth.
-        depth_mm: float32 along the optical axis, smoothed, holes filled by the nearest measurement.
+        depth_mm: float32 along the optical axis, smoothed; holes are filled from what is farther off, on their left or right.
         points: (height, width, 3) float32 mm, camera frame.
         normals: (height, width, 3) float32 towards the camera.
         ground: bool, measured pixels on a large plane with nothing behind it.
@@ -49,8 +48,7 @@ def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, name: str) -> Surfa
     measured = depth_mm > 0
     if measured.sum() < FEWEST_MEASURED:
         raise StepError(f"the depth image of {name} has {measured.sum()} measured pixels; at least {FEWEST_MEASURED} are needed")
-    nearest = distance_transform_edt(~measured, return_distances=False, return_indices=True)
-    filled = cv2.medianBlur(depth_mm[tuple(nearest)].astype(np.float32), 5)
+    filled = cv2.medianBlur(_filled(depth_mm), 5)
     inverse = cv2.GaussianBlur(1.0 / filled, (0, 0), SMOOTHED_PX)
     height, width = depth_mm.shape
     rays = np.stack([*np.meshgrid(np.arange(width), np.arange(height)), np.ones((height, width))], -1) @ np.linalg.inv(intrinsics).T
@@ -62,6 +60,20 @@ def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, name: str) -> Surfa
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
     ground = ground_of(depth_mm, intrinsics)
     return Surface(measured, filled, (rays * filled[..., None]).astype(np.float32), normals.astype(np.float32), ground)
+
+
+def _filled(depth_mm: np.ndarray) -> np.ndarray:
+    """Depth without holes. Most are shadows: what the projector beside the camera does not light lies behind the thing in between."""
+    rows, columns = np.indices(depth_mm.shape)
+    measured, width = depth_mm > 0, depth_mm.shape[1]
+    left = np.maximum.accumulate(np.where(measured, columns, -1), axis=1)
+    right = np.minimum.accumulate(np.where(measured, columns, width)[:, ::-1], axis=1)[:, ::-1]
+    sides = [np.where((side >= 0) & (side < width), depth_mm[rows, np.clip(side, 0, width - 1)], 0) for side in (left, right)]
+    filled = np.maximum(*sides).astype(np.float32)
+    empty = np.flatnonzero(~measured.any(1))
+    full = np.flatnonzero(measured.any(1))
+    filled[empty] = filled[full[np.abs(empty[:, None] - full).argmin(1)]]
+    return filled
 
 
 def ground_of(depth_mm: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
