@@ -165,6 +165,33 @@ def distances_in(path: Path) -> np.ndarray:
     return np.frombuffer(base64.b64decode(data_in(path)["distances"]), np.uint8)
 
 
+def test_the_benchmark_has_a_row_for_each_set_of_models(tmp_path):
+    head = "dataset,models,task,method,masks,measure,object,value,source"
+    rows = ["demo,models,pose,render_compare,truth,ar,,0.91,measured", "demo,models_2dgs,pose,render_compare,truth,ar,,0.87,measured"]
+    rows += ["demo,models,detection,contour,,ap,,0.42,measured", "demo,models,pose,render_compare,truth,ar,3,0.5,measured"]
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables/bop.csv").write_text("\n".join([head, *rows]) + "\n")
+    made_gallery(tmp_path / "report", tables=tmp_path / "tables")
+    page = (tmp_path / "report/tables.html").read_text()
+    assert "render_compare, true masks, AR" in page and "contour, AP" in page
+    assert all(f">{value}</td>" in page for value in ("0.910", "0.870", "0.420")) and ">0.500</td>" not in page
+    assert ">lost with 2dgs</th>" in page and ">0.040</td>" in page
+    assert (tmp_path / "report/downloads/bop.csv").read_text().count("\n") == 5
+
+
+def test_published_tables_stand_beside_ours(tmp_path, carton):
+    failed_cell(tmp_path / "ycbv/obj_000013", "2 of 30 images registered, at least 24 are needed")
+    page = made_page(tmp_path / "ycbv/obj_000013", tmp_path / "report")
+    made_gallery(tmp_path / "report", page, dataset="ycbv")
+    text = (tmp_path / "report/tables.html").read_text()
+    assert "thesis: MASt3R" in text and 'href="objects/obj_000013/index.html#se-colmap-2dgs"' in text
+    assert ">0.0601</td>" in text and ">9.28</td>" in text, "Table 4.3 has the bowl's height"
+    assert ">0.751</td>" in text, "Table 4.5"
+    assert text.count("<circle") == 17, "Figure 4.8 has the seventeen objects of Tables 4.3 and 4.4"
+    rows = (tmp_path / "report/downloads/grades.csv").read_text().splitlines()
+    assert sum(row.startswith("thesis,obj_000013") for row in rows) == 13
+
+
 def test_levels_of_distance():
     assert levels(np.array([0.0, 1.0, 2.0, 9.0, np.nan]), 2.0).tolist() == [0, 127, 254, 254, UNSEEN]
 
