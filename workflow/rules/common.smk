@@ -49,7 +49,8 @@ except StepError as error:
 
 wildcard_constraints:
     dataset="[^/]+",
-    object="[^/]+",
+    # These folders hold what belongs to a whole dataset.
+    object="(?!(?:bop|tables)/)[^/]+",
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
