@@ -9,7 +9,9 @@ import pytest
 from painted_scene import CAN, CARTON, detect
 
 from zeroshop_steps.bop.detections import decode_mask, read_detections
+from zeroshop_steps.detect.contour import explained
 from zeroshop_steps.detect.contour.surface import ground_of, surface_of
+from zeroshop_steps.detect.pictures import Found, suppressed, suppressed_boxes
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.images import read_mask
 
@@ -72,6 +74,27 @@ def test_normals_look_at_the_camera():
 def test_an_empty_depth_image_is_refused():
     with pytest.raises(StepError, match="scene 1, image 0 has 0 measured pixels"):
         surface_of(np.zeros((120, 160)), INTRINSICS, "scene 1, image 0")
+
+
+def stripe(columns: slice) -> np.ndarray:
+    mask = np.zeros((4, 20), bool)
+    mask[:, columns] = True
+    return mask
+
+
+def test_what_a_surer_detection_explains_counts_less():
+    found = explained([Found(2, 0.5, stripe(np.s_[5:15])), Found(1, 0.8, stripe(np.s_[:10])), Found(3, 0.6, stripe(np.s_[15:]))])
+    scores = {one.object_id: one.score for one in found}
+    assert scores == pytest.approx({1: 0.8, 2: 0.5 * (1 - 0.8 * 0.5), 3: 0.6})
+    assert explained([]) == []
+
+
+def test_doubles_go_and_neighbours_stay():
+    masks, scores = [stripe(np.s_[:10]), stripe(np.s_[1:11]), stripe(np.s_[8:20])], np.array([0.5, 0.9, 0.1])
+    assert suppressed(masks, scores, 0.25) == [1, 2]
+    boxes = np.array([(0, 0, 10, 4), (1, 0, 10, 4), (8, 0, 12, 4)], float)
+    assert suppressed_boxes(boxes, scores, 0.25) == [1, 2]
+    assert suppressed([], np.zeros(0), 0.25) == suppressed_boxes(np.zeros((0, 4)), np.zeros(0), 0.25) == []
 
 
 def test_nothing_on_the_table_is_no_detection(dataset):

@@ -175,7 +175,8 @@ def test_the_benchmark_has_a_row_for_each_set_of_models(tmp_path):
     made_gallery(tmp_path / "report", tables=tmp_path / "tables")
     page = (tmp_path / "report/tables.html").read_text()
     assert "render_compare, true masks, AR" in page and "contour, AP" in page
-    assert all(f">{value}</td>" in page for value in ("0.910", "0.870", "0.420", "0.040")) and ">0.500</td>" not in page
+    assert all(f">{value}</td>" in page for value in ("0.910", "0.870", "0.420")) and ">0.500</td>" not in page
+    assert ">lost with 2dgs</th>" in page and ">0.040</td>" in page
     assert (tmp_path / "report/downloads/bop.csv").read_text().count("\n") == 5
 
 

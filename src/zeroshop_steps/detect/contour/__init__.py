@@ -6,6 +6,7 @@ turn, at true scale; the confidence means the same for every object. Needs RGB-D
 """
 
 import argparse
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -23,6 +24,7 @@ from zeroshop_steps.detect.templates import read_templates
 LEAST_CONFIDENCE = 0.01
 MOST_IOU = 0.25
 MOST_CANDIDATES = 40
+"""Of an object in an image, before doubles go."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +54,20 @@ def detect(frame: Frame, references: dict[int, Reference]) -> list[Found]:
         best = [index for index in np.argsort(-mine, kind="stable")[:MOST_CANDIDATES] if mine[index] >= LEAST_CONFIDENCE]
         masks = [_whole(proposals[index], photo.shape[:2]) for index in best]
         found += [Found(number, float(mine[best[kept]]), masks[kept]) for kept in suppressed(masks, mine[best], MOST_IOU)]
-    return found
+    return explained(found)
+
+
+def explained(found: list[Found]) -> list[Found]:
+    """With less confidence in what surer detections explain: what they leave of a mask counts."""
+    found = sorted(found, key=lambda one: -one.score)
+    if not found:
+        return found
+    flat = np.stack([one.mask.ravel() for one in found]).astype(np.float32)
+    covered = flat @ flat.T / flat.sum(1)[:, None]
+    scores = np.array([one.score for one in found])
+    for index in range(1, len(found)):
+        scores[index] *= np.prod(1 - scores[:index] * covered[index, :index])
+    return [replace(one, score=float(score)) for one, score in zip(found, scores, strict=True)]
 
 
 def _whole(proposal: Proposal, shape: tuple[int, int]) -> np.ndarray:

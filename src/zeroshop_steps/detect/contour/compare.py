@@ -12,11 +12,12 @@ from zeroshop_steps.detect.templates import Templates
 TURNS = 18
 SMALLEST_SHARE, LARGEST_SHARE = 0.08, 1.5  # of a region's area in those of the views, to be looked at
 LONGEST_DIAMETERS = 1.35
-VIEW_NAMES = ("overlap", "color", "relief", "gradients", "histogram", "any_histogram", "area")
+VIEW_NAMES = ("overlap", "relief", "gradients", "histogram", "any_histogram")  # the last: of the view whose colours fit best
 REGION_NAMES = ("border", "inside")
-# Logistic regression over what these name, fitted on virtual tables of the demo objects, and its constant.
-VIEW_WEIGHTS = np.array([8.09, 3.33, -3.94, 1.14, 5.75, 9.91, -0.90])
-REGION_WEIGHTS, CONSTANT = np.array([5.18, 1.20]), -27.29
+# Fitted on virtual tables of the demo objects: logistic regression over what these name, and within an image the share of its
+# best region among an object's regions.
+VIEW_WEIGHTS = np.array([9.28, -6.11, 2.57, 6.75, 14.37])
+REGION_WEIGHTS, CONSTANT = np.array([7.21, 3.96]), -36.24
 
 
 @dataclass(frozen=True)
@@ -57,13 +58,13 @@ def view_measures(patches: Sequence[Patch], reference: Reference) -> tuple[np.nd
     if not len(indices):
         return indices, np.zeros((0, len(VIEW_NAMES)))
     regions = describe([patches[index] for index in indices], reference.diameter_mm)
-    all_measures = _all_measures(regions, reference, areas[indices])
+    all_measures = _all_measures(regions, reference)
     best = (all_measures @ VIEW_WEIGHTS).argmax(1)
     return indices, all_measures[np.arange(len(indices)), best]
 
 
 def confidences(patches: Sequence[Patch], edges: np.ndarray, references: Mapping[int, Reference]) -> np.ndarray:
-    """(patches, objects) 0..1 that a region is an object, well cut out; with nothing, the objects share 1 in every row.
+    """(patches, objects) 0..1 that a region is an object, well cut out; in a row, the objects and none of them share 1.
 
     Args:
         patches: the regions.
@@ -78,30 +79,24 @@ def confidences(patches: Sequence[Patch], edges: np.ndarray, references: Mapping
     return softmax(np.concatenate([odds, np.zeros((len(patches), 1))], 1), axis=1)[:, :-1]
 
 
-def _all_measures(regions: Descriptors, reference: Reference, areas_mm2: np.ndarray) -> np.ndarray:
+def _all_measures(regions: Descriptors, reference: Reference) -> np.ndarray:
     """(regions, views, len(VIEW_NAMES))."""
     views = reference.views
     common = np.maximum(regions.mask @ views.mask.T, 1e-3)
     union = regions.mask.sum(1)[:, None] + views.mask.sum(1) - common
-    relief = _distance(regions.mask, regions.relief[..., None], views.mask, views.relief[..., None]) / common
-    color = _distance(regions.mask, regions.color, views.mask, views.color) / common
+    relief = _squares(regions.mask, regions.relief, views.mask, views.relief) / common
     histogram = regions.histogram @ views.histogram.T
-    size = np.log(areas_mm2[:, None] / np.repeat(reference.areas_mm2, TURNS))
     measures = [
         common / union,
-        np.sqrt(np.maximum(color, 0)),
         np.sqrt(np.maximum(relief, 0)),
         regions.gradients @ views.gradients.T,
         histogram,
         np.broadcast_to(histogram.max(1, keepdims=True), histogram.shape),
-        np.abs(size),
     ]
     return np.stack(measures, -1)
 
 
-def _distance(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
+def _squares(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
     """(N, M) sums over cells of mask x other mask x squared difference; values are already times their masks."""
-    squares = (values**2).sum(2) / np.maximum(mask, 1e-3)
-    other_squares = (other_values**2).sum(2) / np.maximum(other_mask, 1e-3)
-    cross = values.reshape(len(values), -1) @ other_values.reshape(len(other_values), -1).T
-    return squares @ other_mask.T + mask @ other_squares.T - 2 * cross
+    squares, other_squares = values**2 / np.maximum(mask, 1e-3), other_values**2 / np.maximum(other_mask, 1e-3)
+    return squares @ other_mask.T + mask @ other_squares.T - 2 * (values @ other_values.T)

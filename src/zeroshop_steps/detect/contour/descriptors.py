@@ -1,7 +1,7 @@
 """Descriptors of regions and of template views: both cut out at one scale in mm, so that size, shape, colour and gradient compare.
 
-Brightness is divided out: a region's mean luminance is the same in every light. Colours are compared cell by cell and as a
-histogram, gradients as histograms of orientations (Dalal and Triggs 2005).
+Brightness is divided out: a region's mean luminance is the same in every light. Colours are compared as a histogram of the
+region, gradients as histograms of orientations in a grid (Dalal and Triggs 2005).
 """
 
 from collections.abc import Sequence
@@ -52,14 +52,12 @@ class Descriptors:
 
     Attributes:
         mask: (N, cells) share of each cell that is covered.
-        color: (N, cells, 3) Lab / 100 times `mask`.
         relief: (N, cells) depth relative to the median in diameters, times `mask`.
         gradients: (N, D) unit vectors.
         histogram: (N, B) square roots of shares.
     """
 
     mask: np.ndarray
-    color: np.ndarray
     relief: np.ndarray
     gradients: np.ndarray
     histogram: np.ndarray
@@ -100,9 +98,8 @@ def _described(crops: np.ndarray, diameter_mm: float) -> tuple[np.ndarray, ...]:
     lab = cv2.cvtColor(scaled.reshape(-1, CROP_PX, 3), cv2.COLOR_LRGB2LAB).reshape(scaled.shape)
     relief = np.clip(crops[..., 4] / diameter_mm, -1, 1)
     return (
-        _cells(masks[..., None])[..., 0].reshape(len(crops), -1),
-        _cells(lab * (masks[..., None] / np.float32(100))).reshape(len(crops), -1, 3),
-        _cells(relief[..., None])[..., 0].reshape(len(crops), -1),
+        _cells(masks),
+        _cells(relief),
         _gradients(lab[..., 0], masks),
         _histograms(lab, masks),
     )
@@ -126,9 +123,9 @@ def _crops(patch: Patch, side_mm: float, turns: int) -> np.ndarray:
 
 
 def _cells(values: np.ndarray) -> np.ndarray:
-    """Mean of every cell: (N, CROP_PX, CROP_PX, C) to (N, CELLS, CELLS, C)."""
+    """Mean of every cell: (N, CROP_PX, CROP_PX) to (N, cells)."""
     size = CROP_PX // CELLS
-    return values.reshape(len(values), CELLS, size, CELLS, size, -1).mean((2, 4)).astype(np.float32)
+    return values.reshape(len(values), CELLS, size, CELLS, size).mean((2, 4)).reshape(len(values), -1).astype(np.float32)
 
 
 def _gradients(light: np.ndarray, masks: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from zeroshop_steps.detect.contour.surface import Surface
 MARKER_SPACING_PX = 9
 TRUSTS = ((1.0, 0.0), (1.0, 0.35), (1.0, 0.7), (0.4, 1.0))  # of each hierarchy: in shape's and in colour's edges
 JUDGING = 1  # the hierarchy by whose edges regions are judged
+LEAST_BORDER = 0.4  # mean strength around a region; those with less are pieces of something
 CONVEX_TRUST = 0.3
 CREASE, STEEPEST = 0.6, 1.4  # differences of unit normals: a full edge, and the largest that edges are told apart by
 SMALL_PX, SMALLEST_PX = 60, 120
@@ -60,8 +61,11 @@ def proposals_of(surface: Surface, edges: Edges) -> list[Proposal]:
         for region in _hierarchy(pairs, strengths[:, index], lengths, sizes, unknown):
             if sizes[region].sum() >= SMALLEST_PX and not unknown[region].all():
                 members.setdefault(np.sort(region).tobytes(), np.sort(region))
-    groups = _distinct(list(members.values()), sizes)
-    return _cut_out(groups, labels, *_strengths(groups, count, pairs, strengths[:, JUDGING] * lengths, lengths))
+    groups = list(members.values())
+    border, inside = _strengths(groups, count, pairs, strengths[:, JUDGING] * lengths, lengths)
+    kept = np.flatnonzero(border >= LEAST_BORDER)
+    kept = kept[_distinct([groups[index] for index in kept], sizes)]
+    return _cut_out([groups[index] for index in kept], labels, border[kept], inside[kept])
 
 
 def _basins(surface: Surface, edges: Edges) -> np.ndarray:
@@ -155,20 +159,16 @@ def _hierarchy(pairs: np.ndarray, strengths: np.ndarray, lengths: np.ndarray, si
     return found
 
 
-def _distinct(groups: list[np.ndarray], sizes: np.ndarray) -> list[np.ndarray]:
-    """Without groups that are nearly an earlier one (IoU)."""
-    kept: list[np.ndarray] = []
-    inside = np.zeros((0, len(sizes)), bool)
-    areas = np.zeros(0)
-    for group in groups:
-        area = sizes[group].sum()
-        common = inside[:, group] @ sizes[group]
-        if len(kept) and (common / (areas + area - common)).max() > SAME_IOU:
-            continue
-        row = np.zeros((1, len(sizes)), bool)
-        row[0, group] = True
-        inside, areas = np.concatenate([inside, row]), np.append(areas, area)
-        kept.append(group)
+def _distinct(groups: list[np.ndarray], sizes: np.ndarray) -> list[int]:
+    """Indices of the groups that are not nearly an earlier one (IoU)."""
+    kept: list[int] = []
+    inside, areas = np.zeros((len(groups), len(sizes)), bool), np.zeros(len(groups))
+    for index, group in enumerate(groups):
+        area, count = sizes[group].sum(), len(kept)
+        common = inside[:count, group] @ sizes[group]
+        if not count or (common / (areas[:count] + area - common)).max() <= SAME_IOU:
+            inside[count, group], areas[count] = True, area
+            kept.append(index)
     return kept
 
 
