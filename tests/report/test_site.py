@@ -15,6 +15,7 @@ from small_report import failed_cell, finished_cell, half_done_cell, made_galler
 
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.reduced import TEXTURED_FACES, reduced
 from zeroshop_steps.report.site.viewer_data import UNSEEN, levels
 
@@ -190,6 +191,12 @@ def test_published_tables_stand_beside_ours(tmp_path, carton):
     assert text.count("<circle") == 17, "Figure 4.8 has the seventeen objects of Tables 4.3 and 4.4"
     rows = (tmp_path / "report/downloads/grades.csv").read_text().splitlines()
     assert sum(row.startswith("thesis,obj_000013") for row in rows) == 13
+
+
+def test_the_numbers_of_an_axis_differ():
+    plot = scatter({"a": [(0.9985, 26.95, "one"), (1.0, 27.0, "two")]}, "x", "y", from_zero=False)
+    numbers = re.findall(r'text-anchor="(middle|end)">([0-9.]+)</text>', plot)
+    assert len(numbers) > 5 and len(set(numbers)) == len(numbers)
 
 
 def test_levels_of_distance():
