@@ -84,6 +84,7 @@ def test_states_are_told(report):
     assert [name for name, done in cells["su_l-colmap-2dgs"]["steps"] if done] == ["register", "train"]
     assert next(iter(cells)) == "su_h-colmap-2dgs", "the chosen cell comes first"
     index = (report / "index.html").read_text()
+    assert "picture is of the true model" not in index
     assert "1 finished cell, 2 failed, 1 unfinished" in index and "not started" in index
 
 
@@ -191,6 +192,12 @@ def test_published_tables_stand_beside_ours(tmp_path, carton):
     assert text.count("<circle") == 17, "Figure 4.8 has the seventeen objects of Tables 4.3 and 4.4"
     rows = (tmp_path / "report/downloads/grades.csv").read_text().splitlines()
     assert sum(row.startswith("thesis,obj_000013") for row in rows) == 13
+
+
+def test_a_true_model_is_not_passed_off_as_a_mesh(tmp_path, carton):
+    shutil.copytree(carton.model.parent, tmp_path / "demo/carton/model")
+    index = made_gallery(tmp_path / "report", made_page(tmp_path / "demo/carton", tmp_path / "report", "--faces", "500"))
+    assert "The picture is of the true model." in index.read_text()
 
 
 def test_the_numbers_of_an_axis_differ():

@@ -51,6 +51,7 @@ def gallery_card(card: dict) -> dict:
         "shown": shown,
         "more": f"and {others} other cell{'s' if others > 1 else ''}" if others else None,
         "best": best,
+        "of_truth": bool(card["thumbnail"]) and not any(cell["state"] == "done" for cell in card["cells"]),
         "advice": advice,
     }
 
