@@ -35,6 +35,11 @@ def detections_of(wildcards):
     return f"results/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/detections.json"
 
 
+def detections_option(wildcards, input):
+    """The option that names the detections, where the masks are not the true ones."""
+    return step_options({"detections": input.get("detections")})
+
+
 def scores_of_table(wildcards):
     """The scores of every detector and estimator that the config wants in tables, with true and with reconstructed models."""
     known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "Photos have no test set.")

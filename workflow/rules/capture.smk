@@ -114,7 +114,7 @@ rule capture_photos:
     benchmark:
         "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
     wildcard_constraints:
-        dataset=datasets_of("photos"),
+        dataset=datasets_of("photos", "films"),
         scene="|".join(PHOTO_SCENES),
     conda:
         "../envs/zeroshop.yaml"

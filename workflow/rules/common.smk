@@ -49,7 +49,8 @@ except StepError as error:
 
 wildcard_constraints:
     dataset="[^/]+",
-    object="[^/]+",
+    # These folders hold what belongs to a whole dataset.
+    object="(?!(?:bop|tables)/)[^/]+",
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
@@ -72,12 +73,14 @@ def objects_of(dataset):
     known("dataset", dataset, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")
     if config["datasets"][dataset]["kind"] == "photos":
         return [name for owner, name in PHOTOS if owner == dataset]
+    if is_filmed(dataset):
+        return [name for names in config["datasets"][dataset]["of"].values() for name in names]
     return config["datasets"][dataset]["objects"]
 
 
 def is_virtual(dataset):
     """Whether a dataset has models, so that captures are rendered and the truth is known."""
-    return config["datasets"][dataset]["kind"] != "photos"
+    return config["datasets"][dataset]["kind"] not in ("photos", "films")
 
 
 def usable(what, name, table, remedy):
@@ -131,14 +134,18 @@ def raw_mesh_of(wildcards):
 
 
 def photos_of(wildcards):
-    """The table row of the user's own capture."""
+    """The table row of the user's own capture, or the like of it for a rendered film."""
     check_object(wildcards)
+    if is_filmed(wildcards.dataset):
+        return film_row(wildcards)
     return PHOTOS[wildcards.dataset, wildcards.object]
 
 
 def photo_place(wildcards, column="images"):
     """The folder or video in a column of objects.tsv, as seen from the working directory."""
     row = photos_of(wildcards)
+    if is_filmed(wildcards.dataset):
+        return row[column]
     path = Path(os.path.relpath(ROOT / row[column]))
     if not path.is_dir() and not (column == "images" and path.is_file()):
         raise WorkflowError(
@@ -153,7 +160,7 @@ def photo_files(column):
 
     def files(wildcards):
         place = Path(photo_place(wildcards, column))
-        if place.is_file():
+        if place.is_file() or is_filmed(wildcards.dataset):
             return [str(place)]
         return sorted(str(path) for path in place.iterdir() if path.is_file() and not path.name.startswith("."))
 
@@ -167,7 +174,7 @@ def mask_files(wildcards):
 
 def capture_method(wildcards):
     """How the pictures of an object are taken: from a video or from a folder of photos."""
-    return "video" if Path(photo_place(wildcards)).is_file() else "photos"
+    return "photos" if Path(photo_place(wildcards)).is_dir() else "video"
 
 
 def capture_options(wildcards):
@@ -311,8 +318,3 @@ def stage_facts(wildcards):
     stereo = "results/{dataset}/{object}/{scene}/{registration}/stereo/stereo.json".format(**wildcards)
     steps = (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
     return [stereo, *(f"{folder}/{name}.json" for name in steps)]
-
-
-def published_option(wildcards):
-    """The option that puts published figures beside ours, for the dataset that has some."""
-    return "--published" if wildcards.dataset == "ycbv" else ""

@@ -42,7 +42,7 @@ rule register_photos:
     benchmark:
         "results/{dataset}/{object}/{scene}/{registration}/benchmarks/register.tsv"
     wildcard_constraints:
-        dataset=datasets_of("photos"),
+        dataset=datasets_of("photos", "films"),
     conda:
         "../envs/zeroshop.yaml"
     threads: 8
