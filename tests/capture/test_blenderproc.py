@@ -1,7 +1,6 @@
 """Captures by BlenderProc: with a pretended Blender the files, restarts and faults; with the real one, where it is, a tiny scene."""
 
 import filecmp
-import json
 
 import numpy as np
 import pytest
@@ -114,16 +113,14 @@ def test_a_real_scene_agrees_with_the_ray_caster(blender, tmp_path):
     model = tmp_path / "model/model.ply"
     blenderproc.capture(model, "su_h", 128, 96, 0, 4, blender, 2, tmp_path / "blender")
     raycast.capture(model, "su_h", 128, 96, 0, tmp_path / "ray")
-    cameras = read_sparse_model(tmp_path / "ray/truth").cameras
-    for camera in cameras:
-        pairs = [(reader(tmp_path / name / folder / camera.name) for name in ("blender", "ray")) for reader, folder in
-                 ((read_mask, "masks"), (read_depth_mm, "depth"), (read_image, "images"))]  # fmt: skip
-        (mask, ray_mask), (depth, ray_depth), (image, ray_image) = pairs
-        assert (mask & ray_mask).sum() > 0.97 * (mask | ray_mask).sum()
-        assert np.median(np.abs(depth - ray_depth)[mask & ray_mask]) < 0.15
-        everywhere = (depth > 0) & (ray_depth > 0)
-        assert np.median(np.abs(depth - ray_depth)[everywhere]) < 0.5
-        for where in (mask & ray_mask, ~mask & ~ray_mask):
+    for camera in read_sparse_model(tmp_path / "ray/truth").cameras:
+        mask, ray_mask = (read_mask(tmp_path / name / "masks" / camera.name) for name in ("blender", "ray"))
+        depth, ray_depth = (read_depth_mm(tmp_path / name / "depth" / camera.name) for name in ("blender", "ray"))
+        image, ray_image = (read_image(tmp_path / name / "images" / camera.name).mean(2) for name in ("blender", "ray"))
+        both, neither = mask & ray_mask, ~mask & ~ray_mask
+        assert both.sum() > 0.97 * (mask | ray_mask).sum()
+        assert np.median(np.abs(depth - ray_depth)[both]) < 0.15
+        assert np.median(np.abs(depth - ray_depth)[(depth > 0) & (ray_depth > 0)]) < 0.5
+        for where in (both, neither):
             assert image[where].mean() == pytest.approx(ray_image[where].mean(), rel=0.12)
-            assert np.corrcoef(image[where].mean(1), ray_image[where].mean(1))[0, 1] > 0.8
-    assert json.loads((tmp_path / "blender/capture.json").read_text())["renderer"] == "blenderproc"
+            assert np.corrcoef(image[where], ray_image[where])[0, 1] > 0.8
