@@ -5,6 +5,7 @@ import pytest
 import torch
 from small_vggt import SETTINGS, TrueNetwork, encode, write_weights
 
+from zeroshop_steps import methods
 from zeroshop_steps.cameras import read_sparse_model
 from zeroshop_steps.cli import stage_main
 from zeroshop_steps.errors import StepError
@@ -13,6 +14,7 @@ from zeroshop_steps.files import read_json
 from zeroshop_steps.images import list_images, write_image
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.weights import known
 from zeroshop_steps.register.__main__ import METHODS
 from zeroshop_steps.register.camera_error import camera_error
 from zeroshop_steps.register.image_set import read_image_set
@@ -23,7 +25,7 @@ from zeroshop_steps.register.vggt.network import memory_errors
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.points import query_views
 from zeroshop_steps.register.vggt.predicted import decode
-from zeroshop_steps.register.vggt.solve import register
+from zeroshop_steps.register.vggt.solve import CHUNK, register
 
 PX = (518, 14)
 FEWER = VggtOptions(tracked_points=400, query_views=4)
@@ -131,6 +133,12 @@ def test_the_memory_is_predicted_and_too_much_is_refused():
     assert not is_result(caught.value)
     with pytest.raises(StepError, match="not even 3 images"):
         check_fits(*arguments, 300, (518, 392), 1024, 1, 4_000_000_000, "the cpu")
+
+
+def test_the_rule_asks_for_the_memory_of_twenty_images():
+    file = known(methods.REGISTRATIONS["vggt"].weights[0])
+    needed = peak_bytes(Settings(), file.size_bytes, 20, (518, 392), VggtOptions().tracked_points, CHUNK["cuda"])
+    assert needed < 1e6 * methods.REGISTRATIONS["vggt"].mem_mb < 1.5 * needed
 
 
 def test_memory_that_runs_out_is_no_result_about_the_pictures():

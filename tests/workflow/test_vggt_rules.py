@@ -20,12 +20,12 @@ def with_weights(tmp_path):
 
 
 def test_a_mesh_by_vggt_is_planned_where_the_weights_are(snakemake, with_weights):
-    run = snakemake("-n", f"{CELL}/2dgs/mesh.ply", "--resources", "mem_mb=32000")
+    run = snakemake("-n", f"{CELL}/2dgs/mesh.ply")
     assert run.returncode == 0, run.stdout
     jobs = planned(run.stdout)
     assert jobs["register"] == jobs["stereo"] == jobs["train_2dgs"] == jobs["export"] == 1
-    for part in ("--method vggt", "--refine tracks --tracked-points 1024 --query-views 8 --precision auto", "mem_mb=12000", "gpu=1"):
-        assert part in run.stdout, part
+    options = "--refine tracks --tracked-points 1024 --query-views 8 --precision auto"
+    assert "--method vggt" in run.stdout and options in run.stdout
 
 
 @pytest.mark.slow

@@ -20,8 +20,9 @@ PHOTO_SCENES = ["video"]
 # The record of the training of each surface method, in its cell.
 TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
 
-# What BlenderProc's environment consists of, and the minutes that renderers may take for one capture.
+# What BlenderProc's environment consists of, where it says that it is ready, and the minutes that renderers may take for one capture.
 BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
+BLENDER_RECORD = "resources/envs/blenderproc.json"
 RENDER_MINUTES = {"raycast": 10, "blenderproc": 240}
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated; that of a conda environment
@@ -48,7 +49,8 @@ except StepError as error:
 
 wildcard_constraints:
     dataset="[^/]+",
-    object="[^/]+",
+    # These folders hold what belongs to a whole dataset.
+    object="(?!(?:bop|tables)/)[^/]+",
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
@@ -239,24 +241,20 @@ def registration_gpus(wildcards):
     return int(bool(registration_needs(wildcards).weights))
 
 
-def environment_of(*keys):
-    """An input function: the environment that the renderer chosen at this place in the config needs, if it needs one."""
-    return lambda wildcards: ["resources/envs/blenderproc.json"] if at(*keys)["renderer"] == "blenderproc" else []
+def environment_of(options):
+    """An input function: the environment that the renderer in a part of the config needs, if it needs one."""
+    return lambda wildcards: [BLENDER_RECORD] if options["renderer"] == "blenderproc" else []
 
 
-def renderer_options(*keys):
-    """A params function: the options of the renderer chosen at this place in the config, of those that not every renderer has."""
-    return lambda wildcards, input: step_options(
-        {"samples": at(*keys)["samples"] if input.environment else None, "environment": str(input.environment) or None}
-    )
+def environment_option(wildcards, input):
+    """The option that names this environment."""
+    return step_options({"environment": str(input.environment) or None})
 
 
-def at(*keys):
-    """A part of the config."""
-    part = config
-    for key in keys:
-        part = part[key]
-    return part
+def capture_renderer_options(wildcards, input):
+    """The options of the renderer of captures that not every renderer has."""
+    samples = config["capture"]["samples"] if input.environment else None
+    return f"{step_options({'samples': samples})} {environment_option(wildcards, input)}".strip()
 
 
 def models_option(wildcards):

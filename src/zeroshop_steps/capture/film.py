@@ -16,7 +16,7 @@ import numpy as np
 
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.cameras import Camera, write_cameras
-from zeroshop_steps.capture import raycast
+from zeroshop_steps.capture import virtual
 from zeroshop_steps.capture.board_scene import empty_cameras
 from zeroshop_steps.capture.film_scene import BOARD_GAP_MM, Table, TableView, laid
 from zeroshop_steps.capture.hand import DURATION_S, FOCAL_IN_WIDTHS, Hand, Lens, Sines
@@ -61,9 +61,9 @@ def film(model: Path, board_beside: bool, seed: int, out: Path, size_px: tuple[i
     """Write the film, the photos of the empty scene and the truth into the folder `out`.
 
     Raises:
-        StepError: as `raycast.capture` does.
+        StepError: as `virtual.capture` does.
     """
-    mesh, subject, info = raycast.read_subject(model, *size_px, seed)
+    mesh, subject, info = virtual.read_subject(model, *size_px, seed)
     rng = np.random.default_rng([seed, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
     if mesh.uv is None or mesh.texture is None:
         raise StepError(f"{model} has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
