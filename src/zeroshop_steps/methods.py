@@ -38,10 +38,19 @@ REGISTRATIONS = {
     "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
     "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",), mem_mb=12000, runtime_min=240),
 }
+DETECTOR, TRACKER = "grounding-dino-base", "sam2.1-hiera-large"
+DETECTOR_FILES = ("model.safetensors", "config.json", "preprocessor_config.json", "tokenizer.json", "tokenizer_config.json")
+TRACKER_FILES = ("model.safetensors", "config.json")
+
+
+def grounded_sam(detector: str = DETECTOR, tracker: str = TRACKER) -> Method:
+    """Segmentation by a prompt, with these two folders below resources/weights."""
+    files = (*(f"{detector}/{name}" for name in DETECTOR_FILES), *(f"{tracker}/{name}" for name in TRACKER_FILES))
+    return Method("segment.grounded_sam", weights=files)
+
+
 SEGMENTATIONS = {
-    "grounded_sam": Method(
-        "segment.grounded_sam", weights=("grounding-dino-base/model.safetensors", "sam2.1-hiera-large/model.safetensors")
-    ),
+    "grounded_sam": grounded_sam(),
     "support_plane": Method("segment.support_plane"),
 }
 """Of captures without masks; "auto" is the first that can run here."""

@@ -64,6 +64,25 @@ def test_photos(snakemake, tmp_path):
     assert "--images 'my cup/images' --masks 'my cup/masks' --height-m 0.12" in run.stdout
 
 
+def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
+    """Given masks are there before anything is registered; without weights, others are found in the registered whole scene."""
+    for name in ("images", "masks"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.png").touch()
+    chosen = "chosen={photos: {scene: video_segmented}}"
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", tmp_path / "masks"), chosen)
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", "register_photos", "segment", *CELL], 1)
+    assert "--pictures results/photos/cup/video/capture " in run.stdout and "--scene video_segmented" in run.stdout
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", ""), chosen)
+    assert run.returncode == 0, run.stdout
+    twice = dict.fromkeys(["register_photos", "segment"], 2)
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", *CELL], 1) | twice
+    assert "--pictures results/photos/cup/video/colmap/cameras " in run.stdout
+    assert "--method support_plane --scene results/photos/cup/video/colmap/scene" in run.stdout
+    assert "--method given --scene results/photos/cup/video_segmented/colmap/scene" in run.stdout
+
+
 @pytest.mark.parametrize(
     ("columns", "command"),
     [
@@ -185,7 +204,7 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
         ("results/demo/mustard_bottle/su_x/colmap/2dgs/mesh.ply", "unknown scene of a virtual dataset: su_x."),
         ("results/demo/mustard_bottle/su_h/colmp/2dgs/mesh.ply", "unknown registration of a virtual dataset: colmp. Did you mean colmap"),
         ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),
-        ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video"),
+        ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video, video_segmented"),
         ("results/photos/cup/2dgs.ply", "the video or folder of its images, photos/of/nothing, does not exist"),
         ("results/photos/tables/reconstruction.csv", "unknown virtual dataset: photos"),
         ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),

@@ -52,6 +52,7 @@ def test_the_config_lists_every_demo_object():
     [
         ("capture.video", ("video",)),
         ("segment.support_plane", ("segment", "support_plane")),
+        ("segment.grounded_sam", ("segment", "grounded_sam")),
         ("register.colmap", ("register", "colmap")),
         ("register.vggt", ("register", "vggt")),
         ("nvs.twodgs", ("nvs", "2dgs", "train")),

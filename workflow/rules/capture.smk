@@ -115,7 +115,7 @@ rule capture_photos:
         "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
-        scene="|".join(PHOTO_SCENES),
+        scene=WHOLE_SCENE,
     conda:
         "../envs/zeroshop.yaml"
     threads: 1

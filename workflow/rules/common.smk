@@ -16,7 +16,8 @@ ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 # With a printed board beside the object: for measuring how well a height is found (height.smk), in no table of meshes.
 BOARD_SCENE = "su_b"
-PHOTO_SCENES = ["video"]
+# Photos as they are, and registered by what lies inside the masks alone.
+WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
 # The record of the training of each surface method, in its cell.
 TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
 
@@ -190,23 +191,53 @@ def capture_options(wildcards):
 
 
 def segmentation_method(wildcards):
-    """How the masks of photos come about: the given ones, or by the method that the config chooses."""
+    """How the masks of registered photos come about: given ones, or by the method that the config chooses."""
+    return "given" if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
+
+
+def mask_method(wildcards):
+    """How the masks of photos come about, whenever: given by the user, or by the method that the config chooses."""
     if photos_of(wildcards)["masks"]:
         return "given"
+    models = config["segment"]["grounded_sam"]
+    able = {**methods.SEGMENTATIONS, "grounded_sam": methods.grounded_sam(models["detector"], models["tracker"])}
     name = config["segmentation"]
     if name == "auto":
-        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method))
-    return usable("segmentation", name, methods.SEGMENTATIONS, "")
+        return next(name for name, method in able.items() if not methods.lacks(method))
+    return usable("segmentation", name, able, "")
 
 
 def segmentation_options(wildcards):
     """The options of this method."""
-    name = segmentation_method(wildcards)
+    return options_of_segmentation(wildcards, segmentation_method(wildcards))
+
+
+def options_of_segmentation(wildcards, name):
+    """The options of a segmentation method."""
     if name == "given":
         return ""
-    prompt = photos_of(wildcards)["prompt"]
-    own = {"prompt": shlex.quote(prompt)} if prompt and name == "grounded_sam" else {}
-    return step_options({**config["segment"].get(name, {}), "seed": config["seed"], **own})
+    options = {**config["segment"][name], "seed": config["seed"]}
+    if name == "grounded_sam":
+        options["prompt"] = shlex.quote(photos_of(wildcards)["prompt"] or options["prompt"])
+    return step_options(options)
+
+
+def pictures_with_masks(wildcards):
+    """Where photos lie beside the masks by which they are registered: their capture, unless masks are only found in a registered scene."""
+    scene = f"results/{wildcards.dataset}/{wildcards.object}/{WHOLE_SCENE}"
+    return (
+        f"{scene}/{config['chosen']['photos']['registration']}/cameras" if mask_method(wildcards) == "support_plane" else f"{scene}/capture"
+    )
+
+
+def network_options(wildcards):
+    """The options for finding masks before the registration, where they are found then."""
+    return options_of_segmentation(wildcards, "grounded_sam") if mask_method(wildcards) == "grounded_sam" else ""
+
+
+def segmentation_memory_mb(wildcards):
+    """What this method needs: networks more than the others."""
+    return 8000 if mask_method(wildcards) == "grounded_sam" else 4000
 
 
 def step_options(options):

@@ -17,7 +17,14 @@ import pycolmap
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import map_incrementally, mapping_options
-from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, lens_figures, model_figures, write_registration
+from zeroshop_steps.register.record import (
+    OBJECT_ONLY,
+    RegistrationFailed,
+    add_common_arguments,
+    lens_figures,
+    model_figures,
+    write_registration,
+)
 from zeroshop_steps.register.repair import place_again, refine_robustly, repaired, without_images
 from zeroshop_steps.register.sift import SiftOptions, extract, match
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
@@ -68,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    options = ColmapOptions(object_only=args.scene == "se", min_share=args.min_share, min_images=args.min_images)
+    options = ColmapOptions(object_only=args.scene in OBJECT_ONLY, min_share=args.min_share, min_images=args.min_images)
     features = replace(options.sift, max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
     options = replace(options, sift=features)
     image_set = read_image_set(args.capture)
@@ -118,7 +125,11 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
     if model is None or registered < needed:
         raise RegistrationFailed(
             f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, "
-            "or put the object on a strongly textured surface",
+            + (
+                "or register the whole scene, with its ground"
+                if options.object_only
+                else "or put the object on a strongly textured surface"
+            ),
             figures,
         )
     pinhole_model = undistort(model, image_set, out)
