@@ -21,18 +21,21 @@ class Method:
         weights: files below resources/weights.
         gpu: whether it runs on a CUDA device only.
         truth: whether it needs true cameras, which photos lack.
+        mem_mb, runtime_min: what its rule asks a cluster for; None where the rule says so for all.
     """
 
     step: str
     weights: tuple[str, ...] = ()
     gpu: bool = False
     truth: bool = False
+    mem_mb: int | None = None
+    runtime_min: int | None = None
 
 
 REGISTRATIONS = {
     "colmap": Method("register.colmap"),
     "truth": Method("register.truth", truth=True),
-    "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
+    "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=480),
     "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",)),
 }
 SEGMENTATIONS = {
@@ -50,7 +53,7 @@ HEIGHTS = {
     "known": Method("height.known"),
     "marker": Method("height.marker"),
     "depth_camera": Method("height.depth_camera"),
-    "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
+    "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=120),
     "none": Method("height.none"),
 }
 

@@ -52,6 +52,7 @@ def test_the_config_lists_every_demo_object():
         ("capture.video", ("video",)),
         ("segment.support_plane", ("segment", "support_plane")),
         ("register.colmap", ("register", "colmap")),
+        ("register.mast3r", ("register", "mast3r")),
         ("nvs.twodgs", ("nvs", "2dgs", "train")),
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),
         ("nvs.svraster", ("nvs", "svraster", "train")),

@@ -20,8 +20,8 @@ rule register:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=lambda wildcards: registration_needs(wildcards).mem_mb or 4000,
+        runtime=lambda wildcards: registration_needs(wildcards).runtime_min or 30,
     params:
         options=registration_options,
     message:
@@ -46,8 +46,8 @@ rule register_photos:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=lambda wildcards: registration_needs(wildcards).mem_mb or 4000,
+        runtime=lambda wildcards: registration_needs(wildcards).runtime_min or 30,
     params:
         options=registration_options,
     message:
