@@ -21,7 +21,7 @@ class Method:
         weights: files below resources/weights.
         gpu: whether it runs on a CUDA device only.
         truth: whether it needs true cameras, which photos lack.
-        mem_mb, runtime_min: what a registration of about 20 images may take, for the scheduler.
+        mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
     """
 
     step: str
@@ -35,7 +35,7 @@ class Method:
 REGISTRATIONS = {
     "colmap": Method("register.colmap"),
     "truth": Method("register.truth", truth=True),
-    "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
+    "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=480),
     "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",), mem_mb=12000, runtime_min=240),
 }
 DETECTOR, TRACKER = "grounding-dino-base", "sam2.1-hiera-large"
@@ -62,7 +62,7 @@ HEIGHTS = {
     "known": Method("height.known"),
     "marker": Method("height.marker"),
     "depth_camera": Method("height.depth_camera"),
-    "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
+    "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=120),
     "none": Method("height.none"),
 }
 DETECTORS = {

@@ -54,6 +54,7 @@ def test_the_config_lists_every_demo_object():
         ("segment.support_plane", ("segment", "support_plane")),
         ("segment.grounded_sam", ("segment", "grounded_sam")),
         ("register.colmap", ("register", "colmap")),
+        ("register.mast3r", ("register", "mast3r")),
         ("register.vggt", ("register", "vggt")),
         ("nvs.twodgs", ("nvs", "2dgs", "train")),
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),

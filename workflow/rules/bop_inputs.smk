@@ -49,3 +49,13 @@ def scores_of_table(wildcards):
     runs += [f"{estimator}-{masks}-MODELS/scores" for estimator in estimators for masks in ["truth", *detectors]]
     folders = ["models", *(f"models_{nvs}" for nvs in table_axis("nvs"))]
     return [f"results/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
+
+
+def detector_weights(name):
+    """An input function: the weights of a detector, or an error that says how to get them."""
+
+    def weights(wildcards):
+        usable("detector", name, methods.DETECTORS, "The folder is named after the detector.")
+        return [str(methods.WEIGHTS_FOLDER / file) for file in methods.DETECTORS[name].weights]
+
+    return weights

@@ -3,6 +3,7 @@
 import os
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -92,9 +93,16 @@ def usable(what, name, table, remedy):
     return name
 
 
+def with_own_weights(name, method):
+    """A registration, which lacks no weights where the config names some of the user's own."""
+    return replace(method, weights=()) if config["register"].get(name, {}).get("weights") else method
+
+
 def registrations_of(dataset):
     """The registrations that make sense for a dataset: photos have no true cameras."""
-    return {name: method for name, method in methods.REGISTRATIONS.items() if is_virtual(dataset) or not method.truth}
+    return {
+        name: with_own_weights(name, method) for name, method in methods.REGISTRATIONS.items() if is_virtual(dataset) or not method.truth
+    }
 
 
 def check_object(wildcards):
@@ -249,7 +257,10 @@ def step_options(options):
 def registration_options(wildcards):
     """The options of the registration method in the path; the true cameras need none."""
     options = config["register"].get(wildcards.registration)
-    return step_options({**options, "seed": config["seed"]}) if options else ""
+    if not options:
+        return ""
+    own = {"weights": shlex.quote(os.path.relpath(ROOT / options["weights"]))} if options.get("weights") else {}
+    return step_options({**options, **own, "seed": config["seed"]})
 
 
 def registration_needs(wildcards):

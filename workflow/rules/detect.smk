@@ -6,16 +6,6 @@ results/DATASET/bop/DETECTOR-MODELS/masks.json       those of them that poses ar
 """
 
 
-def detector_weights(name):
-    """An input function: the weights of a detector, or an error that says how to get them."""
-
-    def weights(wildcards):
-        usable("detector", name, methods.DETECTORS, "The folder is named after the detector.")
-        return [str(methods.WEIGHTS_FOLDER / file) for file in methods.DETECTORS[name].weights]
-
-    return weights
-
-
 rule templates:
     input:
         models="results/{dataset}/bop/{models}",

@@ -1,6 +1,9 @@
 """Which device a network runs on, in which precision, and how much memory is free there."""
 
+import contextlib
 import os
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -8,6 +11,9 @@ import torch
 from zeroshop_steps.errors import StepError
 
 CGROUP = Path("/sys/fs/cgroup")
+DEVICES = ("auto", "cpu", "cuda")
+RESERVE = 0.9
+"""Share of the free memory that a network may take."""
 
 
 def chosen_device(name: str) -> str:
@@ -37,6 +43,54 @@ def free_bytes(device: str) -> int:
             free = 1024 * int(line.split()[1])
     limit, used = _text(CGROUP / "memory.max").strip(), _text(CGROUP / "memory.current").strip()
     return min(free, int(limit) - int(used)) if limit.isdigit() and used.isdigit() else free
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Memory that a run will take at its peak.
+
+    Attributes:
+        peak_bytes: all of it.
+        what: what of, in words: "MASt3R on 20 images of 512 x 384 px".
+        instead: what would fit, or what else to do, in words.
+    """
+
+    peak_bytes: int
+    what: str
+    instead: str
+
+
+def fits(peak_bytes: int, device: torch.device) -> bool:
+    """Whether so much memory can be taken on a device."""
+    return peak_bytes <= RESERVE * free_bytes(device.type)
+
+
+def check_fits(needs: Needs, device: torch.device) -> None:
+    """Raise StepError with the numbers where a run cannot fit on a device."""
+    if not fits(needs.peak_bytes, device):
+        free = free_bytes(device.type)
+        raise StepError(
+            f"{needs.what} takes {needs.peak_bytes / 1e9:.1f} GB at its peak, the device {device.type} has {free / 1e9:.1f} GB free:"
+            f" {needs.instead}"
+        ) from MemoryError()
+
+
+@contextlib.contextmanager
+def running(device: torch.device, what: str) -> Iterator[None]:
+    """Run a network without gradients, in bfloat16 where a CUDA device has it.
+
+    Raises:
+        StepError: out of memory all the same.
+    """
+    precision = chosen_precision("auto", device.type)
+    try:
+        with torch.inference_mode(), torch.autocast(device.type, dtype=precision, enabled=precision != torch.float32):
+            yield
+    except RuntimeError as error:
+        if not isinstance(error, torch.OutOfMemoryError) and "allocate memory" not in str(error):
+            raise
+        remedy = "use --device cpu" if device.type == "cuda" else "run less beside it"
+        raise StepError(f"{what} ran out of memory on {device.type}: {str(error).splitlines()[0]}; {remedy}") from MemoryError()
 
 
 def _text(path: Path) -> str:

@@ -5,9 +5,7 @@ Too few registered images, or cameras that the images contradict, are a failure 
 """
 
 import argparse
-import math
 import tempfile
-import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,20 +14,11 @@ import pycolmap
 
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.mapping import map_incrementally, mapping_options
-from zeroshop_steps.register.record import (
-    OBJECT_ONLY,
-    RegistrationFailed,
-    add_common_arguments,
-    lens_figures,
-    model_figures,
-    write_registration,
-)
-from zeroshop_steps.register.repair import place_again, refine_robustly, repaired, without_images
+from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, write_registration
 from zeroshop_steps.register.sift import SiftOptions, extract, match
+from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
-from zeroshop_steps.register.undistort import undistort
-from zeroshop_steps.register.verdict import Limits, Verdict, judge
+from zeroshop_steps.register.verdict import Limits
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
 
@@ -92,75 +81,23 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
     Raises:
         RegistrationFailed: too few images, or an inconsistent model.
     """
-    seconds: dict[str, float] = {}
-    lap_s = start_s = time.monotonic()
-
-    def lap(name: str) -> None:
-        nonlocal lap_s
-        seconds[name], lap_s = round(time.monotonic() - lap_s, 3), time.monotonic()
-
+    stopwatch = Stopwatch()
     count = len(image_set.images)
-    needed = max(options.min_images, math.ceil(options.min_share * count))
-    figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": seconds, "parameters": asdict(options)}
-    figures["versions"] = {"pycolmap": pycolmap.__version__}
+    figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": stopwatch.seconds}
+    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=".colmap.") as scratch_name:
         scratch = Path(scratch_name)
         database = scratch / "database.db"
         figures["median_features"] = extract(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
-        lap("extract")
+        stopwatch.lap("extract")
         match(database, options.sift)
-        lap("match")
+        stopwatch.lap("match")
         weak = [] if options.object_only else weak_images(database, options.weak_matches, options.weak_share)
         if weak:
             add_stretched_features(database, image_set, weak, options.tilt, options.sift)
         figures["stretched"] = weak
-        lap("stretch")
-        mapper = mapping_options(min(needed, count), options.sift.seed)
-        model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
-        lap("map")
-        if model is not None:
-            model, verdict = _settled(model, image_set, database, scratch, options, figures)
-            lap("repair")
-    registered = model.num_reg_images() if model else 0
-    if model is None or registered < needed:
-        raise RegistrationFailed(
-            f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, "
-            + (
-                "or register the whole scene, with its ground"
-                if options.object_only
-                else "or put the object on a strongly textured surface"
-            ),
-            figures,
+        stopwatch.lap("stretch")
+        needs = StructureOptions(
+            options.min_share, options.min_images, options.max_dropped, options.limits, options.sift.seed, options.object_only
         )
-    pinhole_model = undistort(model, image_set, out)
-    lap("undistort")
-    figures["lens"] = lens_figures(model)
-    figures |= model_figures(pinhole_model) | {"consistency": verdict.figures()}
-    seconds["total"] = round(time.monotonic() - start_s, 3)
-    if verdict.reason:
-        raise RegistrationFailed(verdict.reason, figures, pinhole_model)
-    return figures
-
-
-def _settled(
-    model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: ColmapOptions, figures: dict[str, Any]
-) -> tuple[pycolmap.Reconstruction, Verdict]:
-    """Refine, place suspicious images again, and leave out those that the pictures contradict even then."""
-    images = image_set.images[0].parent
-    model, again = repaired(model, database, images, scratch, options.sift.seed)
-    verdict = judge(model, image_set, database, options.limits)
-    dropped: list[str] = []
-    for _ in range(options.max_dropped):
-        if verdict.reason is None or model.num_reg_images() - len(verdict.culprits) < options.min_images:
-            break
-        names = list(verdict.culprits)
-        if set(names) <= set(again):
-            dropped += names
-            model = without_images(model, names)
-        else:
-            again += names
-            model = place_again(model, names, database, images, scratch, options.sift.seed)
-        refine_robustly(model)
-        verdict = judge(model, image_set, database, options.limits)
-    figures |= {"placed_again": again, "left_out": dropped}
-    return model, verdict
+        return reconstruct(database, image_set, out, needs, figures, stopwatch)

@@ -1,0 +1,76 @@
+"""Matches that a network found, as COLMAP takes them: keypoints that pairs share, in a database, verified."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.sift import two_view_options
+
+PairMatches = Mapping[tuple[int, int], tuple[np.ndarray, np.ndarray]]
+"""By numbers of two images, the first smaller: (M,) numbers of the keypoints that match, in the one and in the other."""
+
+
+def write_matches(
+    database: Path,
+    image_set: ImageSet,
+    keypoints: list[np.ndarray],
+    matches: PairMatches,
+    min_track: int,
+    seed: int,
+    focal_px: float | None = None,
+) -> dict[str, int]:
+    """Write one shared camera, the keypoints of all images and their matches into a new database, and verify these.
+
+    Args:
+        database: file to create.
+        keypoints: (K, 2) pixels for each image; those of short tracks are left out.
+        matches: of the pairs.
+        min_track: so many keypoints at least must hang together by matches for these to count.
+        seed: of RANSAC.
+        focal_px: known focal length; None reads EXIF, else estimates.
+
+    Returns:
+        How many keypoints and matches were kept.
+    """
+    kept = long_tracks([len(points) for points in keypoints], matches, min_track)
+    number = [np.cumsum(mask) - 1 for mask in kept]
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "SIMPLE_RADIAL"
+    if focal_px is not None:
+        width, height = image_set.size_px
+        reader.camera_params = f"{focal_px},{width / 2},{height / 2},0"
+    pycolmap.Database.open(database).close()
+    pycolmap.import_images(database, image_set.images[0].parent, pycolmap.CameraMode.SINGLE, image_set.names, reader)
+    listed, count = [], 0
+    with pycolmap.Database.open(database) as opened:
+        ids = [opened.read_image_with_name(name).image_id for name in image_set.names]
+        for image_id, points, mask in zip(ids, keypoints, kept, strict=True):
+            opened.write_keypoints(image_id, points[mask].astype(np.float32).reshape(-1, 2))
+        for (first, second), (one, other) in sorted(matches.items()):
+            both = kept[first][one] & kept[second][other]
+            if both.any():
+                numbers = np.stack([number[first][one[both]], number[second][other[both]]], axis=1)
+                opened.write_matches(ids[first], ids[second], numbers.astype(np.uint32))
+                listed.append(f"{image_set.names[first]} {image_set.names[second]}\n")
+                count += len(numbers)
+    pairs = database.with_name("pairs.txt")
+    pairs.write_text("".join(listed))
+    if listed:
+        pycolmap.verify_matches(database, pairs, two_view_options(seed))
+    return {"keypoints": int(sum(mask.sum() for mask in kept)), "matches": count, "matched_pairs": len(listed)}
+
+
+def long_tracks(counts: list[int], matches: PairMatches, min_track: int) -> list[np.ndarray]:
+    """For each image the (K,) mask of the keypoints that hang together with at least `min_track`, themselves among them."""
+    start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    ends = [(start[first] + one, start[second] + other) for (first, second), (one, other) in matches.items()]
+    one, other = (np.concatenate([end[side] for end in ends] or [np.zeros(0, np.int64)]) for side in (0, 1))
+    graph = coo_matrix((np.ones(len(one), np.int8), (one, other)), shape=(start[-1], start[-1]))
+    labels = connected_components(graph, directed=False)[1] if start[-1] else np.zeros(0, np.int64)
+    long = np.bincount(labels, minlength=1)[labels] >= min_track
+    return [long[begin:end] for begin, end in zip(start[:-1], start[1:], strict=True)]

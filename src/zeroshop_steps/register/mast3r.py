@@ -1,0 +1,187 @@
+"""Registration by MASt3R: dense features of a learned network, matched between pairs; then COLMAP's mapper and the checks as for colmap.
+
+Leroy et al., Grounding Image Matching in 3D with MASt3R, ECCV 2024; Duisterhof et al., MASt3R-SfM, 3DV 2025. Settings as in the
+thesis: up to 20 images (30 without a surface) all pairs are matched; one shared camera with radial distortion; only keypoints
+whose tracks have five images count. The network's weights have a licence of their own, which allows no commercial use.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import torch
+
+from zeroshop_steps.cache import Cached
+from zeroshop_steps.networks.devices import DEVICES, chosen_device
+from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
+from zeroshop_steps.networks.mast3r.matching import Matches, match
+from zeroshop_steps.networks.mast3r.model import load_mast3r
+from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
+from zeroshop_steps.networks.weights import require
+from zeroshop_steps.progress import track
+from zeroshop_steps.register.found_matches import PairMatches, write_matches
+from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
+from zeroshop_steps.register.pairs import chosen_pairs
+from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, add_common_arguments, write_registration
+from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
+
+CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads", "device"))
+ANCHORS_WITHOUT_SURFACE = 30
+CONFIDENCE_WITHOUT_SURFACE = 0.01
+
+
+@dataclass(frozen=True)
+class Mast3rOptions:
+    """Parameters of the method.
+
+    Attributes:
+        object_only: matches inside the masks only, for images without a surface.
+        anchors: up to so many images all pairs are matched, beyond it those of pairs.chosen_pairs.
+        neighbours: of each image, beyond that.
+        subsampling: pixels of the network's picture from one start of a match to the next.
+        min_confidence: of the features of a match.
+        min_track: images that a track must have for its keypoints to count.
+        focal_px: known focal length; None reads EXIF, else estimates.
+        structure: of the reconstruction.
+    """
+
+    object_only: bool = False
+    anchors: int = 20
+    neighbours: int = 10
+    subsampling: int = 8
+    min_confidence: float = 1.0
+    min_track: int = 5
+    focal_px: float | None = None
+    structure: StructureOptions = field(default_factory=StructureOptions)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    defaults = Mast3rOptions()
+    structure = defaults.structure
+    parser.add_argument("--min-share", type=float, default=structure.min_share, help="share of images needed (default: %(default)s)")
+    parser.add_argument("--min-images", type=int, default=structure.min_images, help="number of images needed (default: %(default)s)")
+    parser.add_argument(
+        "--anchors", type=int, default=defaults.anchors, help="up to so many images all pairs are matched (default: %(default)s; se: 30)"
+    )
+    parser.add_argument("--min-confidence", type=float, default=defaults.min_confidence, help="of a match (default: %(default)s; se: 0.01)")
+    parser.add_argument("--min-track", type=int, default=defaults.min_track, help="images of a track (default: %(default)s)")
+    parser.add_argument(
+        "--long-side-px",
+        type=int,
+        default=LONG_SIDE_PX,
+        help="length of the network's pictures along the longer side (default: %(default)s)",
+    )
+    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
+    parser.add_argument("--seed", type=int, default=structure.seed, help="seed of all RANSAC loops (default: %(default)s)")
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="where the network runs (default: %(default)s)")
+    parser.add_argument("--weights", type=Path, help=f"the network's weights (default: resources/weights/{NAME})")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    bare = args.scene in OBJECT_ONLY
+    options = Mast3rOptions(
+        object_only=bare,
+        anchors=max(args.anchors, ANCHORS_WITHOUT_SURFACE) if bare else args.anchors,
+        min_confidence=min(args.min_confidence, CONFIDENCE_WITHOUT_SURFACE) if bare else args.min_confidence,
+        min_track=args.min_track,
+        focal_px=args.focal_px,
+        structure=StructureOptions(min_share=args.min_share, min_images=args.min_images, seed=args.seed, object_only=bare),
+    )
+    device = torch.device(chosen_device(args.device))
+    weights = args.weights or require(NAME)
+    image_set = read_image_set(args.capture)
+    torch.set_num_threads(args.threads)
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+
+    def predictor() -> PairPredictor:
+        return PairPredictor(load_mast3r(weights), image_set.images, device, args.long_side_px)
+
+    write_registration(args.out, args.keep_going, lambda folder: register(image_set, folder, options, predictor))
+
+
+def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: Callable[[], Predictor]) -> dict[str, Any]:
+    """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`; returns the record.
+
+    Raises:
+        RegistrationFailed: nothing matches, too few images, or an inconsistent model.
+        StepError: the network cannot run.
+    """
+    stopwatch = Stopwatch()
+    figures: dict[str, Any] = {"method": "mast3r", "images": len(image_set.images), "registered": 0, "seconds": stopwatch.seconds}
+    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__, "torch": torch.__version__}}
+    prepared = predictor()
+    stopwatch.lap("encode")
+    keypoints, matches = matched(prepared, image_set, options)
+    stopwatch.lap("match")
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".mast3r.") as scratch_name:
+        database = Path(scratch_name) / "database.db"
+        structure = options.structure
+        figures |= write_matches(database, image_set, keypoints, matches, options.min_track, structure.seed, options.focal_px)
+        stopwatch.lap("verify")
+        if not figures["matches"]:
+            raise RegistrationFailed(
+                f"the network finds no matches between the images, or none that {options.min_track} of them share; take more pictures"
+                " with more overlap",
+                figures,
+            )
+        return reconstruct(database, image_set, out, structure, figures, stopwatch)
+
+
+def matched(predictor: Predictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:
+    """Match the chosen pairs: keypoints of each image, in pixels of the image, and which of them match."""
+    count = len(image_set.images)
+    pairs = chosen_pairs(count, options.anchors, options.neighbours, lambda: predictor.similarities().numpy())
+    masks = read_masks(image_set) if options.object_only else None
+    inside = (
+        [_seen_by_network(masks[name], framing) for name, framing in zip(image_set.names, predictor.framings, strict=True)]
+        if masks
+        else None
+    )
+    found: dict[tuple[int, int], Matches] = {}
+    for pair in track(pairs, "matching pairs", len(pairs)):
+        matches = match(*predictor.pair(*pair), options.min_confidence, options.subsampling)
+        if inside:
+            kept = inside[pair[0]][tuple(matches.first.T[::-1])] & inside[pair[1]][tuple(matches.second.T[::-1])]
+            matches = Matches(matches.first[kept], matches.second[kept], matches.confidence[kept])
+        if len(matches.confidence):
+            found[pair] = matches
+    return shared_keypoints(found, predictor.framings)
+
+
+def shared_keypoints(found: dict[tuple[int, int], Matches], framings: list[Framing]) -> tuple[list[np.ndarray], PairMatches]:
+    """Give each pixel that is matched one number in its image, whatever the pair."""
+    flat: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+    used: list[list[np.ndarray]] = [[] for _ in framings]
+    for (first, second), matches in found.items():
+        ends = [
+            pixels[:, 1] * framings[image].width_px + pixels[:, 0] for image, pixels in ((first, matches.first), (second, matches.second))
+        ]
+        flat[first, second] = (ends[0], ends[1])
+        used[first].append(ends[0])
+        used[second].append(ends[1])
+    unique = [np.unique(np.concatenate(parts)) if parts else np.zeros(0, np.int64) for parts in used]
+    keypoints = [
+        framing.to_original(np.stack([pixels % framing.width_px, pixels // framing.width_px], axis=1) + 0.5)
+        for framing, pixels in zip(framings, unique, strict=True)
+    ]
+    numbers = {
+        (first, second): (np.searchsorted(unique[first], one), np.searchsorted(unique[second], other))
+        for (first, second), (one, other) in flat.items()
+    }
+    return keypoints, numbers
+
+
+def _seen_by_network(mask: np.ndarray, framing: Framing) -> np.ndarray:
+    """(height, width) bool: the mask where the network's pixels have their centres."""
+    columns, rows = np.arange(framing.width_px) + 0.5, np.arange(framing.height_px) + 0.5
+    x = framing.to_original(np.stack([columns, np.zeros_like(columns)], axis=1))[:, 0]
+    y = framing.to_original(np.stack([np.zeros_like(rows), rows], axis=1))[:, 1]
+    return mask[np.ix_(np.clip(y.astype(int), 0, mask.shape[0] - 1), np.clip(x.astype(int), 0, mask.shape[1] - 1))]

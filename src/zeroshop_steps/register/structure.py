@@ -1,0 +1,117 @@
+"""From a database of matches to cameras: map, refine, check against masks and image pairs, undistort. What all feature methods share."""
+
+import math
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.mapping import map_incrementally, mapping_options
+from zeroshop_steps.register.record import RegistrationFailed, lens_figures, model_figures
+from zeroshop_steps.register.repair import place_again, refine_robustly, repaired, without_images
+from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.verdict import Limits, Verdict, judge
+
+
+@dataclass(frozen=True)
+class StructureOptions:
+    """What a reconstruction must fulfil.
+
+    Attributes:
+        min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
+        max_dropped: rounds in which images that the pictures contradict are placed again or left out.
+        limits: from where on a model counts as wrong.
+        seed: of all RANSAC loops.
+        object_only: whether nothing but the object was registered; decides the advice.
+    """
+
+    min_share: float = 0.8
+    min_images: int = 8
+    max_dropped: int = 6
+    limits: Limits = field(default_factory=Limits)
+    seed: int = 0
+    object_only: bool = False
+
+
+class Stopwatch:
+    """Seconds of the parts of a run, for its record."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start_s = self._lap_s = time.monotonic()
+
+    def lap(self, name: str) -> None:
+        """The part `name` ends now."""
+        self.seconds[name] = round(time.monotonic() - self._lap_s, 3)
+        self._lap_s = time.monotonic()
+
+    def stop(self) -> None:
+        """All ends now."""
+        self.seconds["total"] = round(time.monotonic() - self._start_s, 3)
+
+
+def reconstruct(
+    database: Path, image_set: ImageSet, out: Path, options: StructureOptions, figures: dict[str, Any], stopwatch: Stopwatch
+) -> dict[str, Any]:
+    """Estimate cameras from the verified matches of a database and write images/, sparse/ and, where there are masks, masks/ to `out`.
+
+    Args:
+        database: COLMAP database with features and verified matches; what is written on the way lies beside it.
+        figures: the record so far; completed in place.
+
+    Returns:
+        The record for registration.json.
+
+    Raises:
+        RegistrationFailed: too few images, or an inconsistent model.
+    """
+    count, scratch = len(image_set.images), database.parent
+    needed = max(options.min_images, math.ceil(options.min_share * count))
+    mapper = mapping_options(min(needed, count), options.seed)
+    model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
+    stopwatch.lap("map")
+    if model is not None:
+        model, verdict = _settled(model, image_set, database, scratch, options, figures)
+        stopwatch.lap("repair")
+    registered = model.num_reg_images() if model else 0
+    if model is None or registered < needed:
+        way_out = "register the whole scene, with its ground" if options.object_only else "put the object on a strongly textured surface"
+        raise RegistrationFailed(
+            f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, or {way_out}",
+            figures,
+        )
+    pinhole_model = undistort(model, image_set, out)
+    stopwatch.lap("undistort")
+    figures["lens"] = lens_figures(model)
+    figures |= model_figures(pinhole_model) | {"consistency": verdict.figures()}
+    stopwatch.stop()
+    if verdict.reason:
+        raise RegistrationFailed(verdict.reason, figures, pinhole_model)
+    return figures
+
+
+def _settled(
+    model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: StructureOptions, figures: dict[str, Any]
+) -> tuple[pycolmap.Reconstruction, Verdict]:
+    """Refine, place suspicious images again, and leave out those that the pictures contradict even then."""
+    images = image_set.images[0].parent
+    model, again = repaired(model, database, images, scratch, options.seed)
+    verdict = judge(model, image_set, database, options.limits)
+    dropped: list[str] = []
+    for _ in range(options.max_dropped):
+        if verdict.reason is None or model.num_reg_images() - len(verdict.culprits) < options.min_images:
+            break
+        names = list(verdict.culprits)
+        if set(names) <= set(again):
+            dropped += names
+            model = without_images(model, names)
+        else:
+            again += names
+            model = place_again(model, names, database, images, scratch, options.seed)
+        refine_robustly(model)
+        verdict = judge(model, image_set, database, options.limits)
+    figures |= {"placed_again": again, "left_out": dropped}
+    return model, verdict
