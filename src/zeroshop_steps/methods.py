@@ -21,19 +21,22 @@ class Method:
         weights: files below resources/weights.
         gpu: whether it runs on a CUDA device only.
         truth: whether it needs true cameras, which photos lack.
+        mem_mb, runtime_min: what a registration of about 20 images may take, for the scheduler.
     """
 
     step: str
     weights: tuple[str, ...] = ()
     gpu: bool = False
     truth: bool = False
+    mem_mb: int = 4000
+    runtime_min: int = 30
 
 
 REGISTRATIONS = {
     "colmap": Method("register.colmap"),
     "truth": Method("register.truth", truth=True),
     "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",)),
-    "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",)),
+    "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",), mem_mb=12000, runtime_min=240),
 }
 SEGMENTATIONS = {
     "grounded_sam": Method(

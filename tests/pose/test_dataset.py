@@ -102,6 +102,6 @@ def test_masks_of_another_size_and_detections_without_masks_are_refused(small, c
 
 
 def test_confidence_grows_with_what_speaks_for_a_pose():
-    assert confidence(0.9, 0.1, 1000, 1.0) > confidence(0.6, 0.1, 1000, 1.0)
-    assert confidence(0.9, 0.1, 1000, 1.0) > confidence(0.9, 0.0, 1000, 1.0)
-    assert confidence(0.9, 0.1, 1000, 1.0) > confidence(0.9, 0.1, 1000, 0.1)
+    assert confidence(0.9, 0.1, 1000) > confidence(0.6, 0.1, 1000) > confidence(0.35, 0.0, 1000)
+    assert confidence(0.9, 0.1, 1000) > confidence(0.9, 0.0, 1000)
+    assert confidence(0.95, 0.2, 1000) > 0.95 and confidence(0.4, 0.01, 5000) < 0.1

@@ -15,6 +15,7 @@ from small_report import failed_cell, finished_cell, half_done_cell, made_galler
 
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.reduced import TEXTURED_FACES, reduced
 from zeroshop_steps.report.site.viewer_data import UNSEEN, levels
 
@@ -163,6 +164,39 @@ def distances_in(path: Path) -> np.ndarray:
     import base64
 
     return np.frombuffer(base64.b64decode(data_in(path)["distances"]), np.uint8)
+
+
+def test_the_benchmark_has_a_row_for_each_set_of_models(tmp_path):
+    head = "dataset,models,task,method,masks,measure,object,value,source"
+    rows = ["demo,models,pose,render_compare,truth,ar,,0.91,measured", "demo,models_2dgs,pose,render_compare,truth,ar,,0.87,measured"]
+    rows += ["demo,models,detection,contour,,ap,,0.42,measured", "demo,models,pose,render_compare,truth,ar,3,0.5,measured"]
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables/bop.csv").write_text("\n".join([head, *rows]) + "\n")
+    made_gallery(tmp_path / "report", tables=tmp_path / "tables")
+    page = (tmp_path / "report/tables.html").read_text()
+    assert "render_compare, true masks, AR" in page and "contour, AP" in page
+    assert all(f">{value}</td>" in page for value in ("0.910", "0.870", "0.420")) and ">0.500</td>" not in page
+    assert ">lost with 2dgs</th>" in page and ">0.040</td>" in page
+    assert (tmp_path / "report/downloads/bop.csv").read_text().count("\n") == 5
+
+
+def test_published_tables_stand_beside_ours(tmp_path, carton):
+    failed_cell(tmp_path / "ycbv/obj_000013", "2 of 30 images registered, at least 24 are needed")
+    page = made_page(tmp_path / "ycbv/obj_000013", tmp_path / "report")
+    made_gallery(tmp_path / "report", page, dataset="ycbv")
+    text = (tmp_path / "report/tables.html").read_text()
+    assert "thesis: MASt3R" in text and 'href="objects/obj_000013/index.html#se-colmap-2dgs"' in text
+    assert ">0.0601</td>" in text and ">9.28</td>" in text, "Table 4.3 has the bowl's height"
+    assert ">0.751</td>" in text, "Table 4.5"
+    assert text.count("<circle") == 17, "Figure 4.8 has the seventeen objects of Tables 4.3 and 4.4"
+    rows = (tmp_path / "report/downloads/grades.csv").read_text().splitlines()
+    assert sum(row.startswith("thesis,obj_000013") for row in rows) == 13
+
+
+def test_the_numbers_of_an_axis_differ():
+    plot = scatter({"a": [(0.9985, 26.95, "one"), (1.0, 27.0, "two")]}, "x", "y", from_zero=False)
+    numbers = re.findall(r'text-anchor="(middle|end)">([0-9.]+)</text>', plot)
+    assert len(numbers) > 5 and len(set(numbers)) == len(numbers)
 
 
 def test_levels_of_distance():

@@ -230,7 +230,7 @@ def test_nothing_is_written_outside_results_and_resources():
         for path in re.findall(r'^ +(?:\w+=)?(?:directory\()?"([^" [][^" ]*/[^" ]+)"\)?,?$', file.read_text(), flags=re.MULTILINE)
     ]
     assert len(paths) > 50
-    assert [path for path in paths if not path.startswith(("results/", "resources/", "../envs/"))] == []
+    assert [path for path in paths if not path.startswith(("results/", "resources/", "../envs/", "../report/"))] == []
 
 
 def test_weights_are_downloaded_by_name_and_say_their_licence(snakemake):

@@ -53,6 +53,7 @@ def test_the_config_lists_every_demo_object():
         ("capture.video", ("video",)),
         ("segment.support_plane", ("segment", "support_plane")),
         ("register.colmap", ("register", "colmap")),
+        ("register.vggt", ("register", "vggt")),
         ("nvs.twodgs", ("nvs", "2dgs", "train")),
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),
         ("nvs.svraster", ("nvs", "svraster", "train")),

@@ -7,6 +7,11 @@ def true_models_of(wildcards):
     return [f"results/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
 
 
+def training_captures_of(wildcards):
+    """The captures of a dataset's objects in a scene."""
+    return [f"{Path(model).parent}/{wildcards.scene}/capture" for model in true_models_of(wildcards)]
+
+
 def alignments_of(wildcards):
     """How the mesh of the chosen cell of each object lies on its true model."""
     usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
@@ -28,6 +33,11 @@ def detections_of(wildcards):
         return []
     usable("detector", wildcards.masks, methods.DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
     return f"results/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/detections.json"
+
+
+def detections_option(wildcards, input):
+    """The option that names the detections, where the masks are not the true ones."""
+    return step_options({"detections": input.get("detections")})
 
 
 def scores_of_table(wildcards):

@@ -53,7 +53,7 @@ rule blender_environment:
     input:
         requirements=BLENDER_REQUIREMENTS,
     output:
-        record="resources/envs/blenderproc.json",
+        record=BLENDER_RECORD,
     log:
         "resources/envs/blenderproc.log",
     benchmark:
@@ -74,7 +74,7 @@ rule blender_environment:
 rule capture_virtual:
     input:
         model="results/{dataset}/{object}/model",
-        environment=environment_of("capture"),
+        environment=environment_of(config["capture"]),
     output:
         capture=directory("results/{dataset}/{object}/{scene}/capture"),
     log:
@@ -95,7 +95,7 @@ rule capture_virtual:
         height_px=config["capture"]["image_height_px"],
         seed=config["seed"],
         method=config["capture"]["renderer"],
-        options=renderer_options("capture"),
+        options=capture_renderer_options,
     message:
         "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
     shell:
@@ -114,7 +114,7 @@ rule capture_photos:
     benchmark:
         "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
     wildcard_constraints:
-        dataset=datasets_of("photos"),
+        dataset=datasets_of("photos", "films"),
         scene="|".join(PHOTO_SCENES),
     conda:
         "../envs/zeroshop.yaml"

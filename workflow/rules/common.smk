@@ -20,8 +20,9 @@ PHOTO_SCENES = ["video"]
 # The record of the training of each surface method, in its cell.
 TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
 
-# What BlenderProc's environment consists of, and the minutes that renderers may take for one capture.
+# What BlenderProc's environment consists of, where it says that it is ready, and the minutes that renderers may take for one capture.
 BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
+BLENDER_RECORD = "resources/envs/blenderproc.json"
 RENDER_MINUTES = {"raycast": 10, "blenderproc": 240}
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated; that of a conda environment
@@ -48,7 +49,8 @@ except StepError as error:
 
 wildcard_constraints:
     dataset="[^/]+",
-    object="[^/]+",
+    # These folders hold what belongs to a whole dataset.
+    object="(?!(?:bop|tables)/)[^/]+",
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
@@ -71,12 +73,14 @@ def objects_of(dataset):
     known("dataset", dataset, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")
     if config["datasets"][dataset]["kind"] == "photos":
         return [name for owner, name in PHOTOS if owner == dataset]
+    if is_filmed(dataset):
+        return [name for names in config["datasets"][dataset]["of"].values() for name in names]
     return config["datasets"][dataset]["objects"]
 
 
 def is_virtual(dataset):
     """Whether a dataset has models, so that captures are rendered and the truth is known."""
-    return config["datasets"][dataset]["kind"] != "photos"
+    return config["datasets"][dataset]["kind"] not in ("photos", "films")
 
 
 def usable(what, name, table, remedy):
@@ -130,14 +134,18 @@ def raw_mesh_of(wildcards):
 
 
 def photos_of(wildcards):
-    """The table row of the user's own capture."""
+    """The table row of the user's own capture, or the like of it for a rendered film."""
     check_object(wildcards)
+    if is_filmed(wildcards.dataset):
+        return film_row(wildcards)
     return PHOTOS[wildcards.dataset, wildcards.object]
 
 
 def photo_place(wildcards, column="images"):
     """The folder or video in a column of objects.tsv, as seen from the working directory."""
     row = photos_of(wildcards)
+    if is_filmed(wildcards.dataset):
+        return row[column]
     path = Path(os.path.relpath(ROOT / row[column]))
     if not path.is_dir() and not (column == "images" and path.is_file()):
         raise WorkflowError(
@@ -152,7 +160,7 @@ def photo_files(column):
 
     def files(wildcards):
         place = Path(photo_place(wildcards, column))
-        if place.is_file():
+        if place.is_file() or is_filmed(wildcards.dataset):
             return [str(place)]
         return sorted(str(path) for path in place.iterdir() if path.is_file() and not path.name.startswith("."))
 
@@ -166,7 +174,7 @@ def mask_files(wildcards):
 
 def capture_method(wildcards):
     """How the pictures of an object are taken: from a video or from a folder of photos."""
-    return "video" if Path(photo_place(wildcards)).is_file() else "photos"
+    return "photos" if Path(photo_place(wildcards)).is_dir() else "video"
 
 
 def capture_options(wildcards):
@@ -213,24 +221,40 @@ def registration_options(wildcards):
     return step_options({**options, "seed": config["seed"]}) if options else ""
 
 
-def environment_of(*keys):
-    """An input function: the environment that the renderer chosen at this place in the config needs, if it needs one."""
-    return lambda wildcards: ["resources/envs/blenderproc.json"] if at(*keys)["renderer"] == "blenderproc" else []
+def registration_needs(wildcards):
+    """The method that the path names; an unknown one is refused where the capture is looked for."""
+    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
 
 
-def renderer_options(*keys):
-    """A params function: the options of the renderer chosen at this place in the config, of those that not every renderer has."""
-    return lambda wildcards, input: step_options(
-        {"samples": at(*keys)["samples"] if input.environment else None, "environment": str(input.environment) or None}
-    )
+def registration_mem_mb(wildcards, attempt):
+    """The memory that the registration method in the path may take; more where it was killed before."""
+    return registration_needs(wildcards).mem_mb * attempt
 
 
-def at(*keys):
-    """A part of the config."""
-    part = config
-    for key in keys:
-        part = part[key]
-    return part
+def registration_runtime_min(wildcards, attempt):
+    """The minutes that it may take."""
+    return registration_needs(wildcards).runtime_min * attempt
+
+
+def registration_gpus(wildcards):
+    """The CUDA devices that it uses where there are any: one for a network."""
+    return int(bool(registration_needs(wildcards).weights))
+
+
+def environment_of(options):
+    """An input function: the environment that the renderer in a part of the config needs, if it needs one."""
+    return lambda wildcards: [BLENDER_RECORD] if options["renderer"] == "blenderproc" else []
+
+
+def environment_option(wildcards, input):
+    """The option that names this environment."""
+    return step_options({"environment": str(input.environment) or None})
+
+
+def capture_renderer_options(wildcards, input):
+    """The options of the renderer of captures that not every renderer has."""
+    samples = config["capture"]["samples"] if input.environment else None
+    return f"{step_options({'samples': samples})} {environment_option(wildcards, input)}".strip()
 
 
 def models_option(wildcards):
@@ -294,8 +318,3 @@ def stage_facts(wildcards):
     stereo = "results/{dataset}/{object}/{scene}/{registration}/stereo/stereo.json".format(**wildcards)
     steps = (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
     return [stereo, *(f"{folder}/{name}.json" for name in steps)]
-
-
-def published_option(wildcards):
-    """The option that puts published figures beside ours, for the dataset that has some."""
-    return "--published" if wildcards.dataset == "ycbv" else ""

@@ -29,7 +29,7 @@ rule estimate_poses:
         mem_mb=3000,
         runtime=120,
     params:
-        detections=lambda wildcards, input: step_options({"detections": input.get("detections")}),
+        detections=detections_option,
     message:
         "Estimating poses with the {wildcards.models} of {wildcards.dataset} by {wildcards.estimator}, masks by {wildcards.masks}"
     shell:
@@ -62,7 +62,7 @@ rule pose_pictures:
         mem_mb=2000,
         runtime=30,
     params:
-        detections=lambda wildcards, input: step_options({"detections": input.get("detections")}),
+        detections=detections_option,
     message:
         "Drawing the poses of {wildcards.estimator}, masks by {wildcards.masks}, with the {wildcards.models} of {wildcards.dataset}"
     shell:

@@ -57,3 +57,8 @@ def tables_there(wildcards):
     """The dataset's tables on disk with their times: the report shows those that are there."""
     folder = Path(f"results/{wildcards.dataset}/tables")
     return [f"{path} {path.stat().st_mtime_ns}" for path in sorted(folder.glob("*.csv"))]
+
+
+def published_option(wildcards):
+    """The option that puts published figures beside ours, for the dataset that has some."""
+    return "--published" if wildcards.dataset == "ycbv" else ""

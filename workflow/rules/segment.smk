@@ -11,7 +11,7 @@ rule segment:
     benchmark:
         "results/{dataset}/{object}/{scene}/{registration}/benchmarks/segment.tsv"
     wildcard_constraints:
-        dataset=datasets_of("photos"),
+        dataset=datasets_of("photos", "films"),
     conda:
         "../envs/zeroshop.yaml"
     threads: 2
@@ -25,4 +25,4 @@ rule segment:
         "Masking {wildcards.object} in its photos ({params.method})"
     shell:
         "python -m zeroshop_steps.segment --method {params.method} --scene {input.scene} {params.options}"
-        " --out {output.cameras} > {log} 2>&1"
+        " --keep-going --out {output.cameras} > {log} 2>&1"

@@ -72,11 +72,13 @@ def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Pa
         write_json(folder / "capture.json", {"scene": "empty", "virtual": True, "seed": seed, "images": len(cameras), "board": BOARD.name})
 
 
-def empty_cameras(mesh: Mesh, subject: Subject, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def empty_cameras(
+    mesh: Mesh, subject: Subject, width_px: int, height_px: int, lens_mm: float = LENS_MM, gap_mm: float = GAP_MM
+) -> tuple[Camera, ...]:
     """Cameras around the middle between the object's place and the board, in the model's frame."""
-    middle = (surface_from_board(mesh, subject, BOARD) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[:3]
+    middle = (surface_from_board(mesh, subject, BOARD, gap_mm) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[:3]
     target = (middle + [subject.centre_mm[0], subject.centre_mm[1], subject.bottom_mm]) / 2
-    focal_px = width_px * LENS_MM / SENSOR_WIDTH_MM
+    focal_px = width_px * lens_mm / SENSOR_WIDTH_MM
     intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
     cameras = []
     for view in range(EMPTY_VIEWS):
@@ -88,13 +90,13 @@ def empty_cameras(mesh: Mesh, subject: Subject, width_px: int, height_px: int) -
     return tuple(cameras)
 
 
-def surface_from_board(mesh: Mesh, subject: Subject, board: Board) -> np.ndarray:
-    """(4, 4) model frame from the board's (x right, y down, as print is read from above): a long side faces the object."""
+def surface_from_board(mesh: Mesh, subject: Subject, board: Board, gap_mm: float = GAP_MM) -> np.ndarray:
+    """(4, 4) model frame from the board's (x right, y down, as print is read from above): a long side faces the object, `gap_mm` away."""
     azimuth = np.radians(AZIMUTH_DEG + subject.front_azimuth_deg)
     outwards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     along = np.array([-outwards[1], outwards[0], 0.0])
     foot = np.array([subject.centre_mm[0], subject.centre_mm[1], subject.bottom_mm])
-    reach = float(((mesh.vertices - foot) @ outwards).max()) + GAP_MM
+    reach = float(((mesh.vertices - foot) @ outwards).max()) + gap_mm
     matrix = np.eye(4)
     matrix[:3, :3] = np.stack([outwards, -along, np.cross(outwards, -along)], 1)
     matrix[:3, 3] = foot + reach * outwards + along * board.size_mm[1] / 2

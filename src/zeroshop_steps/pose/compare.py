@@ -11,7 +11,7 @@ from zeroshop_steps.finish.render import sample_texture
 from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.o3d import o3d
 
-RAYS, COARSE_RAYS = 1500, 500
+COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000
 AGREE_MM = 10.0
 PRINT_WEIGHT = 0.35
 PLAIN_CONTRAST = 10.0  # of 255: a model's colours that vary as little tell hardly anything beside its shading

@@ -16,7 +16,7 @@ from zeroshop_steps.bop.models import Model
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.pose import dataset
-from zeroshop_steps.pose.compare import COARSE_RAYS, Comparison, Patch, patch_of
+from zeroshop_steps.pose.compare import COARSE_RAYS, FINE_RAYS, RAYS, Comparison, Patch, patch_of
 from zeroshop_steps.pose.confidence import SAME_DIAMETERS, confidence
 from zeroshop_steps.pose.hypotheses import PoseSearch
 
@@ -60,7 +60,7 @@ def prepare(models: dict[int, Model]) -> dataset.Estimator:
 
     def estimator(detection: Detection, mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, frame: Frame):
         found = estimate(mask, photo, depth_mm, frame.intrinsics, ready[detection.object_id])
-        return found and (found.camera_from_model, confidence(found.explained, found.margin, found.points, detection.score))
+        return found and (found.camera_from_model, confidence(found.explained, found.margin, found.points))
 
     return estimator
 
@@ -91,10 +91,9 @@ def estimate(mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsi
     poses = ready.search.search(points, depth_mm, mask, intrinsics)
     coarse = patch_of(photo, depth_mm, mask, intrinsics, COARSE_RAYS)
     poses = poses[np.argsort(-ready.comparison.scores(poses, coarse), kind="stable")[:NUDGED]]
-    patch = patch_of(photo, depth_mm, mask, intrinsics)
-    poses, scores = nudged(poses, patch, ready.comparison, ready.model)
+    poses, _ = nudged(poses, patch_of(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model)
     poses = np.concatenate([poses, ready.search.refined(poses, points)])
-    scores = np.concatenate([scores, ready.comparison.scores(poses[len(scores) :], patch)])
+    scores = ready.comparison.scores(poses, patch_of(photo, depth_mm, mask, intrinsics, FINE_RAYS))
     best = int(np.argmax(np.round(scores, 9)))
     apart_mm = mssd(poses, np.repeat(poses[best][None], len(poses), 0), ready.points, ready.model.symmetries)
     others = scores[apart_mm > SAME_DIAMETERS * ready.model.diameter_mm]

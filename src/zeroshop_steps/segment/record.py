@@ -5,9 +5,11 @@ quality of the masks, and contact_sheet.png, a picture of all masks.
 """
 
 import argparse
+import contextlib
 import os
 import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,8 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.frames import TILE_WIDTH_PX, rows_of
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.failures import is_result
 from zeroshop_steps.files import write_json, written_whole_dir
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.images import write_image, write_mask
@@ -26,7 +30,23 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all segmentation methods share."""
     parser.add_argument("--scene", type=Path, required=True, help="registered scene: images/, sparse/ and perhaps masks/")
     parser.add_argument("--seed", type=int, default=0, help="seed of RANSAC (default: %(default)s)")
+    parser.add_argument("--keep-going", action="store_true", help="write a failed segmentation as a result and exit with 0")
     parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
+
+
+@contextlib.contextmanager
+def failing_as_result(args: argparse.Namespace) -> Iterator[None]:
+    """With `--keep-going`, write a failure in this block in place of the masks, as a registration writes its own."""
+    try:
+        yield
+    except StepError as error:
+        if not (args.keep_going and is_result(error)):
+            raise
+        with written_whole_dir(args.out) as folder:
+            for part in ("images", "masks", "sparse"):
+                (folder / part).mkdir()
+            write_json(folder / "registration.json", {"status": "failed", "reason": str(error)})
+        print(f"segmentation failed, recorded in {args.out / 'registration.json'}: {error}", file=sys.stderr)
 
 
 def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.ndarray], dropped: set[str], record: dict[str, Any]) -> None:

@@ -30,14 +30,17 @@ class _Axes:
     def grid(self, x_label: str, y_label: str) -> list[str]:
         """Lines, numbers and the names of the axes."""
         parts = []
-        for value in ticks(self.x0, self.x1):
-            parts.append(f'<text x="{self.x(value):.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{_short(value)}</text>')
+        across = ticks(self.x0, self.x1)
+        for value in across:
+            parts.append(
+                f'<text x="{self.x(value):.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{_told_apart(value, across)}</text>'
+            )
         levels = range(math.ceil(self.y0), math.floor(self.y1) + 1) if self.log_y else ticks(self.y0, self.y1)
         for level in levels:
             value = 10.0**level if self.log_y else level
-            y = self.y(value)
+            y, label = self.y(value), _short(value) if self.log_y else _told_apart(value, levels)
             parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
-            parts.append(f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{_short(value)}</text>')
+            parts.append(f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{label}</text>')
         parts.append(f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_label)}</text>')
         middle = (TOP + HEIGHT - BOTTOM) / 2
         parts.append(f'<text transform="translate(13 {middle}) rotate(-90)" text-anchor="middle">{escape(y_label)}</text>')
@@ -106,6 +109,12 @@ def _straight(points: Sequence[tuple[float, float, str]]) -> tuple[float, float]
 
 def _short(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1e4 else f"{value / 1000:.4g} k"
+
+
+def _told_apart(value: float, others: Sequence[float]) -> str:
+    """A number with as many digits as its neighbours on the axis need."""
+    step = min((b - a for a, b in zip(others, others[1:], strict=False)), default=1.0)
+    return _short(value) if abs(value) >= 1e4 else f"{value:.{max(0, -math.floor(math.log10(step) + 1e-9))}f}"
 
 
 def _figure(parts: list[str], names: list[str], title: str) -> Markup:

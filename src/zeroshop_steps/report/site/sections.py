@@ -38,7 +38,7 @@ def cell_section(cell: Cell, run: Run, folder: Path) -> dict:
     return {
         "cell": cell,
         "advice": advice_for(cell),
-        "pictures": _careful(write_views, cell, run, folder) if cell.state == "done" else {},
+        "pictures": _careful(write_views, cell, run, folder) if cell.state != "failed" and (cell.folder / "mesh.ply").is_file() else {},
         "held_out": (run.capture / "held_out/truth").is_dir(),
         "measures": measures(cell),
         "curves": line_chart(training_curves(cell), "iteration", "loss", log_y=True),

@@ -43,6 +43,7 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
         "figures": figure_rows(cards),
         "columns": used_columns(cards),
         "heights": height_rows(found.get("height", [])),
+        "height_columns": used_height_columns(found.get("height", [])),
         "figure_4_8": height_plot(found.get("height", [])),
         "plots": plots(cards),
         "bop": bop.summary([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
@@ -101,6 +102,14 @@ def height_rows(measured: Sequence[dict]) -> list[dict]:
         | {to: getattr(found, name) for to, name in columns.items()}
         for found in published_heights()
     ]
+
+
+def used_height_columns(measured: Sequence[dict]) -> list[tuple[str, str]]:
+    """The columns of the table of heights: our own only where something was measured."""
+    own = [("height_m", "true height m"), ("measured_height_m", "measured m"), ("difference_percent", "difference %")]
+    published = [("published_name", "published name"), ("published_height_m", "published height m")]
+    published += [("published_measured_height_m", "published, MASt3R m"), ("published_difference_percent", "published difference %")]
+    return (own if measured else []) + published
 
 
 def height_plot(measured: Sequence[dict]):

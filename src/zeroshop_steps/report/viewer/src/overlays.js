@@ -33,15 +33,16 @@ function letter(text, color, size) {
   return sprite;
 }
 
-/** The object's axes from its origin, with their letters. */
-export function axes(length) {
+/** The object's axes from its origin to `room` beyond the half extents of its box, with their letters. */
+export function axes(half, room) {
   const group = new Group();
-  for (const [name, direction, color] of AXES) {
+  AXES.forEach(([name, direction, color], axis) => {
+    const length = half.getComponent(axis) + room;
     group.add(lines([0, 0, 0, ...direction.map((value) => value * length)], color));
-    const sign = letter(name, color, length * 0.14);
-    sign.position.set(...direction.map((value) => value * length * 1.08));
+    const sign = letter(name, color, room * 0.5);
+    sign.position.set(...direction.map((value) => value * (length + room * 0.25)));
     group.add(sign);
-  }
+  });
   return group;
 }
 

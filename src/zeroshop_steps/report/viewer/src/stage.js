@@ -38,25 +38,37 @@ export class Stage {
     });
   }
 
-  /** Put the camera where the whole first mesh is seen from the front. */
+  /** Put the camera where all of every mesh is seen, from the front and a little from above. */
   frame() {
     const box = new Box3();
     this.panes.forEach(({ solid }) => box.union(new Box3().setFromObject(solid.group)));
     const size = box.getSize(new Vector3());
     this.radius = Math.max(size.length() / 2, 1e-6);
+    this.half = size.clone().multiplyScalar(0.5);
     this.centre = box.getCenter(new Vector3());
     this.reset();
   }
 
   reset() {
-    const aspect = Math.min(1, this.aspect());
-    const distance = (this.radius * 1.08) / Math.sin(((FIELD_OF_VIEW_DEG / 2) * Math.PI) / 180) / aspect;
+    const distance = this.#distanceToSeeAll() * 1.06;
     this.camera.near = distance / 100;
     this.camera.far = distance * 30;
     this.controls.target.copy(this.centre);
     this.camera.position.copy(START).normalize().multiplyScalar(distance).add(this.centre);
     this.controls.update();
     this.draw();
+  }
+
+  /** How far away along START every corner of the box is inside the pane, and stays so while turning about z. */
+  #distanceToSeeAll() {
+    const back = START.clone().normalize();
+    const up = new Vector3(0, 0, 1).addScaledVector(back, -back.z).normalize();
+    const tangent = Math.tan(((FIELD_OF_VIEW_DEG / 2) * Math.PI) / 180);
+    const half = this.half;
+    const wide = Math.hypot(half.x, half.y); // the box turned to its widest
+    const near = wide * Math.hypot(back.x, back.y) + half.z * back.z;
+    const high = half.z * up.z + wide * Math.hypot(up.x, up.y) + this.radius * 0.2; // room for the axes
+    return near * 0.5 + Math.max(high / tangent, wide / (tangent * Math.max(this.aspect(), 0.1)));
   }
 
   /** Turn by angles in radians and come nearer by a factor. */

@@ -108,7 +108,7 @@ class Viewer {
   #drawLegend() {
     const ramp = element("i");
     ramp.style.background = gradient();
-    const text = `distance to the ${"true surface"}, grey: no photo shows it`;
+    const text = "distance to the true surface; grey: no photo shows it";
     this.legend.replaceChildren(element("span", {}, "0"), ramp, element("span", {}, `≥ ${this.limit_mm.toPrecision(2)} mm`), element("small", {}, text));
   }
 
@@ -123,7 +123,7 @@ class Viewer {
     for (const pane of this.stage.panes) {
       pane.scene.remove(...pane.overlays);
       pane.overlays = [];
-      if (this.shown.has("axes")) pane.overlays.push(axes(size * 0.9));
+      if (this.shown.has("axes")) pane.overlays.push(axes(this.stage.half, size * 0.25));
       if (this.shown.has("cameras") && this.scene) pane.overlays.push(cameras(this.scene, size * 0.35));
       if (this.shown.has("points") && this.scene) pane.overlays.push(points(this.scene, size * 0.02));
       if (pane.overlays.length) pane.scene.add(...pane.overlays);
@@ -133,7 +133,7 @@ class Viewer {
 
   #afterDrawing() {
     const perUnit = this.stage.pixelsPerUnit();
-    const wanted = 110 / perUnit;
+    const wanted = 150 / perUnit;
     const power = 10 ** Math.floor(Math.log10(wanted));
     const length = [5, 2, 1].map((step) => step * power).find((step) => step <= wanted) ?? power;
     this.scale.firstChild.style.width = `${length * perUnit}px`;
