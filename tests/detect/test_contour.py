@@ -54,26 +54,33 @@ def plane_depth(noise_mm: float = 0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("noise_mm", [0.0, 1.0])
 def test_the_table_is_ground_and_what_stands_on_it_is_not(noise_mm):
-    ground = ground_of(plane_depth(noise_mm), INTRINSICS)
+    ground = ground_of(plane_depth(noise_mm), INTRINSICS, 150.0)
     assert ground[:38].mean() > 0.99 and ground[72:].mean() > 0.99
     assert ground[42:68, 52:88].mean() < 0.01
 
 
-def test_a_wall_before_which_nothing_stands_is_ground_and_a_big_box_is_not():
+def test_a_near_side_of_a_box_is_no_ground_however_much_of_the_image_it_fills():
     depth = plane_depth()
-    depth[:, 100:] = 450.0  # a box's side that holds more than a third of the image, with the table behind it
-    ground = ground_of(depth, INTRINSICS)
+    depth[:, 100:] = 450.0  # 64 x 128 mm, more than a third of the image
+    ground = ground_of(depth, INTRINSICS, 150.0)
     assert ground[72:, :90].mean() > 0.99 and not ground[:, 101:].any()
 
 
+def test_a_table_with_a_floor_behind_it_is_ground_and_so_is_the_floor():
+    depth = plane_depth()
+    depth[:30] = 2500.0
+    ground = ground_of(depth, INTRINSICS, 150.0)
+    assert ground[:29].mean() > 0.99 and ground[72:].mean() > 0.99 and ground[42:68, 52:88].mean() < 0.01
+
+
 def test_normals_look_at_the_camera():
-    surface = surface_of(np.full((120, 160), 500.0), INTRINSICS, "here")
+    surface = surface_of(np.full((120, 160), 500.0), INTRINSICS, 150.0, "here")
     np.testing.assert_allclose(surface.normals[10:-10, 10:-10], np.broadcast_to([0.0, 0.0, -1.0], (100, 140, 3)), atol=1e-3)
 
 
 def test_an_empty_depth_image_is_refused():
     with pytest.raises(StepError, match="scene 1, image 0 has 0 measured pixels"):
-        surface_of(np.zeros((120, 160)), INTRINSICS, "scene 1, image 0")
+        surface_of(np.zeros((120, 160)), INTRINSICS, 150.0, "scene 1, image 0")
 
 
 def stripe(columns: slice) -> np.ndarray:

@@ -43,7 +43,8 @@ def run(args: argparse.Namespace) -> None:
 def detect(frame: Frame, references: dict[int, Reference]) -> list[Found]:
     """Everything in one image that looks like one of the objects."""
     photo = photo_of(frame)
-    surface = surface_of(depth_of(frame, photo), frame.intrinsics, frame.name)
+    largest_mm = max(reference.diameter_mm for reference in references.values())
+    surface = surface_of(depth_of(frame, photo), frame.intrinsics, largest_mm, frame.name)
     lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
     proposals = proposals_of(surface, edges_of(surface, lab))
     linear, focal_px = linear_rgb(photo), float(np.sqrt(frame.intrinsics[0, 0] * frame.intrinsics[1, 1]))

@@ -14,8 +14,7 @@ from zeroshop_steps.errors import StepError
 FEWEST_MEASURED = 500
 TRIALS, SAMPLES = 400, 4000
 PLANE_TOLERANCE = 0.006  # of the depth; in the search, what is this near to a plane is on it
-LEAST_SHARE = 0.12  # of the measured pixels, that a plane holds to be ground or wall rather than a thing's side
-MOST_BEHIND = 0.05  # of the measured pixels, farther than the plane
+LEAST_SHARE = 0.08  # of the measured pixels, that a plane must hold to be looked at
 NOISE_DEVIATIONS, LOWEST_MM = 5.0, 3.0
 SMOOTHED_PX = 2.0
 
@@ -39,8 +38,14 @@ class Surface:
     ground: np.ndarray
 
 
-def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, name: str) -> Surface:
-    """Prepare a measured depth image (0 where nothing was measured); `intrinsics` are BOP's K, `name` is for messages.
+def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float, name: str) -> Surface:
+    """Prepare a measured depth image (0 where nothing was measured).
+
+    Args:
+        depth_mm: (height, width).
+        intrinsics: (3, 3) BOP's K.
+        largest_mm: diameter of the largest object that is looked for.
+        name: of the image, for messages.
 
     Raises:
         StepError: hardly anything was measured.
@@ -58,7 +63,7 @@ def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, name: str) -> Surfa
     rest = inverse - slope_x * rays[..., 0] - slope_y * rays[..., 1]
     normals = -np.stack([slope_x, slope_y, rest], -1)
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
-    ground = ground_of(depth_mm, intrinsics)
+    ground = ground_of(depth_mm, intrinsics, largest_mm)
     return Surface(measured, filled, (rays * filled[..., None]).astype(np.float32), normals.astype(np.float32), ground)
 
 
@@ -76,30 +81,31 @@ def _filled(depth_mm: np.ndarray) -> np.ndarray:
     return filled
 
 
-def ground_of(depth_mm: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """(height, width) bool: measured pixels on planes that hold much of the image and hide nothing: table, floor, wall."""
+def ground_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float) -> np.ndarray:
+    """(height, width) bool: measured pixels on planes too large for a side of an object of diameter `largest_mm`: table, floor, wall."""
     rows, columns = np.nonzero(depth_mm > 0)
     pixels = np.stack([columns, rows, np.ones(len(rows))], 1).astype(float)
     depths = depth_mm[rows, columns].astype(float)
-    free = np.ones(len(rows), bool)
-    while free.mean() >= LEAST_SHARE:
-        plane = _search(pixels[free], 1.0 / depths[free])
-        residual = 1.0 / depths - pixels @ plane
-        near = free & (np.abs(residual) * depths < PLANE_TOLERANCE)
+    lengths = np.linalg.norm(pixels @ np.linalg.inv(intrinsics).T, axis=1)
+    free = open_ = np.ones(len(rows), bool)
+    while open_.mean() >= LEAST_SHARE:
+        plane = _search(pixels[open_], 1.0 / depths[open_])
+        near = open_ & (np.abs(1.0 / depths - pixels @ plane) * depths < PLANE_TOLERANCE)
+        if near.sum() < LEAST_SHARE * len(rows):
+            break
         for _ in range(3):
-            if near.sum() < LEAST_SHARE * len(rows):
-                break
             plane = np.linalg.lstsq(pixels[near], 1.0 / depths[near], rcond=None)[0]
             residual = 1.0 / depths - pixels @ plane
-            spread = 1.4826 * float(np.median(np.abs(residual[near])))
-            near = free & (np.abs(residual) < NOISE_DEVIATIONS * max(spread, 1e-9))
+            spread = max(1.4826 * float(np.median(np.abs(residual[near]))), 1e-9)
+            near = open_ & (np.abs(residual) < NOISE_DEVIATIONS * spread)
         # In camera coordinates the plane is n . X = 1 with n = K' plane.
-        to_mm = depths / np.linalg.norm(intrinsics.T @ plane)
-        height_mm, noise_mm = residual * to_mm, spread * to_mm
-        limit_mm = np.maximum(LOWEST_MM, NOISE_DEVIATIONS * noise_mm)
-        if near.sum() < LEAST_SHARE * len(rows) or (free & (height_mm < -5 * limit_mm)).mean() > MOST_BEHIND:
-            break
-        free &= height_mm > limit_mm
+        steepness = np.linalg.norm(intrinsics.T @ plane)
+        height_mm, noise_mm = residual * depths / steepness, spread * depths / steepness
+        # A pixel sees depth^2 / (f_x f_y) of a plane across its ray, and more of an oblique one.
+        cosines = np.clip(np.abs(pixels @ plane) / steepness / lengths, 0.05, 1)
+        if (depths**2 / (intrinsics[0, 0] * intrinsics[1, 1] * cosines))[near].sum() > np.pi / 4 * largest_mm**2:
+            free = free & (height_mm > np.maximum(LOWEST_MM, NOISE_DEVIATIONS * noise_mm))
+        open_ = open_ & free & ~near
     ground = np.zeros(depth_mm.shape, bool)
     ground[rows[~free], columns[~free]] = True
     return ground
