@@ -16,7 +16,7 @@ import torch
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.networks.devices import chosen_device, chosen_precision, free_bytes
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, lens_figures, model_figures, write_registration
+from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, lens_figures, model_figures, write_registration
 from zeroshop_steps.register.repair import without_images
 from zeroshop_steps.register.undistort import undistort
 from zeroshop_steps.register.verdict import judge
@@ -60,7 +60,7 @@ def solve(args: argparse.Namespace) -> None:
         min_share=args.min_share,
         min_images=args.min_images,
         seed=args.seed,
-        object_only=args.scene == "se",
+        object_only=args.scene in OBJECT_ONLY,
     )
     image_set = read_image_set(args.capture)
     weights = checked(args.weights)
