@@ -52,7 +52,7 @@ except StepError as error:
 wildcard_constraints:
     dataset="[^/]+",
     # These folders hold what belongs to a whole dataset.
-    object="(?!(?:bop|tables)/)[^/]+",
+    object=r"(?!(?:bop|tables)/)[^/]+",
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
