@@ -142,6 +142,10 @@ def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_s
     assert (jobs["contour"], jobs["score_detections"]) == (sets, sets * detectors)
     assert jobs["estimate_poses"] == jobs["score_poses"] == sets * able(methods.ESTIMATORS) * (1 + detectors)
     assert jobs["test_set"] == jobs["true_models"] == jobs["bop_table"] == 1
+    commands = [line for line in run.stdout.splitlines() if "--method render_compare" in line]
+    assert len(commands) == jobs["estimate_poses"]
+    assert all(("--detections results/" in line) == ("render_compare-truth" not in line) for line in commands)
+    assert not any("--detections --" in line for line in commands)
     named = snakemake("-n", "results/demo/bop/render_compare-cnos-models/poses.csv")
     assert named.returncode != 0 and "detector cnos cannot run here" in named.stdout
 

@@ -37,7 +37,7 @@ def detections_of(wildcards):
 
 def detections_option(wildcards, input):
     """The option that names the detections, where the masks are not the true ones."""
-    return step_options({"detections": input.get("detections")})
+    return step_options({"detections": input.get("detections") or None})
 
 
 def scores_of_table(wildcards):
