@@ -1,20 +1,21 @@
 # make mesh    the demo object, end to end
 # make test    every check and test
 # make lint    the checks alone
+# make viewer  bundles the report's scripts again after a change to their sources; needs node and npm
 # make bench   measures the optimizers' kernels: rates, ratios, share of the processor's peak
 # Each sets up .venv first where it is missing or older than the list of versions; PYTHON=... chooses another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: mesh test lint bench
+.PHONY: mesh test lint bench viewer
 .DELETE_ON_ERROR:
 
 mesh: $(READY)
 	$(BIN)/snakemake --cores 2 results/demo/mustard_bottle/2dgs.ply
 
 test: lint
-	$(BIN)/python -m pytest -x -q --durations=15
+	$(BIN)/python -m pytest -q --durations=15
 
 lint: $(READY)
 	$(BIN)/ruff check src tests benchmarks
@@ -24,6 +25,9 @@ lint: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/kernels.py
+
+viewer:
+	cd src/zeroshop_steps/report/viewer && npm ci --no-audit --no-fund && node build.mjs
 
 # torch goes first and alone: asked for together with others, pip may choose another build of it.
 $(READY): requirements.lock pyproject.toml

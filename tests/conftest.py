@@ -1,5 +1,6 @@
 """Fixtures that several stages' tests share."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -22,3 +23,12 @@ def carton(tmp_path_factory):
     from carton_scene import photographed_carton
 
     return photographed_carton(tmp_path_factory.mktemp("carton"))
+
+
+@pytest.fixture(scope="session")
+def blender() -> Path:
+    """The record of BlenderProc's environment; tests that need it are skipped where it was not set up."""
+    record = Path(os.environ.get("ZEROSHOP_BLENDERPROC") or REPOSITORY / "resources/envs/blenderproc.json")
+    if not record.is_file():
+        pytest.skip("BlenderProc is not set up (snakemake resources/envs/blenderproc.json), nor named in ZEROSHOP_BLENDERPROC")
+    return record

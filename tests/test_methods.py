@@ -38,7 +38,15 @@ def test_the_table_of_photos_may_name_every_height_method():
     assert sorted(schema["properties"]["height_method"]["enum"]) == sorted(["", *methods.HEIGHTS])
 
 
-@pytest.mark.parametrize(("table", "key"), [(methods.REGISTRATIONS, "virtual_registration"), (methods.NVS, "nvs_method")])
+@pytest.mark.parametrize(
+    ("table", "key"),
+    [
+        (methods.REGISTRATIONS, "virtual_registration"),
+        (methods.NVS, "nvs_method"),
+        (methods.DETECTORS, "detector"),
+        (methods.ESTIMATORS, "estimator"),
+    ],
+)
 def test_the_config_may_name_every_method(table, key):
     schema = yaml.safe_load((Path(__file__).parents[1] / "workflow/schemas/config.schema.yaml").read_text())
     assert schema["$defs"][key]["enum"] == list(table)

@@ -21,27 +21,36 @@ class Method:
         weights: files below resources/weights.
         gpu: whether it runs on a CUDA device only.
         truth: whether it needs true cameras, which photos lack.
-        mem_mb, runtime_min: what its rule asks a cluster for; None where the rule says so for all.
+        mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
     """
 
     step: str
     weights: tuple[str, ...] = ()
     gpu: bool = False
     truth: bool = False
-    mem_mb: int | None = None
-    runtime_min: int | None = None
+    mem_mb: int = 4000
+    runtime_min: int = 30
 
 
 REGISTRATIONS = {
     "colmap": Method("register.colmap"),
     "truth": Method("register.truth", truth=True),
     "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=480),
-    "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",)),
+    "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",), mem_mb=12000, runtime_min=240),
 }
+DETECTOR, TRACKER = "grounding-dino-base", "sam2.1-hiera-large"
+DETECTOR_FILES = ("model.safetensors", "config.json", "preprocessor_config.json", "tokenizer.json", "tokenizer_config.json")
+TRACKER_FILES = ("model.safetensors", "config.json")
+
+
+def grounded_sam(detector: str = DETECTOR, tracker: str = TRACKER) -> Method:
+    """Segmentation by a prompt, with these two folders below resources/weights."""
+    files = (*(f"{detector}/{name}" for name in DETECTOR_FILES), *(f"{tracker}/{name}" for name in TRACKER_FILES))
+    return Method("segment.grounded_sam", weights=files)
+
+
 SEGMENTATIONS = {
-    "grounded_sam": Method(
-        "segment.grounded_sam", weights=("grounding-dino-base/model.safetensors", "sam2.1-hiera-large/model.safetensors")
-    ),
+    "grounded_sam": grounded_sam(),
     "support_plane": Method("segment.support_plane"),
 }
 """Of captures without masks; "auto" is the first that can run here."""
@@ -56,6 +65,20 @@ HEIGHTS = {
     "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=120),
     "none": Method("height.none"),
 }
+DETECTORS = {
+    "contour": Method("detect.contour"),
+    "cnos": Method(
+        "detect.cnos",
+        weights=tuple(f"{model}/{file}" for model in ("sam-vit-huge", "dinov2-large") for file in ("model.safetensors", "config.json")),
+    ),
+    "sam6d_ism": Method("detect.sam6d_ism", weights=("dinov2-large/model.safetensors", "sam-vit-huge/model.safetensors")),
+}
+ESTIMATORS = {
+    "render_compare": Method("pose.render_compare"),
+    "foundationpose": Method("pose.foundationpose", weights=("foundationpose/refiner.pth", "foundationpose/scorer.pth")),
+    "sam6d_pem": Method("pose.sam6d_pem", weights=("sam6d_pem/model.pth",)),
+}
+"""Of poses, from true masks or from those of a detector."""
 
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:

@@ -15,12 +15,12 @@ class ProgressReport:
     """Shows how far a loop is, with a free text (loss, count) beside it.
 
     Used as a context manager. On a terminal this is one moving bar; in a log it is a plain line at most every
-    `line_every_s` seconds, so that a log of hours stays short.
+    `line_every_s` seconds, so that a log of hours stays short. `done` are the steps that an earlier run has made.
     """
 
-    def __init__(self, title: str, total: int, line_every_s: float = 10.0) -> None:
+    def __init__(self, title: str, total: int, line_every_s: float = 10.0, done: int = 0) -> None:
         self.title, self.total, self.line_every_s = title, total, line_every_s
-        self.done = 0
+        self.done = self._earlier = done
         self._start_s = self._last_line_s = time.monotonic()
         self._bar: Progress | None = None
 
@@ -35,7 +35,7 @@ class ProgressReport:
             )
             self._bar = Progress(*columns, console=Console(stderr=True))
             self._bar.start()
-            self._task = self._bar.add_task(self.title, total=self.total, note="")
+            self._task = self._bar.add_task(self.title, total=self.total, completed=self.done, note="")
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -50,7 +50,7 @@ class ProgressReport:
             self._bar.update(self._task, advance=steps, note=note)
         elif self.done >= self.total or now_s - self._last_line_s >= self.line_every_s:
             self._last_line_s = now_s
-            left_s = (now_s - self._start_s) / max(self.done, 1) * (self.total - self.done)
+            left_s = (now_s - self._start_s) / max(self.done - self._earlier, 1) * (self.total - self.done)
             print(f"{self.title}: {self.done}/{self.total}, {left_s:.0f} s left {note}".rstrip(), file=sys.stderr, flush=True)
 
 

@@ -65,6 +65,17 @@ def test_a_symmetric_object_is_turned_no_more_than_needed(models):
     assert np.degrees(Rotation.from_matrix(fit.transform[:3, :3]).magnitude()) < 3
 
 
+def test_a_lid_over_a_hollow_that_nobody_saw_does_not_spoil_the_size():
+    outside = np.array([[0.0, 0], [50, 0], [75, 25], [80, 55]])
+    inside = np.array([[76.0, 55], [71, 26], [48, 4], [0, 4]])
+    bowl, lidded = (trimesh.creation.revolve(profile, sections=64) for profile in (np.vstack([outside, inside]), [*outside, [0, 55]]))
+    truth, mesh = (Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)) for shape in (bowl, lidded))
+    turns = symmetry_transforms({"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]})
+    fit = align(mesh, truth, turns)
+    assert np.cbrt(np.linalg.det(fit.transform[:3, :3])) == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_allclose(fit.transform[:3, 3], 0.0, atol=1.0)
+
+
 def test_a_mesh_in_metres_is_said():
     assert "metres" in scale_notice(1003.0) and "unit" in scale_notice(25.4) and scale_notice(1.03) is None
 

@@ -99,21 +99,22 @@ def true_detections(dataset) -> list[Detection]:
     return found
 
 
-@pytest.mark.parametrize("of", ["masks", "boxes"])
-def test_true_detections_score_one_and_shifted_ones_less(dataset, of):
+@pytest.mark.parametrize(("of", "ap"), [("masks", "ap"), ("boxes", "box_ap")])
+def test_true_detections_score_one_and_shifted_ones_less(dataset, of, ap):
     found = true_detections(dataset)
     write_detections(dataset.folder / "detections.json", found)
     words = ["--method", "score_detections", "--detections", "detections.json", "--of", of]
     scores = run(dataset, words)
-    assert scores["ap", ""] == scores["ap", str(BOX)] == 1.0 and scores["detections", ""] == 5
+    assert scores[ap, ""] == scores[ap, str(BOX)] == 1.0 and scores["detections", ""] == 5
     shifted = [
         replace(one, box_px=(one.box_px[0] + 4, *one.box_px[1:]), mask=encode_mask(np.roll(dataset.frames[1, one.image_id].mask(0), 4, 1)))
         for one in found
     ]
     write_detections(dataset.folder / "detections.json", shifted)
-    assert run(dataset, words)["ap", ""] < 0.7
+    assert run(dataset, words)[ap, ""] < 0.7
     write_detections(dataset.folder / "detections.json", [])
-    assert run(dataset, words)["ap", ""] == 0.0
+    both = run(dataset, [*words, "masks"])
+    assert both["ap", ""] == both[ap, ""] == 0.0
 
 
 def test_a_real_submission_scores_as_bop_toolkit_says(shared_data, tmp_path):

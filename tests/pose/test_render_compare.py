@@ -7,12 +7,11 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.bop.distractors import distractor
 from zeroshop_steps.bop.models import Model
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.pose.compare import Comparison
-from zeroshop_steps.pose.hypotheses import PoseSearch
-from zeroshop_steps.pose.render_compare import estimate, measured_points
+from zeroshop_steps.pose.compare import patch_of
+from zeroshop_steps.pose.icp import stepped
+from zeroshop_steps.pose.render_compare import Ready, estimate, measured_points
 
 INTRINSICS = np.array([[500.0, 0, 79.5], [0, 500.0, 59.5], [0, 0, 1]])
 
@@ -22,6 +21,11 @@ def model() -> Model:
     rng = np.random.default_rng(5)
     mesh = next(mesh for mesh in iter(lambda: distractor(rng), None) if len(mesh.faces) == 12)
     return Model(1, mesh, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), np.eye(4)[None], {})
+
+
+@pytest.fixture(scope="module")
+def ready(model) -> Ready:
+    return Ready(model)
 
 
 def view(model: Model, seed: int, hidden: bool):
@@ -41,17 +45,38 @@ def view(model: Model, seed: int, hidden: bool):
 
 
 @pytest.mark.parametrize(("seed", "hidden"), [(1, False), (2, True)])
-def test_a_box_is_found_again(model, seed, hidden):
+def test_a_box_is_found_again(model, ready, seed, hidden):
     pose, photo, depth, mask = view(model, seed, hidden)
-    frame = Frame(1, 0, INTRINSICS, 0.1, None, (), None)
-    found, score = estimate(mask, photo, depth, frame, PoseSearch(model.mesh, model.diameter_mm), Comparison(model.mesh), model)
-    error_mm = mssd(found[None], pose[None], ModelPoints.of(model.mesh.vertices), model.symmetries)[0]
-    assert error_mm < 0.05 * model.diameter_mm and 0.5 < score <= 1.0
+    found = estimate(mask, photo, depth, INTRINSICS, ready)
+    error_mm = mssd(found.camera_from_model[None], pose[None], ModelPoints.of(model.mesh.vertices), model.symmetries)[0]
+    assert error_mm < 0.05 * model.diameter_mm and 0.5 < found.explained <= 1.0
+    assert found.points > 0.99 * (mask & (depth > 0)).sum()
 
 
-def test_nothing_measured_means_no_estimate(model):
+def test_a_pose_that_shows_another_side_explains_less(model, ready):
+    pose, photo, depth, mask = view(model, 1, False)
+    patch = patch_of(photo, depth, mask, INTRINSICS)
+    turned, moved = pose.copy(), pose.copy()
+    turned[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec([0, 0, np.pi]).as_matrix()
+    moved[:3, 3] += [0, 0, 8]
+    true, other_side, farther = ready.comparison.scores(np.stack([pose, turned, moved]), patch)
+    assert true > other_side + 0.1, "the shape is the same, the print is not"
+    assert true > farther + 0.1, "8 mm are seen"
+
+
+def test_steps_bring_a_pose_nearly_there_and_do_not_depend_on_the_others(model, ready):
+    pose, _, depth, mask = view(model, 1, False)
+    points = measured_points(mask, depth, INTRINSICS, model.diameter_mm)[:300]
+    start = pose.copy()
+    start[:3, :3] = Rotation.from_rotvec([0.1, -0.08, 0.05]).as_matrix() @ pose[:3, :3]
+    start[:3, 3] += [6, -5, 9]
+    both = stepped(np.stack([start, pose]), points, ready.search._surface, 20)
+    np.testing.assert_array_equal(both[:1], stepped(start[None], points, ready.search._surface, 20))
+    apart_mm = mssd(both, np.stack([pose, pose]), ModelPoints.of(model.mesh.vertices), model.symmetries)
+    assert (apart_mm < 0.04 * model.diameter_mm).all()
+
+
+def test_nothing_measured_means_no_estimate(model, ready):
     _, photo, depth, mask = view(model, 1, False)
-    frame = Frame(1, 0, INTRINSICS, 0.1, None, (), None)
-    search, comparison = PoseSearch(model.mesh, model.diameter_mm), Comparison(model.mesh)
-    assert estimate(mask, photo, np.zeros_like(depth), frame, search, comparison, model) is None
+    assert estimate(mask, photo, np.zeros_like(depth), INTRINSICS, ready) is None
     assert len(measured_points(mask, depth, INTRINSICS, model.diameter_mm)) > 100

@@ -18,7 +18,7 @@ def carton_capture(tmp_path_factory) -> Path:
     capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "whole")
     ring = folder / "ring"
     names = [f"{index:06d}.png" for index in range(10, 20)]
-    for part in ("images", "masks"):
+    for part in ("images", "masks", "depth"):
         (ring / part).mkdir(parents=True)
         for name in names:
             shutil.copy(folder / "whole" / part / name, ring / part / name)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.images import read_image, write_image
 from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record, touches_border
+from zeroshop_steps.segment.record import shown_if_rejected
 
 NAMES = [f"{index:06d}.png" for index in range(10)]
 
@@ -23,7 +25,7 @@ def judged(**odd):
 def test_agreeing_masks_are_good():
     qualities = judged(m4=disk(31))
     assert all(quality.fault is None for quality in qualities)
-    check_enough(qualities, NAMES)
+    check_enough(qualities, NAMES, [])
     assert quality_record(qualities, NAMES)["good_masks"] == 10
 
 
@@ -47,4 +49,21 @@ def test_an_object_cut_off_is_told():
 def test_masks_that_vanish_in_half_of_the_frames_end_the_step():
     nothing = disk() & False
     with pytest.raises(StepError, match="only 5 of 10 masks are good, 8 are needed.*000000.png: the mask is empty"):
-        check_enough(judged(**{f"m{index}": nothing for index in range(5)}), NAMES)
+        check_enough(judged(**{f"m{index}": nothing for index in range(5)}), NAMES, [])
+
+
+def test_refused_masks_are_shown(tmp_path):
+    """The picture shows every image with its mask, the bad ones crossed out, and the error names it."""
+    paths = [tmp_path / name for name in NAMES]
+    masks = [disk() & (index > 4) for index in range(10)]
+    for path in paths:
+        write_image(path, np.full((100, 120, 3), 128, np.uint8))
+    picture = tmp_path / "logs" / "segment.log.png"
+    with pytest.raises(StepError, match="All masks are shown in .*segment.log.png"), shown_if_rejected(paths, picture):
+        check_enough(judge_masks(masks, [disk()] * 10), NAMES, masks)
+    sheet = read_image(picture)
+    bad, good = sheet[: len(sheet) // 2], sheet[len(sheet) // 2 :]
+    assert (good == 128).all(2).mean() > 0.2 and (bad == 128).all(2).mean() < 0.001
+    with shown_if_rejected(paths, picture):
+        pass
+    assert not picture.exists(), "of an earlier run"

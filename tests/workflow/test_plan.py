@@ -64,6 +64,25 @@ def test_photos(snakemake, tmp_path):
     assert "--images 'my cup/images' --masks 'my cup/masks' --height-m 0.12" in run.stdout
 
 
+def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
+    """Given masks are there before anything is registered; without weights, others are found in the registered whole scene."""
+    for name in ("images", "masks"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.png").touch()
+    chosen = "chosen={photos: {scene: video_segmented}}"
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", tmp_path / "masks"), chosen)
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", "register_photos", "segment", *CELL], 1)
+    assert "--pictures results/photos/cup/video/capture " in run.stdout and "--scene video_segmented" in run.stdout
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", ""), chosen)
+    assert run.returncode == 0, run.stdout
+    twice = dict.fromkeys(["register_photos", "segment"], 2)
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", *CELL], 1) | twice
+    assert "--pictures results/photos/cup/video/colmap/cameras " in run.stdout
+    assert "--method support_plane --scene results/photos/cup/video/colmap/scene" in run.stdout
+    assert "--method given --scene results/photos/cup/video_segmented/colmap/scene" in run.stdout
+
+
 @pytest.mark.parametrize(
     ("columns", "command"),
     [
@@ -113,6 +132,18 @@ def test_the_table_of_heights_measures_every_object_twice(snakemake):
     jobs = planned(run.stdout)
     assert jobs["height_by_board"] == jobs["clean"] == jobs["register"] == 22
     assert jobs["capture_empty_scene"] == jobs["capture_with_board"] == jobs["capture_virtual"] == 11
+
+
+def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_set_of_models(snakemake):
+    run = snakemake("-n", "results/demo/tables/bop.csv")
+    assert run.returncode == 0, run.stdout
+    assert "cnos lacks" in run.stdout and "foundationpose lacks" in run.stdout
+    jobs, sets, detectors = planned(run.stdout), 1 + able(methods.NVS), able(methods.DETECTORS)
+    assert (jobs["contour"], jobs["score_detections"]) == (sets, sets * detectors)
+    assert jobs["estimate_poses"] == jobs["score_poses"] == sets * able(methods.ESTIMATORS) * (1 + detectors)
+    assert jobs["test_set"] == jobs["true_models"] == jobs["bop_table"] == 1
+    named = snakemake("-n", "results/demo/bop/render_compare-cnos-models/poses.csv")
+    assert named.returncode != 0 and "detector cnos cannot run here" in named.stdout
 
 
 def test_every_cell_of_the_matrix_has_a_path(snakemake):
@@ -173,7 +204,7 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
         ("results/demo/mustard_bottle/su_x/colmap/2dgs/mesh.ply", "unknown scene of a virtual dataset: su_x."),
         ("results/demo/mustard_bottle/su_h/colmp/2dgs/mesh.ply", "unknown registration of a virtual dataset: colmp. Did you mean colmap"),
         ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),
-        ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video"),
+        ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video, video_segmented"),
         ("results/photos/cup/2dgs.ply", "the video or folder of its images, photos/of/nothing, does not exist"),
         ("results/photos/tables/reconstruction.csv", "unknown virtual dataset: photos"),
         ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),
@@ -210,15 +241,15 @@ def test_a_bad_config_names_the_key(snakemake, config, message):
     assert message in run.stdout
 
 
-def test_nothing_is_written_outside_results():
-    """Every output, log and benchmark lies under results/ (downloads go to resources/)."""
+def test_nothing_is_written_outside_results_and_resources():
+    """Every output, log and benchmark lies under results/; downloads lie under resources/."""
     paths = [
         path
         for file in (REPOSITORY / "workflow" / "rules").glob("*.smk")
         for path in re.findall(r'^ +(?:\w+=)?(?:directory\()?"([^" [][^" ]*/[^" ]+)"\)?,?$', file.read_text(), flags=re.MULTILINE)
     ]
     assert len(paths) > 50
-    assert [path for path in paths if not path.startswith(("results/", "../envs/"))] == []
+    assert [path for path in paths if not path.startswith(("results/", "resources/", "../envs/", "../report/"))] == []
 
 
 def test_weights_are_downloaded_by_name_and_say_their_licence(snakemake):

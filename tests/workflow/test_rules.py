@@ -8,6 +8,7 @@ import pytest
 import yaml
 from running import REPOSITORY
 
+from zeroshop_steps.capture.blender.start import BLENDERPROC_VERSION, BPY_VERSION
 from zeroshop_steps.capture.demo_objects import demo_object_names
 
 RULES = {
@@ -51,8 +52,10 @@ def test_the_config_lists_every_demo_object():
     [
         ("capture.video", ("video",)),
         ("segment.support_plane", ("segment", "support_plane")),
+        ("segment.grounded_sam", ("segment", "grounded_sam")),
         ("register.colmap", ("register", "colmap")),
         ("register.mast3r", ("register", "mast3r")),
+        ("register.vggt", ("register", "vggt")),
         ("nvs.twodgs", ("nvs", "2dgs", "train")),
         ("nvs.fuse", ("nvs", "2dgs", "fuse")),
         ("nvs.svraster", ("nvs", "svraster", "train")),
@@ -62,6 +65,7 @@ def test_the_config_lists_every_demo_object():
         ("finish.clean", ("finish", "clean")),
         ("finish.grade", ("finish", "grade")),
         ("bop.test_set", ("bop", "test_set")),
+        ("report.object_page", ("report", "page")),
     ],
 )
 def test_config_values_are_the_defaults_of_their_step(module, keys):
@@ -101,3 +105,21 @@ def test_the_conda_environment_has_the_locked_versions():
     environment = yaml.safe_load((REPOSITORY / "workflow" / "envs" / "zeroshop.yaml").read_text())
     pins = dict(pin.split("==") for pin in environment["dependencies"][-1]["pip"])
     assert pins.items() <= locked().items()
+
+
+def test_both_kinds_of_blender_environment_have_the_same_packages():
+    environment = yaml.safe_load((REPOSITORY / "workflow" / "envs" / "blenderproc.yaml").read_text())
+    lines = (REPOSITORY / "workflow" / "envs" / "blenderproc.txt").read_text().splitlines()
+    pins = [line for line in lines if not line.startswith("#")]
+    assert environment["dependencies"][-1]["pip"] == pins
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9.]+", pin) for pin in pins)
+    assert {f"bpy=={BPY_VERSION}", f"blenderproc=={BLENDERPROC_VERSION}"} <= set(pins)
+
+
+def test_the_renderer_of_captures_has_the_defaults_of_its_step():
+    capture = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())["capture"]
+    for method in ("raycast", "blenderproc"):
+        parser = argparse.ArgumentParser()
+        importlib.import_module(f"zeroshop_steps.capture.{method}").add_arguments(parser)
+        assert (capture["image_width_px"], capture["image_height_px"]) == (parser.get_default("width"), parser.get_default("height"))
+    assert capture["samples"] == parser.get_default("samples")

@@ -2,6 +2,7 @@
 
 results/DATASET/bop/models          the true models; models_NVS: the chosen cells of a method, aligned with them
 results/DATASET/bop/test            virtual test scenes of the true models, with test_targets_bop19.json and camera.json beside them
+results/DATASET/bop/train_SCENE     the rendered captures of all objects in a scene in the layout of a BOP training set
 results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside it is made of them
 """
 
@@ -78,6 +79,7 @@ rule reconstructed_models:
 rule test_set:
     input:
         models="results/{dataset}/bop/models",
+        environment=environment_of(config["bop"]["test_set"]),
     output:
         scenes=directory("results/{dataset}/bop/test"),
         targets="results/{dataset}/bop/test_targets_bop19.json",
@@ -91,15 +93,43 @@ rule test_set:
     threads: 8
     resources:
         mem_mb=4000,
-        runtime=60,
+        runtime=max(60, RENDER_MINUTES[config["bop"]["test_set"]["renderer"]]),
     params:
         options=step_options(config["bop"]["test_set"]),
+        environment=environment_option,
         seed=config["seed"],
     message:
         "Rendering the test set of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.bop --method test_set --models {input.models} {params.options} --seed {params.seed} --threads {threads}"
-        " --targets {output.targets} --camera {output.camera} --out {output.scenes} > {log} 2>&1"
+        "python -m zeroshop_steps.bop --method test_set --models {input.models} {params.options} --seed {params.seed}"
+        " --threads {threads} {params.environment} --targets {output.targets} --camera {output.camera} --out {output.scenes} > {log} 2>&1"
+
+
+rule train_set:
+    input:
+        captures=training_captures_of,
+        models=true_models_of,
+    output:
+        scenes=directory("results/{dataset}/bop/train_{scene}"),
+        camera="results/{dataset}/bop/camera_{scene}.json",
+    log:
+        "results/{dataset}/bop/logs/train_{scene}.log",
+    benchmark:
+        "results/{dataset}/bop/benchmarks/train_{scene}.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+        scene="|".join(VIRTUAL_SCENES),
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    message:
+        "Gathering the captures of {wildcards.dataset} in scene {wildcards.scene} as a training set"
+    shell:
+        "python -m zeroshop_steps.bop --method train_set --captures {input.captures} --models {input.models}"
+        " --camera {output.camera} --out {output.scenes} > {log} 2>&1"
 
 
 rule score_poses:
@@ -146,7 +176,7 @@ rule score_detections:
         mem_mb=2000,
         runtime=30,
     message:
-        "Scoring the masks of {wildcards.estimator} in {wildcards.dataset}"
+        "Scoring the masks and boxes of {wildcards.estimator} in {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.bop --method score_detections --detections {input.detections} --targets {input.targets}"
-        " --scenes {input.scenes} --out {output.scores} > {log} 2>&1"
+        " --scenes {input.scenes} --of masks boxes --out {output.scores} > {log} 2>&1"

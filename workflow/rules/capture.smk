@@ -49,9 +49,32 @@ rule bop_model:
         " {params.models} --out {output.model} > {log} 2>&1"
 
 
+rule blender_environment:
+    input:
+        requirements=BLENDER_REQUIREMENTS,
+    output:
+        record=BLENDER_RECORD,
+    log:
+        "resources/envs/blenderproc.log",
+    benchmark:
+        "resources/envs/blenderproc.tsv"
+    conda:
+        "../envs/blenderproc.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    message:
+        "Setting up BlenderProc in an environment of its own"
+    shell:
+        "python -m zeroshop_steps.capture --method blender_environment --requirements {input.requirements:q}"
+        " --folder resources/envs/blenderproc --out {output.record} > {log} 2>&1"
+
+
 rule capture_virtual:
     input:
         model="results/{dataset}/{object}/model",
+        environment=environment_of(config["capture"]),
     output:
         capture=directory("results/{dataset}/{object}/{scene}/capture"),
     log:
@@ -66,16 +89,18 @@ rule capture_virtual:
     threads: 8
     resources:
         mem_mb=4000,
-        runtime=10,
+        runtime=RENDER_MINUTES[config["capture"]["renderer"]],
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
         seed=config["seed"],
+        method=config["capture"]["renderer"],
+        options=capture_renderer_options,
     message:
         "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
     shell:
-        "python -m zeroshop_steps.capture --method raycast --model {input.model}/model.ply --scene {wildcards.scene}"
-        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.capture} > {log} 2>&1"
+        "python -m zeroshop_steps.capture --method {params.method} --model {input.model}/model.ply --scene {wildcards.scene}"
+        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} {params.options} --out {output.capture} > {log} 2>&1"
 
 
 rule capture_photos:
@@ -89,8 +114,8 @@ rule capture_photos:
     benchmark:
         "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
     wildcard_constraints:
-        dataset=datasets_of("photos"),
-        scene="|".join(PHOTO_SCENES),
+        dataset=datasets_of("photos", "films"),
+        scene=WHOLE_SCENE,
     conda:
         "../envs/zeroshop.yaml"
     threads: 1

@@ -11,17 +11,24 @@ from zeroshop_steps import failures
 CELL = "results/{dataset}/{object}/{scene}/{registration}/{nvs}"
 
 
-def table_axis(axis, names):
+AXES = {
+    "registrations": methods.REGISTRATIONS,
+    "nvs": methods.NVS,
+    "detectors": methods.DETECTORS,
+    "estimators": methods.ESTIMATORS,
+}
+
+
+def table_axis(axis):
     """The names that the config wants on an axis of the tables."""
     wanted = config["tables"][axis]
-    return [name for name, method in names.items() if not methods.lacks(method)] if wanted == "all" else wanted
+    return [name for name, method in AXES[axis].items() if not methods.lacks(method)] if wanted == "all" else wanted
 
 
 @functools.cache
-def say_what_is_left_out():
+def say_what_is_left_out(*axes):
     """One line, once, on the methods that tables leave out because they cannot run here."""
-    tables = [table for axis, table in (("registrations", methods.REGISTRATIONS), ("nvs", methods.NVS)) if config["tables"][axis] == "all"]
-    line = methods.left_out(*tables)
+    line = methods.left_out(*(AXES[axis] for axis in axes if config["tables"][axis] == "all"))
     if line:
         logger.info(line)
 
@@ -31,12 +38,12 @@ def cells_of(dataset, objects, scenes=None, registrations=None, nvs=None):
     virtual = [name for name in config["datasets"] if is_virtual(name)]
     known("virtual dataset", dataset, virtual, "Tables compare with the truth, which photos lack.")
     if not (registrations and nvs):
-        say_what_is_left_out()
+        say_what_is_left_out("registrations", "nvs")
     axes = {
         "object": objects,
         "scene": scenes or (VIRTUAL_SCENES if config["tables"]["scenes"] == "all" else config["tables"]["scenes"]),
-        "registration": registrations or table_axis("registrations", methods.REGISTRATIONS),
-        "nvs": nvs or table_axis("nvs", methods.NVS),
+        "registration": registrations or table_axis("registrations"),
+        "nvs": nvs or table_axis("nvs"),
     }
     return [{"dataset": dataset, **dict(zip(axes, values))} for values in itertools.product(*axes.values())]
 
@@ -78,23 +85,3 @@ def measurements_of(wildcards):
     """The measurements of a cell and its grade; of one that failed, the record of its failure."""
     outcome = checkpoints.outcome.get(**wildcards).output.outcome
     return [outcome] if failures.read_failure(outcome) else [f"{CELL}/{name}.csv".format(**wildcards) for name in ("quality", "grade")]
-
-
-def true_models_of(wildcards):
-    """The true models of a dataset's objects."""
-    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "Photos have no true models.")
-    return [f"results/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
-
-
-def alignments_of(wildcards):
-    """How the mesh of the chosen cell of each object lies on its true model."""
-    usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
-    chosen = config["chosen"]["virtual"]
-    cells = cells_of(wildcards.dataset, objects_of(wildcards.dataset), [chosen["scene"]], [chosen["registration"]], [wildcards.nvs])
-    return [f"{CELL}/aligned.json".format(**cell) for cell in cells]
-
-
-def mesh_or_failure_of(wildcards):
-    """The finished mesh of a cell; of one that failed, the record of its failure."""
-    outcome = checkpoints.outcome.get(**wildcards).output.outcome
-    return outcome if failures.read_failure(outcome) else f"{CELL}/mesh.ply".format(**wildcards)

@@ -17,12 +17,22 @@ ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 # With a printed board beside the object: for measuring how well a height is found (height.smk), in no table of meshes.
 BOARD_SCENE = "su_b"
-PHOTO_SCENES = ["video"]
+# Photos as they are, and registered by what lies inside the masks alone.
+WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
 # The record of the training of each surface method, in its cell.
 TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
 
-# The steps run with the Python that runs Snakemake, whether or not its environment is activated.
-os.environ.update(PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
+# What BlenderProc's environment consists of, where it says that it is ready, and the minutes that renderers may take for one capture.
+BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
+BLENDER_RECORD = "resources/envs/blenderproc.json"
+RENDER_MINUTES = {"raycast": 10, "blenderproc": 240}
+
+# The steps run with the Python that runs Snakemake, whether or not its environment is activated; that of a conda environment
+# finds them, too.
+os.environ.update(
+    PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
+    PYTHONPATH=os.pathsep.join([str(ROOT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]),
+)
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
 shell.prefix(
     'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
@@ -41,7 +51,8 @@ except StepError as error:
 
 wildcard_constraints:
     dataset="[^/]+",
-    object="[^/]+",
+    # These folders hold what belongs to a whole dataset.
+    object="(?!(?:bop|tables)/)[^/]+",
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
@@ -64,12 +75,14 @@ def objects_of(dataset):
     known("dataset", dataset, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")
     if config["datasets"][dataset]["kind"] == "photos":
         return [name for owner, name in PHOTOS if owner == dataset]
+    if is_filmed(dataset):
+        return [name for names in config["datasets"][dataset]["of"].values() for name in names]
     return config["datasets"][dataset]["objects"]
 
 
 def is_virtual(dataset):
     """Whether a dataset has models, so that captures are rendered and the truth is known."""
-    return config["datasets"][dataset]["kind"] != "photos"
+    return config["datasets"][dataset]["kind"] not in ("photos", "films")
 
 
 def usable(what, name, table, remedy):
@@ -90,11 +103,6 @@ def registrations_of(dataset):
     return {
         name: with_own_weights(name, method) for name, method in methods.REGISTRATIONS.items() if is_virtual(dataset) or not method.truth
     }
-
-
-def registration_needs(wildcards):
-    """The method that the path names; an unknown one is refused where the capture is looked for."""
-    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
 
 
 def check_object(wildcards):
@@ -135,14 +143,18 @@ def raw_mesh_of(wildcards):
 
 
 def photos_of(wildcards):
-    """The table row of the user's own capture."""
+    """The table row of the user's own capture, or the like of it for a rendered film."""
     check_object(wildcards)
+    if is_filmed(wildcards.dataset):
+        return film_row(wildcards)
     return PHOTOS[wildcards.dataset, wildcards.object]
 
 
 def photo_place(wildcards, column="images"):
     """The folder or video in a column of objects.tsv, as seen from the working directory."""
     row = photos_of(wildcards)
+    if is_filmed(wildcards.dataset):
+        return row[column]
     path = Path(os.path.relpath(ROOT / row[column]))
     if not path.is_dir() and not (column == "images" and path.is_file()):
         raise WorkflowError(
@@ -157,7 +169,7 @@ def photo_files(column):
 
     def files(wildcards):
         place = Path(photo_place(wildcards, column))
-        if place.is_file():
+        if place.is_file() or is_filmed(wildcards.dataset):
             return [str(place)]
         return sorted(str(path) for path in place.iterdir() if path.is_file() and not path.name.startswith("."))
 
@@ -171,7 +183,7 @@ def mask_files(wildcards):
 
 def capture_method(wildcards):
     """How the pictures of an object are taken: from a video or from a folder of photos."""
-    return "video" if Path(photo_place(wildcards)).is_file() else "photos"
+    return "photos" if Path(photo_place(wildcards)).is_dir() else "video"
 
 
 def capture_options(wildcards):
@@ -187,23 +199,53 @@ def capture_options(wildcards):
 
 
 def segmentation_method(wildcards):
-    """How the masks of photos come about: the given ones, or by the method that the config chooses."""
+    """How the masks of registered photos come about: given ones, or by the method that the config chooses."""
+    return "given" if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
+
+
+def mask_method(wildcards):
+    """How the masks of photos come about, whenever: given by the user, or by the method that the config chooses."""
     if photos_of(wildcards)["masks"]:
         return "given"
+    models = config["segment"]["grounded_sam"]
+    able = {**methods.SEGMENTATIONS, "grounded_sam": methods.grounded_sam(models["detector"], models["tracker"])}
     name = config["segmentation"]
     if name == "auto":
-        return next(name for name, method in methods.SEGMENTATIONS.items() if not methods.lacks(method))
-    return usable("segmentation", name, methods.SEGMENTATIONS, "")
+        return next(name for name, method in able.items() if not methods.lacks(method))
+    return usable("segmentation", name, able, "")
 
 
 def segmentation_options(wildcards):
     """The options of this method."""
-    name = segmentation_method(wildcards)
+    return options_of_segmentation(wildcards, segmentation_method(wildcards))
+
+
+def options_of_segmentation(wildcards, name):
+    """The options of a segmentation method."""
     if name == "given":
         return ""
-    prompt = photos_of(wildcards)["prompt"]
-    own = {"prompt": shlex.quote(prompt)} if prompt and name == "grounded_sam" else {}
-    return step_options({**config["segment"].get(name, {}), "seed": config["seed"], **own})
+    options = {**config["segment"][name], "seed": config["seed"]}
+    if name == "grounded_sam":
+        options["prompt"] = shlex.quote(photos_of(wildcards)["prompt"] or options["prompt"])
+    return step_options(options)
+
+
+def pictures_with_masks(wildcards):
+    """Where photos lie beside the masks by which they are registered: their capture, unless masks are only found in a registered scene."""
+    scene = f"results/{wildcards.dataset}/{wildcards.object}/{WHOLE_SCENE}"
+    return (
+        f"{scene}/{config['chosen']['photos']['registration']}/cameras" if mask_method(wildcards) == "support_plane" else f"{scene}/capture"
+    )
+
+
+def network_options(wildcards):
+    """The options for finding masks before the registration, where they are found then."""
+    return options_of_segmentation(wildcards, "grounded_sam") if mask_method(wildcards) == "grounded_sam" else ""
+
+
+def segmentation_memory_mb(wildcards):
+    """What this method needs: networks more than the others."""
+    return 8000 if mask_method(wildcards) == "grounded_sam" else 4000
 
 
 def step_options(options):
@@ -219,6 +261,42 @@ def registration_options(wildcards):
         return ""
     own = {"weights": shlex.quote(os.path.relpath(ROOT / options["weights"]))} if options.get("weights") else {}
     return step_options({**options, **own, "seed": config["seed"]})
+
+
+def registration_needs(wildcards):
+    """The method that the path names; an unknown one is refused where the capture is looked for."""
+    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
+
+
+def registration_mem_mb(wildcards, attempt):
+    """The memory that the registration method in the path may take; more where it was killed before."""
+    return registration_needs(wildcards).mem_mb * attempt
+
+
+def registration_runtime_min(wildcards, attempt):
+    """The minutes that it may take."""
+    return registration_needs(wildcards).runtime_min * attempt
+
+
+def registration_gpus(wildcards):
+    """The CUDA devices that it uses where there are any: one for a network."""
+    return int(bool(registration_needs(wildcards).weights))
+
+
+def environment_of(options):
+    """An input function: the environment that the renderer in a part of the config needs, if it needs one."""
+    return lambda wildcards: [BLENDER_RECORD] if options["renderer"] == "blenderproc" else []
+
+
+def environment_option(wildcards, input):
+    """The option that names this environment."""
+    return step_options({"environment": str(input.environment) or None})
+
+
+def capture_renderer_options(wildcards, input):
+    """The options of the renderer of captures that not every renderer has."""
+    samples = config["capture"]["samples"] if input.environment else None
+    return f"{step_options({'samples': samples})} {environment_option(wildcards, input)}".strip()
 
 
 def models_option(wildcards):
@@ -282,8 +360,3 @@ def stage_facts(wildcards):
     stereo = "results/{dataset}/{object}/{scene}/{registration}/stereo/stereo.json".format(**wildcards)
     steps = (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
     return [stereo, *(f"{folder}/{name}.json" for name in steps)]
-
-
-def published_option(wildcards):
-    """The option that puts published grades beside ours, for the dataset that has some."""
-    return "--published" if wildcards.dataset == "ycbv" else ""

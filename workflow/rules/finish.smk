@@ -258,7 +258,13 @@ rule publish:
         texture="results/{dataset}/{object}/{nvs}.png",
         glb="results/{dataset}/{object}/{nvs}.glb",
         facts="results/{dataset}/{object}/{nvs}.json",
-        preview="results/{dataset}/{object}/{nvs}.preview.png",
+        preview=report(
+            "results/{dataset}/{object}/{nvs}.preview.png",
+            caption="../report/preview.rst",
+            category="Meshes",
+            subcategory="{dataset}",
+            labels={"object": "{object}", "surface": "{nvs}"},
+        ),
     log:
         "results/{dataset}/{object}/logs/publish.{nvs}.log",
     benchmark:

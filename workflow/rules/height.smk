@@ -130,8 +130,20 @@ rule height_table:
     input:
         heights=board_cells,
     output:
-        table="results/{dataset}/tables/height.csv",
-        plot="results/{dataset}/tables/height.svg",
+        table=report(
+            "results/{dataset}/tables/height.csv",
+            caption="../report/heights.rst",
+            category="Heights",
+            subcategory="{dataset}",
+            labels={"table": "heights"},
+        ),
+        plot=report(
+            "results/{dataset}/tables/height.svg",
+            caption="../report/heights.rst",
+            category="Heights",
+            subcategory="{dataset}",
+            labels={"table": "Figure 4.8"},
+        ),
         picture="results/{dataset}/tables/height.png",
     log:
         "results/{dataset}/tables/logs/height.log",

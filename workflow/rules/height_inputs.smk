@@ -38,6 +38,11 @@ def height_options(wildcards):
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: height_method depth_camera needs the folder of the "
             "depth images in the column depth"
         )
+    if name == "depth_camera" and wildcards.scene == OBJECT_SCENE and mask_method(wildcards) == "support_plane":
+        raise WorkflowError(
+            f"{wildcards.dataset} {wildcards.object}: scene {OBJECT_SCENE} is made of photos that have been undistorted to find the masks, "
+            f"with which depth images are not aligned; take scene {WHOLE_SCENE}, give masks, or segment by grounded_sam"
+        )
     for column in ("marker_images", "depth"):
         if extra_photos(column)(wildcards):
             options[column] = shlex.quote(photo_place(wildcards, column))
@@ -48,7 +53,7 @@ def board_cells(wildcards):
     """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
     known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "")
     os.environ[failures.SWITCH] = "1"
-    nvs = table_axis("nvs", methods.NVS)[0]
+    nvs = table_axis("nvs")[0]
     cell = "results/{}/{}/{}/{}/{}/height_by_board.json"
     registration = config["chosen"]["virtual"]["registration"]
     return [

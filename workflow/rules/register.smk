@@ -20,8 +20,9 @@ rule register:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=lambda wildcards: registration_needs(wildcards).mem_mb or 4000,
-        runtime=lambda wildcards: registration_needs(wildcards).runtime_min or 30,
+        mem_mb=registration_mem_mb,
+        runtime=registration_runtime_min,
+        gpu=registration_gpus,
     params:
         options=registration_options,
     message:
@@ -41,13 +42,14 @@ rule register_photos:
     benchmark:
         "results/{dataset}/{object}/{scene}/{registration}/benchmarks/register.tsv"
     wildcard_constraints:
-        dataset=datasets_of("photos"),
+        dataset=datasets_of("photos", "films"),
     conda:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=lambda wildcards: registration_needs(wildcards).mem_mb or 4000,
-        runtime=lambda wildcards: registration_needs(wildcards).runtime_min or 30,
+        mem_mb=registration_mem_mb,
+        runtime=registration_runtime_min,
+        gpu=registration_gpus,
     params:
         options=registration_options,
     message:

@@ -4,7 +4,7 @@ import sys
 
 from zeroshop_steps.cli import stage_main
 
-METHODS = ("align", "export_models", "test_set", "score_poses", "score_detections")
+METHODS = ("align", "export_models", "test_set", "train_set", "score_poses", "score_detections", "pictures")
 
 if __name__ == "__main__":
     sys.exit(stage_main("zeroshop_steps.bop", METHODS, reads_failures=("export_models",)))

@@ -15,6 +15,7 @@ HULL_DIRECTIONS = 600
 UPRIGHT_SHARE = 0.5
 GAP_MM = 3.0
 FIRST_RADIUS_MM, RADIUS_STEP_MM, ATTEMPTS = 30.0, 1.5, 600
+DROP_RADIUS_MM, DROP_STEP_MM = 110.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -82,4 +83,24 @@ def place(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
                 break
         else:
             raise StepError(f"no room on the table for body {len(transforms)} of {len(bodies)}; ask for fewer objects")
+    return transforms
+
+
+def dropped(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
+    """(4, 4) table_from_model of each body, in mm: above the table and turned at random, none touching another, to fall from there."""
+    placed: list[manifold3d.Manifold] = []
+    transforms = []
+    for body in bodies:
+        transform = np.eye(4)
+        transform[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+        turned = body.vertices @ transform[:3, :3].T
+        radius_mm, angle = DROP_RADIUS_MM * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
+        transform[:2, 3] = radius_mm * np.array([np.cos(angle), np.sin(angle)]) - (turned[:, :2].min(0) + turned[:, :2].max(0)) / 2
+        transform[2, 3] = DROP_STEP_MM - turned[:, 2].min()
+        shape = manifold3d.Manifold.hull_points(body.hull @ transform[:3, :3].T + transform[:3, 3])
+        while not all(shape.min_gap(other, GAP_MM) >= GAP_MM for other in placed):
+            transform[2, 3] += DROP_STEP_MM
+            shape = shape.translate([0.0, 0.0, DROP_STEP_MM])
+        placed.append(shape)
+        transforms.append(transform)
     return transforms

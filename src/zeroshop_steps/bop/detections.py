@@ -42,7 +42,7 @@ def encode_mask(mask: np.ndarray) -> dict:
 
 def decode_mask(encoded: dict) -> np.ndarray:
     """The (height, width) bool mask of compressed run lengths."""
-    return coco_masks.decode(encoded).astype(bool)
+    return np.ascontiguousarray(coco_masks.decode(encoded).astype(bool))
 
 
 def box_of_mask(mask: np.ndarray) -> tuple[int, int, int, int]:

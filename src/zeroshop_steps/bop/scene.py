@@ -110,11 +110,15 @@ class Frame:
         return Camera(f"{self.image_id:06d}.png", width_px, height_px, shift @ self.intrinsics, np.eye(4))
 
 
-def read_scene(folder: Path) -> dict[int, Frame]:
+def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
     """Read scene_camera.json, scene_gt.json and, where it is there, scene_gt_info.json of a scene's folder.
 
+    Args:
+        folder: named by the scene's number.
+        truth_needed: otherwise scene_gt.json may be missing, as in images that nobody has annotated.
+
     Returns:
-        the images that have true poses, by number.
+        the images that have true poses, by number; where there is no truth at all, all images, without instances.
 
     Raises:
         StepError: a file is missing or of the wrong form, a depth scale is not positive, a pose is no pose in millimetres.
@@ -123,6 +127,8 @@ def read_scene(folder: Path) -> dict[int, Frame]:
     if not folder.name.isdigit():
         raise StepError(f"{folder} is not named by a scene's number, such as 000048")
     cameras = read_checked(folder / "scene_camera.json", "scene_camera")
+    if not truth_needed and not (folder / "scene_gt.json").is_file():
+        return {int(number): _frame(folder, int(number), camera, [], []) for number, camera in cameras.items()}
     truth = read_checked(folder / "scene_gt.json", "scene_gt")
     has_info = (folder / "scene_gt_info.json").is_file()
     info = read_checked(folder / "scene_gt_info.json", "scene_gt_info") if has_info else {}

@@ -11,6 +11,7 @@ from zeroshop_steps.bop.surface_points import SurfacePoints
 SAMPLES = 4000
 STEPS = 40
 NEAR_SHARE = 0.9
+FAR_MEDIANS = 3.0  # samples that are so many times farther off than half of them are no part of the object: a lid, for one
 ALIKE_DIAMETERS = 0.003  # candidates whose residuals differ by less fit the shape equally well
 TRIED = 6
 PRINT_DIAMETERS = 0.01  # so much worse may a shape fit that makes up for print without any likeness
@@ -41,6 +42,7 @@ class Refinement:
         self._tree = cKDTree(target.points)
         self._middle = target.points.mean(0)
         self._size = float(np.linalg.norm(np.ptp(target.points, axis=0)))
+        self._spacing = float(np.median(self._tree.query(target.points[:SAMPLES], k=2)[0][:, 1]))
         self._printed = source.colors is not None and target.colors is not None
         if self._printed:
             self._slopes = _brightness_slopes(target, self._tree)
@@ -76,7 +78,8 @@ class Refinement:
         distance, nearest = self._tree.query(moved)
         normals = self._target.normals[nearest]
         turned = self._source.normals @ transform[:3, :3].T
-        weights = (distance <= np.quantile(distance, NEAR_SHARE)) & (np.einsum("ni,ni->n", turned, normals) > 0)
+        near = distance <= min(np.quantile(distance, NEAR_SHARE), max(FAR_MEDIANS * np.median(distance), self._spacing))
+        weights = near & (np.einsum("ni,ni->n", turned, normals) > 0)
         gaps = np.einsum("ni,ni->n", self._target.points[nearest] - moved, normals)
         return moved, nearest, gaps, weights.astype(float)
 

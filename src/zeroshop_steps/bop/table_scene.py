@@ -1,12 +1,11 @@
-"""A table with objects and distractors on it, rendered as RGB-D images from around."""
+"""A table with objects and distractors on it, photographed as RGB-D images from around."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.clutter import Body, place
 from zeroshop_steps.bop.depth_sensor import measured_depth
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.capture import shading
@@ -43,35 +42,46 @@ class Shot:
 
 
 class TableScene:
-    """Objects placed on a table under lights of its own."""
+    """Objects on a table under lights of its own.
 
-    def __init__(self, things: Sequence[Mesh], bodies: Sequence[Body], rng: np.random.Generator, plain: bool) -> None:
+    Attributes:
+        world: all that stands on the table, as one mesh.
+        table: the table's top.
+        subject: what lights are placed by.
+        lights: six area lights and the sky.
+        seed: of the table's texture and of what renders it.
+    """
+
+    def __init__(self, things: Sequence[Mesh], world_from_models: Sequence[np.ndarray], rng: np.random.Generator, plain: bool) -> None:
         """`plain` chooses a nearly uniform table, else it is richly textured."""
-        self.world_from_models = place(bodies, rng)
-        world = merged([moved(mesh, pose) for mesh, pose in zip(things, self.world_from_models, strict=True)])
-        low, high = world.vertices.min(0), world.vertices.max(0)
-        self._radius_mm = float(np.linalg.norm(world.vertices[:, :2], axis=1).max())
+        self.world = merged([moved(mesh, pose) for mesh, pose in zip(things, world_from_models, strict=True)])
+        low, high = self.world.vertices.min(0), self.world.vertices.max(0)
+        self._radius_mm = float(np.linalg.norm(self.world.vertices[:, :2], axis=1).max())
         self._middle = np.array([0.0, 0.0, (low[2] + high[2]) / 3])
-        subject = Subject((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
-        seed = int(rng.integers(2**31))
-        table = surface_part("su_l" if plain else "su_h", subject, seed)
-        self._renderer = Renderer([object_part(world), table], subject, seed, changed_lights(subject, rng), MERGED_MM)
+        self.subject = Subject((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
+        self.seed = int(rng.integers(2**31))
+        self.table = surface_part("su_l" if plain else "su_h", self.subject, self.seed)
+        self.lights = changed_lights(self.subject, rng)
+        self._scene = o3d.t.geometry.RaycastingScene()
+        for vertices, faces in ((self.world.vertices, self.world.faces), (self.table.vertices, self.table.faces)):
+            self._scene.add_triangles(o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32)))
 
-    def shoot(self, width_px: int, height_px: int, name: str, rng: np.random.Generator) -> Shot:
-        """An image from a random side, its exposure and white balance off a little."""
-        camera = self._camera(width_px, height_px, name, rng)
-        linear = self._renderer.render(camera).linear * rng.uniform(*TINTS, 3).astype(np.float32)
+    def shoot(self, camera: Camera, linear: np.ndarray, rng: np.random.Generator) -> Shot:
+        """The photo of (height, width, 3) linear light, its exposure and white balance off a little, and the depth."""
+        width_px, height_px = camera.width_px, camera.height_px
+        linear = linear * rng.uniform(*TINTS, 3).astype(np.float32)
         linear *= rng.uniform(*BRIGHT_LEVELS) / max(float(np.percentile(linear, 90)), 1e-6)
         pixels = np.stack(np.meshgrid(np.arange(width_px) + 0.5, np.arange(height_px) + 0.5), -1)
         rays = shading.camera_rays(pixels.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
         rays = rays.reshape(height_px, width_px, 6)
-        hits = self._renderer.scene.cast_rays(o3d.core.Tensor(rays))
+        hits = self._scene.cast_rays(o3d.core.Tensor(rays))
         depth, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
         depth = np.where(np.isfinite(depth), depth, 0.0)
-        measured = measured_depth(depth, normals, rays, self._renderer.scene, camera.camera_from_world, rng)
+        measured = measured_depth(depth, normals, rays, self._scene, camera.camera_from_world, rng)
         return Shot(camera, expose(linear, rng), depth, measured)
 
-    def _camera(self, width_px: int, height_px: int, name: str, rng: np.random.Generator) -> Camera:
+    def camera(self, width_px: int, height_px: int, name: str, rng: np.random.Generator) -> Camera:
+        """A camera on a random side."""
         focal_px = FOCAL_IN_WIDTHS * width_px
         elevation, azimuth = np.radians(rng.uniform(*ELEVATIONS_DEG)), rng.uniform(0, 2 * np.pi)
         distance_mm = rng.uniform(*DISTANCES) * self._radius_mm * focal_px / (height_px / 2)
@@ -82,6 +92,13 @@ class TableScene:
         roll[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         intrinsics = np.array([[focal_px, 0, width_px * 0.489], [0, focal_px, height_px * 0.503], [0, 0, 1]])
         return Camera(name, width_px, height_px, intrinsics, roll @ look_at(target + distance_mm * direction, target))
+
+
+def cast_pictures(scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
+    """Each camera and the (height, width, 3) linear light that the embedded ray caster gives it; a camera is taken when it is due."""
+    renderer = Renderer([object_part(scene.world), scene.table], scene.subject, scene.seed, scene.lights, MERGED_MM)
+    for camera in cameras:
+        yield camera, renderer.render(camera).linear
 
 
 def changed_lights(subject: Subject, rng: np.random.Generator) -> Lights:

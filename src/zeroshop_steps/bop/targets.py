@@ -40,8 +40,10 @@ def write_targets(path: Path, targets: list[Target]) -> None:
     write_json(path, [asdict(target) for target in targets])
 
 
-def read_target_frames(split: Path, targets: list[Target], targets_path: Path) -> Frames:
+def read_target_frames(split: Path, targets: list[Target], targets_path: Path, truth_needed: bool = True) -> Frames:
     """Read the scenes of a split that targets name; only their images are kept.
+
+    Without `truth_needed`, scenes may lack scene_gt.json (`read_scene`).
 
     Raises:
         StepError: a target's scene, image or instances are not there.
@@ -53,15 +55,15 @@ def read_target_frames(split: Path, targets: list[Target], targets_path: Path) -
         if target.scene_id not in folders:
             raise StepError(f"{targets_path} asks for scene {target.scene_id}, which {split} does not have; it has {sorted(folders)}")
         if target.scene_id not in scenes:
-            scenes[target.scene_id] = read_scene(folders[target.scene_id])
+            scenes[target.scene_id] = read_scene(folders[target.scene_id], truth_needed)
         frame = scenes[target.scene_id].get(target.im_id)
         if frame is None:
             raise StepError(
                 f"{targets_path} asks for image {target.im_id} of scene {target.scene_id}, which"
-                f" {folders[target.scene_id] / 'scene_gt.json'} does not have; take targets and images of the same dataset"
+                f" {folders[target.scene_id]} does not have; take targets and images of the same dataset"
             )
         there = sum(instance.object_id == target.obj_id for instance in frame.instances)
-        if there < target.inst_count:
+        if there < target.inst_count and (truth_needed or frame.instances):
             raise StepError(
                 f"{targets_path} asks for {target.inst_count} of object {target.obj_id} in {frame.name}, but scene_gt.json has {there}"
             )

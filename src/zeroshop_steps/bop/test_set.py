@@ -1,23 +1,30 @@
 """Make a virtual BOP test set: cluttered tables of a dataset's models, as RGB-D images with everything known about them.
 
-Five to eight objects a scene lie or stand close together among distractors, under lights that change from scene to scene.
+Five to eight objects a scene lie or stand close together among distractors, under lights that change from scene to scene. With
+the renderer `raycast` none touches another; with `blenderproc` they fell there.
 Written are the scenes (rgb, depth with a sensor's noise and holes, mask, mask_visib and BOP's three JSON files), the targets
 (every object of which at least a tenth is visible) and camera.json.
 """
 
 import argparse
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.bop import blender_tables
 from zeroshop_steps.bop.annotate import annotate
-from zeroshop_steps.bop.clutter import body_of
+from zeroshop_steps.bop.clutter import Body, body_of, place
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.distractors import distractor
 from zeroshop_steps.bop.models import listed_objects, read_models
 from zeroshop_steps.bop.scene import Frame, Instance, write_scene
-from zeroshop_steps.bop.table_scene import Shot, TableScene
+from zeroshop_steps.bop.table_scene import Shot, TableScene, cast_pictures
 from zeroshop_steps.bop.targets import Target, write_targets
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.capture.blenderproc import add_blender_arguments, check_options, frames_folder
 from zeroshop_steps.capture.shading import use_threads
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json, written_whole_dir
@@ -28,6 +35,20 @@ OBJECTS = (5, 8)
 DISTRACTORS = (1, 3)
 LEAST_VISIBLE_SHARE = 0.1
 DEPTH_SCALE = 0.1
+RENDERERS = ("raycast", "blenderproc")
+
+
+@dataclass(frozen=True)
+class Studio:
+    """What may differ between renderers.
+
+    Attributes:
+        rest: gives bodies that are to be at rest on the table `scene_id` their (4, 4) table_from_model.
+        pictures: gives each camera of the table `scene_id` its linear light.
+    """
+
+    rest: Callable[[int, Sequence[Body], np.random.Generator], list[np.ndarray]]
+    pictures: Callable[[int, TableScene, Iterable[Camera]], Iterator[tuple[Camera, np.ndarray]]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--height-px", type=int, default=480, help="(default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=0, help="threads for shading (default: all)")
+    parser.add_argument("--renderer", choices=RENDERERS, default=RENDERERS[0], help="(default: %(default)s)")
+    add_blender_arguments(parser)
     parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json to write")
     parser.add_argument("--camera", type=Path, required=True, help="camera.json to write")
     parser.add_argument("--out", type=Path, required=True, help="folder of the scenes to write, BOP's test/")
@@ -53,6 +76,7 @@ def run(args: argparse.Namespace) -> None:
             raise StepError(f"object {model.object_id} in {args.models} has no texture; a test set needs textured models")
     bodies = {number: body_of(model.mesh.vertices) for number, model in models.items()}
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
+    studio = studio_of(args)
     targets: list[Target] = []
     with written_whole_dir(args.out) as out:
         for scene_id in track(range(1, args.scenes + 1), "tables", args.scenes):
@@ -62,11 +86,13 @@ def run(args: argparse.Namespace) -> None:
             things = [models[number].mesh for number in chosen] + extras
             shapes = [bodies[number] for number in chosen] + [body_of(extra.vertices) for extra in extras]
             order = rng.permutation(len(things))
-            scene = TableScene([things[i] for i in order], [shapes[i] for i in order], rng, plain=scene_id % 2 == 1)
-            poses = {int(i): pose for i, pose in zip(order, scene.world_from_models, strict=True)}
+            world_from_models = studio.rest(scene_id, [shapes[i] for i in order], rng)
+            scene = TableScene([things[i] for i in order], world_from_models, rng, plain=scene_id % 2 == 1)
+            poses = {int(i): pose for i, pose in zip(order, world_from_models, strict=True)}
             folder, frames = out / f"{scene_id:06d}", []
-            for image in range(args.images):
-                shot = scene.shoot(args.width_px, args.height_px, f"{image:06d}.png", rng)
+            cameras = table_cameras(scene, args, rng)
+            for image, (camera, linear) in enumerate(studio.pictures(scene_id, scene, cameras)):
+                shot = scene.shoot(camera, linear, rng)
                 frame = write_shot(folder, scene_id, image, shot, chosen, poses, renderers)
                 frames.append(frame)
                 targets += [
@@ -75,9 +101,31 @@ def run(args: argparse.Namespace) -> None:
                     if instance.visible_share >= LEAST_VISIBLE_SHARE
                 ]
             write_scene(folder, frames)
+    shutil.rmtree(frames_folder(args.out), ignore_errors=True)
     write_targets(args.targets, sorted(targets, key=lambda target: (target.scene_id, target.im_id, target.obj_id)))
     write_json(args.camera, camera_notes(frames[0].intrinsics, args.width_px, args.height_px))
     print(f"{args.out}: {args.scenes} scenes, {args.scenes * args.images} images, {len(targets)} targets")
+
+
+def studio_of(args: argparse.Namespace) -> Studio:
+    """The renderer that was asked for."""
+    if args.renderer == "raycast":
+        return Studio(lambda _, bodies, rng: place(bodies, rng), lambda _, scene, cameras: cast_pictures(scene, cameras))
+    check_options(args.samples, args.environment)
+    frames = frames_folder(args.out)
+
+    def pictures(scene_id: int, scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
+        folder, title = frames / f"{scene_id:06d}", f"table {scene_id} of {args.scenes}"
+        return blender_tables.pictures(folder, args.environment, title, scene, list(cameras), args.samples, args.threads)
+
+    return Studio(
+        lambda scene_id, bodies, rng: blender_tables.settled(frames / f"settled_{scene_id:06d}", args.environment, bodies, rng), pictures
+    )
+
+
+def table_cameras(scene: TableScene, args: argparse.Namespace, rng: np.random.Generator) -> Iterator[Camera]:
+    """The cameras of a table, each drawn when it is due."""
+    return (scene.camera(args.width_px, args.height_px, f"{image:06d}.png", rng) for image in range(args.images))
 
 
 def chosen_objects(numbers: list[int], scene_id: int, seed: int) -> list[int]:

@@ -13,10 +13,10 @@ import numpy as np
 
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.cameras import Camera, write_cameras
-from zeroshop_steps.capture import raycast
+from zeroshop_steps.capture import raycast, virtual
 from zeroshop_steps.capture.renderer import Renderer, expose
 from zeroshop_steps.capture.rings import LENS_MM, SENSOR_WIDTH_MM, Subject, look_at
-from zeroshop_steps.capture.scenes import SURFACE_SIDE_IN_SIZES, object_part, surface_part
+from zeroshop_steps.capture.scenes import SCENES, SURFACE_SIDE_IN_SIZES, object_part, surface_part
 from zeroshop_steps.capture.shading import use_threads
 from zeroshop_steps.files import write_json, written_whole_dir
 from zeroshop_steps.height.board import BOARDS, Board, drawn
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--model", type=Path, required=True, help="textured PLY in mm, upright, z up")
     parser.add_argument("--view", choices=VIEWS, required=True, help="the object beside the board, or the empty scene with the board")
-    raycast.add_image_arguments(parser)
+    virtual.add_image_arguments(parser)
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write; for the empty scene it has images and truth only")
 
 
@@ -59,24 +59,26 @@ def board_beside(mesh: Mesh, subject: Subject):
 
 
 def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Path) -> None:
-    """Photograph the surface with the board where the object would stand beside it. Raises StepError as `raycast.capture` does."""
-    mesh, subject, _ = raycast.read_subject(model, width_px, height_px, seed)
+    """Photograph the surface with the board where the object would stand beside it. Raises StepError as `virtual.capture` does."""
+    mesh, subject, _ = virtual.read_subject(model, width_px, height_px, seed)
     surface = surface_part(SCENE, subject, seed, board_beside(mesh, subject))
     renderer = Renderer([object_part(_hidden(subject)), surface], subject, seed)
     cameras = empty_cameras(mesh, subject, width_px, height_px)
     with written_whole_dir(out) as folder:
         for number, camera in enumerate(cameras):
             picture = renderer.render(camera)
-            write_image(folder / "images" / camera.name, expose(picture.linear, np.random.default_rng([seed, number, len(raycast.SCENES)])))
+            write_image(folder / "images" / camera.name, expose(picture.linear, np.random.default_rng([seed, number, len(SCENES)])))
         write_cameras(folder / "truth", cameras)
         write_json(folder / "capture.json", {"scene": "empty", "virtual": True, "seed": seed, "images": len(cameras), "board": BOARD.name})
 
 
-def empty_cameras(mesh: Mesh, subject: Subject, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def empty_cameras(
+    mesh: Mesh, subject: Subject, width_px: int, height_px: int, lens_mm: float = LENS_MM, gap_mm: float = GAP_MM
+) -> tuple[Camera, ...]:
     """Cameras around the middle between the object's place and the board, in the model's frame."""
-    middle = (surface_from_board(mesh, subject, BOARD) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[:3]
+    middle = (surface_from_board(mesh, subject, BOARD, gap_mm) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[:3]
     target = (middle + [subject.centre_mm[0], subject.centre_mm[1], subject.bottom_mm]) / 2
-    focal_px = width_px * LENS_MM / SENSOR_WIDTH_MM
+    focal_px = width_px * lens_mm / SENSOR_WIDTH_MM
     intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
     cameras = []
     for view in range(EMPTY_VIEWS):
@@ -88,13 +90,13 @@ def empty_cameras(mesh: Mesh, subject: Subject, width_px: int, height_px: int) -
     return tuple(cameras)
 
 
-def surface_from_board(mesh: Mesh, subject: Subject, board: Board) -> np.ndarray:
-    """(4, 4) model frame from the board's (x right, y down, as print is read from above): a long side faces the object."""
+def surface_from_board(mesh: Mesh, subject: Subject, board: Board, gap_mm: float = GAP_MM) -> np.ndarray:
+    """(4, 4) model frame from the board's (x right, y down, as print is read from above): a long side faces the object, `gap_mm` away."""
     azimuth = np.radians(AZIMUTH_DEG + subject.front_azimuth_deg)
     outwards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     along = np.array([-outwards[1], outwards[0], 0.0])
     foot = np.array([subject.centre_mm[0], subject.centre_mm[1], subject.bottom_mm])
-    reach = float(((mesh.vertices - foot) @ outwards).max()) + GAP_MM
+    reach = float(((mesh.vertices - foot) @ outwards).max()) + gap_mm
     matrix = np.eye(4)
     matrix[:3, :3] = np.stack([outwards, -along, np.cross(outwards, -along)], 1)
     matrix[:3, 3] = foot + reach * outwards + along * board.size_mm[1] / 2

@@ -96,7 +96,7 @@ def grade(
         diameter_mm: the object's diameter.
         support_z_mm: height of the support plane, None without one.
     """
-    truth_from_registration = _truth_from_registration(registered, true_cameras)
+    truth_from_registration = similarity_to_truth(registered, true_cameras)
     truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
     aligned = Mesh(mesh.vertices @ truth_from_object[:3, :3].T + truth_from_object[:3, 3], mesh.faces)
     error = surface_error(aligned, truth, list(true_cameras), support_z_mm)
@@ -121,7 +121,8 @@ def grade(
     return {key: round(float(value), 5) if not isinstance(value, int | list) else value for key, value in figures.items()}
 
 
-def _truth_from_registration(registered: tuple[Camera, ...], true_cameras: tuple[Camera, ...]) -> np.ndarray:
+def similarity_to_truth(registered: tuple[Camera, ...], true_cameras: tuple[Camera, ...]) -> np.ndarray:
+    """The (4, 4) similarity truth_from_registration, by the centres of cameras of equal name. Raises StepError below three pairs."""
     true_centres = {Path(camera.name).stem: camera.centre_in_world for camera in true_cameras}
     pairs = [(camera.centre_in_world, true_centres[stem]) for camera in registered if (stem := Path(camera.name).stem) in true_centres]
     if len(pairs) < 3:

@@ -68,6 +68,11 @@ class MeshRenderer:
         mask = coverage >= 0.5
         return np.clip(np.rint(np.where(mask[..., None], color, 0.0)), 0, 255).astype(np.uint8), mask
 
+    def cut_out(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
+        """Unlit textured render as (height, width, 3) uint8 sRGB, and (height, width) uint8 opacity."""
+        color, coverage = self._averaged(camera, self._texture_color, samples)
+        return np.clip(np.rint(color), 0, 255).astype(np.uint8), np.rint(coverage * 255).astype(np.uint8)
+
     def shaded(self, camera: Camera, background: tuple[int, int, int] = (255, 255, 255), samples: int = 2) -> np.ndarray:
         """Grey render lit from the camera, which shows the shape alone, as (height, width, 3) uint8."""
         return _over(background, *self._averaged(camera, self._shade, samples))

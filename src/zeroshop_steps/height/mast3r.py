@@ -17,7 +17,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
 from zeroshop_steps.images import list_images
-from zeroshop_steps.networks.device import DEVICES, chosen_device
+from zeroshop_steps.networks.devices import DEVICES, chosen_device
 from zeroshop_steps.networks.mast3r.alignment import Alignment, align
 from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
 from zeroshop_steps.networks.mast3r.model import load_mast3r

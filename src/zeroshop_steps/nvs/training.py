@@ -138,14 +138,12 @@ class ViewTrainer(ABC):
         self.render_views = self.render_views_of(views)
         self.anchors = [anchors(view, self.start) for view in views]
 
-    def run(self, until: int) -> None:
-        """Train up to iteration `until`, showing loss and count."""
-        with ProgressReport(self.title, self.settings.iterations) as report:
-            report.done = self.iteration
-            while self.iteration < until:
-                loss = self.step()
-                if self.iteration % 20 == 0 or self.iteration == until:
-                    report.advance(self.iteration - report.done, f"loss {loss:.4f}, {len(self.model)} {self.noun}")
+    def run(self, until: int, report: ProgressReport | None = None) -> None:
+        """Train up to iteration `until`, showing loss and count in `report`."""
+        while self.iteration < until:
+            loss = self.step()
+            if report and (self.iteration % 20 == 0 or self.iteration == until):
+                report.advance(self.iteration - report.done, f"loss {loss:.4f}, {len(self.model)} {self.noun}")
 
     def step(self) -> float:
         """One view: render, differentiate, update, and adapt the model when it is time. Returns the loss."""
@@ -180,10 +178,11 @@ class ViewTrainer(ABC):
 
         Raises StepError, naming the folder of the cameras, when a parameter is no longer finite.
         """
-        while self.iteration < self.settings.iterations:
-            self.run(min(self.iteration + every, self.settings.iterations))
-            if self.iteration < self.settings.iterations:
-                self.save(path, identity)
+        with ProgressReport(self.title, self.settings.iterations, done=self.iteration) as report:
+            while self.iteration < self.settings.iterations:
+                self.run(min(self.iteration + every, self.settings.iterations), report)
+                if self.iteration < self.settings.iterations:
+                    self.save(path, identity)
         if not all(torch.isfinite(tensor).all() for tensor in self.model.tensors().values()):
             raise StepError(f"training on {cameras} diverged (parameters that are not finite); lower --sh-degree or check the cameras")
 

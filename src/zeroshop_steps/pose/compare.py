@@ -1,71 +1,122 @@
-"""How well a pose explains an image: rendered depth, silhouette and colour against what was measured."""
+"""How well poses explain an image: rendered depth, silhouette and colour against what was measured."""
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from zeroshop_steps.bop.similarity_icp import likeness
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.finish.render import MeshRenderer, sample_texture
+from zeroshop_steps.bop.surface_points import surface_points
+from zeroshop_steps.finish.render import sample_texture
 from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.o3d import o3d
 
-RAYS = 1500
+COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000
 AGREE_MM = 10.0
 PRINT_WEIGHT = 0.35
+PLAIN_CONTRAST = 10.0  # of 255: a model's colours that vary as little tell hardly anything beside its shading
+LEAST_PRINTED = 20
+COARSEST_PX = 64
+SAMPLES = 2000
 
 
 @dataclass(frozen=True)
 class Patch:
-    """The part of an image around a detection, thinned out to about `RAYS` pixels.
+    """The part of an image around a detection, thinned out.
 
     Attributes:
-        camera: of the thinned pixels; its world is the camera's frame.
-        image: (h, w, 3) uint8.
-        depth_mm: (h, w) measured.
-        mask: (h, w) bool, the detection.
+        rays: (N, 3) directions of unit depth through its pixels, camera frame.
+        colors: (N, 3) float, 0..255, each the mean over what its pixel stands for.
+        depth_mm: (N,) measured, 0 where nothing was.
+        mask: (N,) bool, the detection.
+        pixel_share: side of what a pixel stands for at unit depth.
     """
 
-    camera: Camera
-    image: np.ndarray
+    rays: np.ndarray
+    colors: np.ndarray
     depth_mm: np.ndarray
     mask: np.ndarray
+    pixel_share: float
 
 
-def patch_of(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsics: np.ndarray) -> Patch:
-    """Cut out a detection with a margin of a third of its size; `intrinsics` are BOP's K."""
+def patch_of(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsics: np.ndarray, rays: int = RAYS) -> Patch:
+    """Cut out a detection with a margin of a third of its size, about `rays` pixels of it; `intrinsics` are BOP's K."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     margin = max(len(rows), len(columns)) // 3 + 4
     top, left = max(rows[0] - margin, 0), max(columns[0] - margin, 0)
     bottom, right = min(rows[-1] + margin, mask.shape[0] - 1) + 1, min(columns[-1] + margin, mask.shape[1] - 1) + 1
-    step = max(1, round(np.sqrt((bottom - top) * (right - left) / RAYS)))
+    step = max(1, round(np.sqrt((bottom - top) * (right - left) / rays)))
     cut = np.s_[top:bottom:step, left:right:step]
-    thinned = intrinsics.copy()
-    thinned[:2] /= step
-    thinned[0, 2], thinned[1, 2] = (intrinsics[0, 2] - left) / step + 0.5, (intrinsics[1, 2] - top) / step + 0.5
-    height, width = mask[cut].shape
-    return Patch(Camera("", width, height, thinned, np.eye(4)), image[cut], depth_mm[cut], mask[cut])
+    smooth = cv2.blur(image[top:bottom, left:right], (step, step))[::step, ::step]
+    pixels = np.stack(np.broadcast_arrays(np.arange(left, right, step), np.arange(top, bottom, step)[:, None], 1.0), -1)
+    directions = pixels.reshape(-1, 3) @ np.linalg.inv(intrinsics).T
+    return Patch(directions, smooth.reshape(-1, 3).astype(float), depth_mm[cut].ravel(), mask[cut].ravel(), step / intrinsics[0, 0])
 
 
 class Comparison:
     """Compares poses of one model with images."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self._renderer = MeshRenderer(mesh)
         self._mesh = mesh
+        self._scene = o3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
+        samples = surface_points(mesh, SAMPLES, np.random.default_rng(0))
+        self._printed = samples.colors is not None
+        if self._printed:
+            contrast = 255.0 * float(np.sqrt(samples.colors.var(0).mean()))
+            self._print_weight = PRINT_WEIGHT * contrast**2 / (contrast**2 + PLAIN_CONTRAST**2)
+            self._textures = _halved(mesh.texture)
+            self._texels_per_mm = _texels_per_mm(mesh)
 
-    def score(self, pose: np.ndarray, patch: Patch) -> float:
-        """0..1, higher is better: the share of the object's pixels whose depth agrees, and how alike print and photo are."""
-        camera = Camera("", patch.camera.width_px, patch.camera.height_px, patch.camera.intrinsics, pose)
-        hits = self._renderer.hits(camera)
-        known, there = patch.depth_mm > 0, hits.mask
-        hidden = there & known & ~patch.mask & (patch.depth_mm < hits.depth - AGREE_MM)
-        agree = there & patch.mask & (~known | (np.abs(hits.depth - patch.depth_mm) < AGREE_MM))
-        shape = agree.sum() / max((patch.mask | (there & ~hidden)).sum(), 1)
-        chosen = agree[hits.mask]
-        if self._mesh.texture is None or self._mesh.uv is None or chosen.sum() < 20:
-            return float(shape * (1 - PRINT_WEIGHT))
-        corners = self._mesh.uv[self._mesh.faces[hits.face[hits.mask][chosen]]]
-        second, third = hits.barycentric[hits.mask][chosen].T[:, :, None]
-        uv = corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third
-        print_alike = likeness(sample_texture(self._mesh.texture, uv).astype(float), patch.image[agree].astype(float))
-        return float(shape * (1 - PRINT_WEIGHT + PRINT_WEIGHT * max(print_alike, 0.0)))
+    def scores(self, poses: np.ndarray, patch: Patch) -> np.ndarray:
+        """(P,) 0..1, higher is better, of (P, 4, 4) camera_from_model in mm.
+
+        The share of the object's pixels whose depth agrees, the better the nearer, times how alike print and photo are.
+        """
+        turns = poses[:, :3, :3]
+        rays = np.empty((len(poses), len(patch.rays), 6), np.float32)
+        rays[..., :3] = -np.einsum("pij,pi->pj", turns, poses[:, :3, 3])[:, None]
+        rays[..., 3:] = patch.rays @ turns
+        hits = self._scene.cast_rays(o3d.core.Tensor(rays))
+        depth = hits["t_hit"].numpy()
+        there, known = np.isfinite(depth), patch.depth_mm > 0
+        off = np.where(there & known, np.abs(depth - patch.depth_mm), 0.0) / AGREE_MM
+        agree = there & patch.mask & (off < 1.0)
+        hidden = there & known & ~patch.mask & (patch.depth_mm < depth - AGREE_MM)
+        shape = (agree * (1.0 - off**2)).sum(1) / np.maximum((patch.mask | (there & ~hidden)).sum(1), 1)
+        if not self._printed:
+            return shape
+        alike = self._likeness(hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy(), agree, depth, patch)
+        return shape * (1.0 - self._print_weight + self._print_weight * alike)
+
+    def _likeness(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
+        """(P,) 0..1: correlation of the colours where depth agrees, the texture as coarse as the pixels."""
+        alike = np.zeros(len(agree))
+        if not agree.any():
+            return alike
+        texel_share = self._texels_per_mm * patch.pixel_share * float(np.median(depth[agree]))
+        texture = self._textures[int(np.clip(round(np.log2(max(texel_share, 1.0))), 0, len(self._textures) - 1))]
+        corners = self._mesh.uv[self._mesh.faces[faces[agree]]]
+        second, third = shares[agree].T[:, :, None]
+        colors = sample_texture(texture, corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third)
+        ends = np.cumsum(agree.sum(1))
+        for index, (start, end) in enumerate(zip(ends - agree.sum(1), ends, strict=True)):
+            if end - start >= LEAST_PRINTED:
+                alike[index] = max(likeness(colors[start:end].astype(float), patch.colors[agree[index]]), 0.0)
+        return alike
+
+
+def _halved(texture: np.ndarray) -> list[np.ndarray]:
+    """The texture and ever coarser ones, each half as wide as the one before."""
+    textures = [texture]
+    while min(textures[-1].shape[:2]) >= 2 * COARSEST_PX:
+        textures.append(cv2.resize(textures[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    return textures
+
+
+def _texels_per_mm(mesh: Mesh) -> float:
+    """How many texels of the texture lie along a millimetre of the surface, on average."""
+    corners, uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces] * mesh.texture.shape[1::-1]
+    area_mm2 = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    first, second = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return float(np.sqrt(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).sum() / max(area_mm2, 1e-9)))

@@ -14,7 +14,7 @@ import pycolmap
 
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import add_common_arguments, write_registration
+from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, write_registration
 from zeroshop_steps.register.sift import SiftOptions, extract, match
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    options = ColmapOptions(object_only=args.scene == "se", min_share=args.min_share, min_images=args.min_images)
+    options = ColmapOptions(object_only=args.scene in OBJECT_ONLY, min_share=args.min_share, min_images=args.min_images)
     features = replace(options.sift, max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
     options = replace(options, sift=features)
     image_set = read_image_set(args.capture)
@@ -97,5 +97,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
             add_stretched_features(database, image_set, weak, options.tilt, options.sift)
         figures["stretched"] = weak
         stopwatch.lap("stretch")
-        needs = StructureOptions(options.min_share, options.min_images, options.max_dropped, options.limits, options.sift.seed)
+        needs = StructureOptions(
+            options.min_share, options.min_images, options.max_dropped, options.limits, options.sift.seed, options.object_only
+        )
         return reconstruct(database, image_set, out, needs, figures, stopwatch)

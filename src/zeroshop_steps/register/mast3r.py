@@ -17,7 +17,7 @@ import pycolmap
 import torch
 
 from zeroshop_steps.cache import Cached
-from zeroshop_steps.networks.device import DEVICES, chosen_device
+from zeroshop_steps.networks.devices import DEVICES, chosen_device
 from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match
 from zeroshop_steps.networks.mast3r.model import load_mast3r
@@ -27,7 +27,7 @@ from zeroshop_steps.progress import track
 from zeroshop_steps.register.found_matches import PairMatches, write_matches
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
 from zeroshop_steps.register.pairs import chosen_pairs
-from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, write_registration
+from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, add_common_arguments, write_registration
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads", "device"))
@@ -86,16 +86,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    bare = args.scene == "se"
+    bare = args.scene in OBJECT_ONLY
     options = Mast3rOptions(
         object_only=bare,
         anchors=max(args.anchors, ANCHORS_WITHOUT_SURFACE) if bare else args.anchors,
         min_confidence=min(args.min_confidence, CONFIDENCE_WITHOUT_SURFACE) if bare else args.min_confidence,
         min_track=args.min_track,
         focal_px=args.focal_px,
-        structure=StructureOptions(min_share=args.min_share, min_images=args.min_images, seed=args.seed),
+        structure=StructureOptions(min_share=args.min_share, min_images=args.min_images, seed=args.seed, object_only=bare),
     )
-    device = chosen_device(args.device)
+    device = torch.device(chosen_device(args.device))
     weights = args.weights or require(NAME)
     image_set = read_image_set(args.capture)
     torch.set_num_threads(args.threads)

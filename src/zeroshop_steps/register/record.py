@@ -16,6 +16,11 @@ import pycolmap
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
+from zeroshop_steps.register.directions import directions_record
+
+SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
+OBJECT_ONLY = ("se", "video_segmented")
+"""Scenes that are registered by what lies inside the masks: there is no ground, or it did not stay with the object."""
 
 
 class RegistrationFailed(StepError):
@@ -29,23 +34,22 @@ class RegistrationFailed(StepError):
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all registration methods share."""
     parser.add_argument("--capture", type=Path, required=True, help="folder with images/ and, unless the whole scene is meant, masks/")
-    parser.add_argument(
-        "--scene", required=True, choices=("su_l", "su_h", "su_b", "se", "video"), help="se uses features on the object only"
-    )
+    parser.add_argument("--scene", required=True, choices=SCENES, help=f"{' and '.join(OBJECT_ONLY)} go by the object alone")
     parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
     parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
     parser.add_argument("--keep-going", action="store_true", help="write a failed registration as a result and exit with 0")
 
 
 def write_registration(out: Path, keep_going: bool, register: Callable[[Path], dict[str, Any]]) -> None:
-    """Run `register` on a folder that becomes `out` when it succeeds, and write the record it returns.
+    """Run `register` on a folder that becomes `out` when it succeeds, and write the record it returns, with advice what to film again.
 
     Raises:
         RegistrationFailed: as `register` did, unless `keep_going`.
     """
     try:
         with written_whole_dir(out) as folder:
-            write_json(folder / "registration.json", {"status": "ok", "reason": None, **register(folder)})
+            record = {"status": "ok", "reason": None, **register(folder)} | directions_record(folder)
+            write_json(folder / "registration.json", record)
     except RegistrationFailed as failure:
         if not keep_going:
             raise
@@ -57,6 +61,9 @@ def write_registration(out: Path, keep_going: bool, register: Callable[[Path], d
                 failure.rejected.write_binary(str(folder / "rejected"))
             write_json(folder / "registration.json", {"status": "failed", "reason": str(failure), **failure.figures})
         print(f"registration failed, recorded in {out / 'registration.json'}: {failure}", file=sys.stderr)
+    else:
+        for line in record["advice"]:
+            print(f"advice: {line}", file=sys.stderr)
 
 
 def read_registration(cameras: Path) -> dict[str, Any]:

@@ -25,6 +25,7 @@ class StructureOptions:
         max_dropped: rounds in which images that the pictures contradict are placed again or left out.
         limits: from where on a model counts as wrong.
         seed: of all RANSAC loops.
+        object_only: whether nothing but the object was registered; decides the advice.
     """
 
     min_share: float = 0.8
@@ -32,6 +33,7 @@ class StructureOptions:
     max_dropped: int = 6
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
+    object_only: bool = False
 
 
 class Stopwatch:
@@ -76,9 +78,9 @@ def reconstruct(
         stopwatch.lap("repair")
     registered = model.num_reg_images() if model else 0
     if model is None or registered < needed:
+        way_out = "register the whole scene, with its ground" if options.object_only else "put the object on a strongly textured surface"
         raise RegistrationFailed(
-            f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, "
-            "or put the object on a strongly textured surface",
+            f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, or {way_out}",
             figures,
         )
     pinhole_model = undistort(model, image_set, out)

@@ -17,7 +17,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.register import sift
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import mapping_options
-from zeroshop_steps.register.record import add_common_arguments, model_figures, write_registration
+from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, model_figures, write_registration
 from zeroshop_steps.register.undistort import undistort
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/truth"), ignored=("threads",))
@@ -53,7 +53,7 @@ def register(image_set: ImageSet, truth: Path, scene: str, out: Path, options: s
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=".truth.") as scratch_name:
         scratch = Path(scratch_name)
         database = scratch / "database.db"
-        sift.extract(database, image_set, options, scratch / "masks" if scene == "se" else None, cameras)
+        sift.extract(database, image_set, options, scratch / "masks" if scene in OBJECT_ONLY else None, cameras)
         sift.match(database, options)
         model = triangulate(database, image_set, {stem: image.cam_from_world() for stem, image in true_images.items()}, options)
     undistort(model, image_set, out)

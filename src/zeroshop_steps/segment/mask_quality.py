@@ -12,6 +12,7 @@ TOLERANCE = 0.02
 """Width of the rim that may differ, in square roots of the mask's area: about two voxels of the hull."""
 MOST_DISAGREEMENT = 0.15
 MOST_AREA_JUMP = 0.3
+MOST_SIZE_RATIO = 4.0
 SMALLEST_SHARE = 5e-4
 BORDER_SHARE = 0.005
 MIN_GOOD, MIN_GOOD_SHARE = 8, 0.6
@@ -23,13 +24,13 @@ class MaskQuality:
 
     Attributes:
         disagreement: area outside the silhouette that all masks share, and of that silhouette outside the mask, beyond the
-            tolerance, over the mask's area.
-        area_ratio: its area over that silhouette's, relative to the median view's.
+            tolerance, over the mask's area; None where no cameras tell what they share.
+        area_ratio: its area over that silhouette's, relative to the median view's; without cameras, over the median mask's.
         border_share: of the image's circumference that it touches: the object is cut off there.
         fault: why the mask cannot be used; None for a good one.
     """
 
-    disagreement: float
+    disagreement: float | None
     area_ratio: float
     border_share: float
     fault: str | None
@@ -42,7 +43,6 @@ def judge_masks(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[MaskQu
     found = []
     for mask, hull, ratio in zip(masks, hulls, ratios / usual, strict=True):
         disagreement = _disagreement(mask, hull)
-        border = int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()) / (2 * sum(mask.shape))
         fault = None
         if mask.mean() < SMALLEST_SHARE:
             fault = "the mask is empty"
@@ -50,19 +50,45 @@ def judge_masks(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[MaskQu
             fault = f"{disagreement:.0%} of the mask contradict the masks of the other views"
         elif abs(ratio - 1) > MOST_AREA_JUMP:
             fault = f"the mask is {ratio:.2f} times as large as the other views let expect"
-        found.append(MaskQuality(disagreement, float(ratio), border, fault))
+        found.append(MaskQuality(disagreement, float(ratio), _border_share(mask), fault))
     return found
 
 
-def check_enough(qualities: list[MaskQuality], names: list[str]) -> None:
-    """Raise StepError where too few masks are good."""
+def judge_masks_alone(masks: list[np.ndarray]) -> list[MaskQuality]:
+    """Measure (H, W) bool masks where no cameras are known yet: only emptiness and a wild size are faults. Registration finds others."""
+    areas = np.array([mask.sum() for mask in masks], float)
+    usual = float(np.median(areas[areas > 0])) if areas.any() else 1.0
+    found = []
+    for mask, ratio in zip(masks, areas / usual, strict=True):
+        fault = None
+        if mask.mean() < SMALLEST_SHARE:
+            fault = "the mask is empty"
+        elif not 1 / MOST_SIZE_RATIO < ratio < MOST_SIZE_RATIO:
+            fault = f"the mask is {ratio:.2f} times as large as the usual one"
+        found.append(MaskQuality(None, float(ratio), _border_share(mask), fault))
+    return found
+
+
+class MasksRejected(StepError):
+    """Too few masks are good; `masks` are all of them, (H, W), and `dropped` the names of the bad ones."""
+
+    def __init__(self, reason: str, masks: list[np.ndarray], dropped: set[str]) -> None:
+        super().__init__(reason)
+        self.masks, self.dropped = masks, dropped
+
+
+def check_enough(qualities: list[MaskQuality], names: list[str], masks: list[np.ndarray]) -> None:
+    """Raise MasksRejected where too few masks, (H, W) bool or float32 above 1/2 on the object, are good."""
     good = sum(quality.fault is None for quality in qualities)
     needed = max(min(MIN_GOOD, len(names)), int(np.ceil(MIN_GOOD_SHARE * len(names))))
     if good < needed:
         faults = [f"{name}: {quality.fault}" for name, quality in zip(names, qualities, strict=True) if quality.fault]
-        raise StepError(
-            f"only {good} of {len(names)} masks are good, {needed} are needed; put the object alone on a ground of other colours, or draw "
-            f"masks and name their folder in objects.tsv. {'; '.join(faults[:6])}{' ...' if len(faults) > 6 else ''}"
+        raise MasksRejected(
+            f"only {good} of {len(names)} masks are good, {needed} are needed; put the object alone on a ground of other colours, see that "
+            f"it is not moved or taken away during the film, or draw masks and name their folder in objects.tsv. "
+            f"{'; '.join(faults[:6])}{' ...' if len(faults) > 6 else ''}",
+            [mask > 0.5 for mask in masks],
+            {name for name, quality in zip(names, qualities, strict=True) if quality.fault},
         )
 
 
@@ -73,20 +99,29 @@ def touches_border(quality: MaskQuality) -> bool:
 
 def quality_record(qualities: list[MaskQuality], names: list[str]) -> dict[str, Any]:
     """The measures as they stand in segmentation.json."""
+    disagreements = [quality.disagreement for quality in qualities]
     return {
         "good_masks": sum(quality.fault is None for quality in qualities),
         "dropped": {name: quality.fault for name, quality in zip(names, qualities, strict=True) if quality.fault},
         "cut_off": [name for name, quality in zip(names, qualities, strict=True) if touches_border(quality)],
-        "median_disagreement": round(float(np.median([quality.disagreement for quality in qualities])), 4),
+        "median_disagreement": _rounded(None if None in disagreements else float(np.median(disagreements))),
         "masks": {
             name: {
-                "disagreement": round(quality.disagreement, 4),
+                "disagreement": _rounded(quality.disagreement),
                 "area_ratio": round(quality.area_ratio, 4),
                 "border_share": round(quality.border_share, 4),
             }
             for name, quality in zip(names, qualities, strict=True)
         },
     }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)
+
+
+def _border_share(mask: np.ndarray) -> float:
+    return int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()) / (2 * sum(mask.shape))
 
 
 def _disagreement(mask: np.ndarray, hull: np.ndarray) -> float:

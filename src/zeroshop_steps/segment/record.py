@@ -5,9 +5,11 @@ quality of the masks, and contact_sheet.png, a picture of all masks.
 """
 
 import argparse
+import contextlib
 import os
 import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +18,56 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.frames import TILE_WIDTH_PX, rows_of
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.failures import is_result
 from zeroshop_steps.files import write_json, written_whole_dir
 from zeroshop_steps.finish.views import View
-from zeroshop_steps.images import write_image, write_mask
+from zeroshop_steps.images import read_image, write_image, write_mask
 from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.segment.mask_quality import MasksRejected
 
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all segmentation methods share."""
     parser.add_argument("--scene", type=Path, required=True, help="registered scene: images/, sparse/ and perhaps masks/")
     parser.add_argument("--seed", type=int, default=0, help="seed of RANSAC (default: %(default)s)")
+    parser.add_argument("--keep-going", action="store_true", help="write a failed segmentation as a result and exit with 0")
+    add_rejected_argument(parser)
     parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
+
+
+@contextlib.contextmanager
+def failing_as_result(args: argparse.Namespace) -> Iterator[None]:
+    """With `--keep-going`, write a failure in this block in place of the masks, as a registration writes its own."""
+    try:
+        yield
+    except StepError as error:
+        if not (args.keep_going and is_result(error)):
+            raise
+        with written_whole_dir(args.out) as folder:
+            for part in ("images", "masks", "sparse"):
+                (folder / part).mkdir()
+            write_json(folder / "registration.json", {"status": "failed", "reason": str(error)})
+        print(f"segmentation failed, recorded in {args.out / 'registration.json'}: {error}", file=sys.stderr)
+
+
+def add_rejected_argument(parser: argparse.ArgumentParser) -> None:
+    """Where to show masks that are refused."""
+    parser.add_argument("--rejected", type=Path, help="picture to write of the masks where they are refused")
+
+
+@contextlib.contextmanager
+def shown_if_rejected(paths: list[Path], picture: Path | None) -> Iterator[None]:
+    """Write a picture of the masks of the images `paths` that are refused in this block, so that one sees why."""
+    if picture is not None:
+        picture.unlink(missing_ok=True)
+    try:
+        yield
+    except MasksRejected as error:
+        if picture is None:
+            raise
+        write_image(picture, contact_sheet(paths, error.masks, error.dropped))
+        raise MasksRejected(f"{error} All masks are shown in {picture}", error.masks, error.dropped) from None
 
 
 def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.ndarray], dropped: set[str], record: dict[str, Any]) -> None:
@@ -45,7 +86,7 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
             (folder / part).mkdir()
         for view, mask in zip(views, masks, strict=True):
             if view.camera.name not in dropped:
-                _link_or_copy(view.image_path, folder / "images" / view.camera.name)
+                link_or_copy(view.image_path, folder / "images" / view.camera.name)
                 write_mask(folder / "masks" / f"{Path(view.camera.name).stem}.png", mask)
         model = pycolmap.Reconstruction(str(scene / "sparse"))
         for image_id in sorted(model.reg_image_ids()):
@@ -56,28 +97,34 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
         write_json(folder / "segmentation.json", record)
-        write_image(folder / "contact_sheet.png", contact_sheet(views, masks, dropped))
+        write_image(folder / "contact_sheet.png", contact_sheet([view.image_path for view in views], masks, dropped))
+    say_dropped(record)
+
+
+def say_dropped(record: dict[str, Any]) -> None:
+    """Say in the log which pictures are left out and why."""
     for name, fault in record.get("dropped", {}).items():
         print(f"warning: {name} is left out: {fault}", file=sys.stderr)
 
 
-def contact_sheet(views: list[View], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:
+def contact_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:
     """(H, W, 3) uint8: every image with what lies outside its mask darkened, the outline red; dropped ones crossed out."""
     tiles = []
-    for view, mask in zip(views, masks, strict=True):
-        size = (TILE_WIDTH_PX, max(1, round(view.camera.height_px * TILE_WIDTH_PX / view.camera.width_px)))
-        tile = cv2.resize(view.image(), size, interpolation=cv2.INTER_AREA)
+    for path, mask in zip(paths, masks, strict=True):
+        size = (TILE_WIDTH_PX, max(1, round(mask.shape[0] * TILE_WIDTH_PX / mask.shape[1])))
+        tile = cv2.resize(read_image(path), size, interpolation=cv2.INTER_AREA)
         small = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
         tile = np.where(small[..., None], tile, tile // 3)
         tile[small & ~(cv2.erode(small.astype(np.uint8), np.ones((3, 3))) > 0)] = (255, 0, 0)
-        if view.camera.name in dropped:
+        if path.name in dropped:
             cv2.line(tile, (0, 0), size, (255, 0, 0), 3)
-        cv2.putText(tile, Path(view.camera.name).stem, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+        cv2.putText(tile, path.stem, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(tile)
     return rows_of(tiles)
 
 
-def _link_or_copy(source: Path, target: Path) -> None:
+def link_or_copy(source: Path, target: Path) -> None:
+    """The same file under another name, as a copy where the disk cannot link."""
     try:
         os.link(source, target)
     except OSError:

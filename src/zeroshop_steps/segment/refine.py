@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.segment.colors import ColorOdds
@@ -26,6 +27,8 @@ FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
 """Columns no higher than this share of the hull's height, or than these voxels, are no part of it."""
 CONTACT_SHARE = 0.1
 """Gaps below the hull up to this share of its height are closed: there it touches the ground."""
+FLOATING_GAP_VOXELS = 2
+"""Parts farther than twice this from all that stands on the ground are no part of it."""
 HIDDEN_MARGIN = 0.04
 """Ground this near to the hull's silhouette, in square roots of its area, may be object that the hull lacks."""
 
@@ -53,7 +56,7 @@ def refine(stand: Stand, subject: Subject, cameras: list[Camera], images: list[n
     """
     rooms = [silhouette(subject.space, subject.room, camera) for camera in cameras]
     others = [splat(subject.others, subject.others_side, camera) for camera in cameras]
-    occupied = _on_ground(subject.core)
+    occupied = _on_ground(_without_floating(subject.core, subject.ground_voxel))
     # Where all views agree there is ground, even under the hull: shadows. Or an object of one colour, hence colours weigh as much.
     plain = picture_ground(stand, cameras, images)
     agreed = [np.minimum(plain.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
@@ -94,7 +97,7 @@ def _shared(subject: Subject, cameras: list[Camera], masks: list[np.ndarray]) ->
     _, empty = votes(subject.space, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
     occupied = np.zeros(subject.room.shape, bool)
     occupied[tuple(index[empty <= MISSES_SHARE * len(cameras)].T)] = True
-    return _on_ground(_upright(occupied, subject.ground_voxel))
+    return _on_ground(_without_floating(_upright(occupied, subject.ground_voxel), subject.ground_voxel))
 
 
 def _upright(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
@@ -105,6 +108,17 @@ def _upright(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
     top = occupied.shape[2] - occupied[:, :, ::-1].argmax(axis=2)
     flat = max(FLAT_SHARE * (layers[-1] - ground_voxel), FLAT_VOXELS)
     return occupied & (top - ground_voxel > flat)[:, :, None]
+
+
+def _without_floating(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
+    """Without what hangs in the air beside what stands: space that few views see, or that shows what lies behind it."""
+    labels, count = ndimage.label(ndimage.binary_dilation(occupied, iterations=FLOATING_GAP_VOXELS), np.ones((3, 3, 3)))
+    if count < 2:
+        return occupied
+    labels = np.where(occupied, labels, 0)
+    top = np.flatnonzero(occupied.any(axis=(0, 1)))[-1]
+    low = labels[:, :, : int(ground_voxel + CONTACT_SHARE * (top - ground_voxel)) + 1]
+    return np.isin(labels, np.unique(low[low > 0])) if low.any() else occupied
 
 
 def _on_ground(occupied: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ def find_subject(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray]
     if not len(names):
         raise StepError(
             "nothing stands on the ground where the cameras look: put the object there, keep it in the middle of the picture, "
-            "and see that it differs in colour from the ground"
+            "see that it differs in colour from the ground, and that it is not moved between the first picture and the last"
         )
     middle = np.array([COARSE_VOXELS / 2, COARSE_VOXELS / 2])
     places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names}

@@ -16,7 +16,7 @@ from zeroshop_steps.cameras import Camera, SparseModel
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.segment.ground import equalized, picture_ground
 from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record
-from zeroshop_steps.segment.record import add_common_arguments, write_segmented
+from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
 from zeroshop_steps.segment.refine import refine
 from zeroshop_steps.segment.stand import find_stand
 from zeroshop_steps.segment.subject import find_subject
@@ -34,10 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
-    views, model = read_views(args.scene)
-    masks, record = find_masks(views, model, args.image_width_px, args.seed)
-    record["seconds"] = round(time.monotonic() - start_s, 2)
-    write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+    with failing_as_result(args):
+        views, model = read_views(args.scene)
+        with shown_if_rejected([view.image_path for view in views], args.rejected):
+            masks, record = find_masks(views, model, args.image_width_px, args.seed)
+        record["seconds"] = round(time.monotonic() - start_s, 2)
+        write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
 def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed: int) -> tuple[list[np.ndarray], dict[str, Any]]:
@@ -56,12 +58,13 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
     cameras, images = _resized(views, image_width_px)
     images = equalized(stand, cameras, images)
     ground = picture_ground(stand, cameras, images)
-    subject = find_subject(stand, cameras, [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)])
+    evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
+    subject = find_subject(stand, cameras, evidence)
     refined = refine(stand, subject, cameras, images)
     tidied = [tidy(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = judge_masks([mask > 0.5 for mask in tidied], refined.hulls)
-    check_enough(qualities, names)
+    check_enough(qualities, names, tidied)
     record = {
         "method": "support_plane",
         **quality_record(qualities, names),

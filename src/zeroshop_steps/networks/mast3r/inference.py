@@ -6,7 +6,7 @@ from typing import Protocol
 
 import torch
 
-from zeroshop_steps.networks.device import Needs, check_fits, fits, running
+from zeroshop_steps.networks.devices import Needs, check_fits, fits, running
 from zeroshop_steps.networks.mast3r.model import PATCH_PX, Configuration, MASt3R, Prediction
 from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing, framing_of_file, load_picture
 from zeroshop_steps.progress import track

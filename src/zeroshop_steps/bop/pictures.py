@@ -1,0 +1,185 @@
+"""Draw detections and estimated poses over the images, and the worst estimates beside the truth, for people to look at.
+
+One picture an image: on the left the detected masks, on the right the outlines of the models in their estimated poses with
+the axes of their frames (x red, y green, z blue). worst.png: the estimates with the largest MSSD, the true outline in green and
+the estimated one in red.
+"""
+
+import argparse
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.bop.depth_render import DepthRenderer
+from zeroshop_steps.bop.detections import Detection, decode_mask, read_detections
+from zeroshop_steps.bop.estimates import Estimates, read_estimates
+from zeroshop_steps.bop.models import Model, listed_objects, read_models
+from zeroshop_steps.bop.poses import as_transform
+from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole_dir
+from zeroshop_steps.images import read_image, write_image
+
+WORST = 10
+IN_A_ROW = 5
+TILE_PX, CAPTION_PX = 320, 44
+TRUE_COLOR, ESTIMATED_COLOR = (40, 220, 40), (255, 40, 40)
+AXIS_DIAMETERS = 0.3
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
+    parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json: which images and objects are drawn")
+    parser.add_argument("--models", type=Path, required=True, help="folder of the models that the poses are of")
+    parser.add_argument("--detections", type=Path, help="BOP COCO result file")
+    parser.add_argument("--estimates", type=Path, help="BOP result CSV")
+    parser.add_argument("--errors", type=Path, help="errors of these estimates, as score_poses writes them: draws the worst")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Draw one run."""
+    if args.detections is None and args.estimates is None:
+        raise StepError("there is nothing to draw: give --detections, --estimates or both")
+    if args.errors and args.estimates is None:
+        raise StepError("--errors needs the --estimates that it is about")
+    targets = read_targets(args.targets)
+    frames = read_target_frames(args.scenes, targets, args.targets, truth_needed=args.errors is not None)
+    wanted = {target.obj_id for target in targets} & set(listed_objects(args.models))
+    models = read_models(args.models, wanted)
+    renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
+    estimates = read_estimates(args.estimates) if args.estimates else None
+    detections = read_detections(args.detections) if args.detections else []
+    with written_whole_dir(args.out) as folder:
+        for (scene_id, image_id), frame in frames.items():
+            panels, here = [], [target for target in targets if (target.scene_id, target.im_id) == (scene_id, image_id)]
+            photo = read_image(frame.picture("rgb"))
+            if args.detections:
+                panels.append(with_detections(photo, surest_detections(detections, here)))
+            if estimates is not None:
+                panels.append(with_poses(photo, frame, surest_estimates(estimates, here, models), models, renderers))
+            write_image(folder / f"{scene_id:06d}_{image_id:06d}.png", np.concatenate(panels, 1))
+        if args.errors:
+            write_image(folder / "worst.png", worst(args.errors, estimates, frames, models, renderers))
+
+
+def surest_detections(detections: Sequence[Detection], targets: Sequence[Target]) -> list[Detection]:
+    """As many of the surest with a mask as each target has instances."""
+    chosen = []
+    for target in targets:
+        key = target.scene_id, target.im_id, target.obj_id
+        found = [one for one in detections if (one.scene_id, one.image_id, one.object_id) == key and one.mask is not None]
+        chosen += sorted(found, key=lambda one: -one.score)[: target.inst_count]
+    return sorted(chosen, key=lambda one: one.score)
+
+
+def surest_estimates(estimates: Estimates, targets: Sequence[Target], models: dict[int, Model]) -> list[tuple[int, float, np.ndarray]]:
+    """(object, score, (4, 4) camera_from_model) of as many of the surest as each target has instances."""
+    poses, chosen = as_transform(estimates.rotations, estimates.translations_mm), []
+    for target in targets:
+        of_image = (estimates.scene_ids == target.scene_id) & (estimates.image_ids == target.im_id)
+        rows = np.flatnonzero(of_image & (estimates.object_ids == target.obj_id))
+        best = rows[np.argsort(-estimates.scores[rows], kind="stable")][: target.inst_count]
+        chosen += [(target.obj_id, float(estimates.scores[row]), poses[row]) for row in best if target.obj_id in models]
+    return chosen
+
+
+def with_detections(photo: np.ndarray, detections: Sequence[Detection]) -> np.ndarray:
+    """The photo with masks in the colours of their objects, the surest on top."""
+    image, labels = photo.copy(), []
+    for one in detections:
+        mask, color = decode_mask(one.mask), color_of(one.object_id)
+        image[mask] = (0.5 * image[mask] + 0.5 * np.array(color)).astype(np.uint8)
+        _outline(image, mask, color)
+        rows, columns = np.nonzero(mask)
+        labels.append((f"{one.object_id}: {one.score:.2f}", (int(columns.mean()), int(rows.mean()))))
+    for text, place in labels:
+        _write(image, text, place)
+    return image
+
+
+def with_poses(
+    photo: np.ndarray, frame: Frame, poses: Sequence[tuple[int, float, np.ndarray]], models: dict[int, Model],
+    renderers: dict[int, DepthRenderer],
+) -> np.ndarray:  # fmt: skip
+    """The photo with the outlines and the frames of posed models."""
+    image = photo.copy()
+    height, width = photo.shape[:2]
+    for number, score, pose in poses:
+        _outline(image, renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0, color_of(number), 2)
+        ends = np.concatenate([np.zeros((1, 3)), np.eye(3)]) * AXIS_DIAMETERS * models[number].diameter_mm
+        projected = (ends @ pose[:3, :3].T + pose[:3, 3]) @ frame.intrinsics.T
+        if (projected[:, 2] <= 1.0).any():
+            continue
+        start, *tips = np.rint(projected[:, :2] / projected[:, 2:]).astype(int).tolist()
+        for tip, color in zip(tips, ((255, 60, 60), (60, 220, 60), (80, 80, 255)), strict=True):
+            cv2.line(image, start, tip, color, 2, cv2.LINE_AA)
+        _write(image, f"{number}: {score:.2f}", start)
+    return image
+
+
+def worst(
+    errors: Path, estimates: Estimates, frames: Frames, models: dict[int, Model], renderers: dict[int, DepthRenderer], count: int = WORST
+) -> np.ndarray:  # fmt: skip
+    """Tiles of the estimates with the largest MSSD: cut out, the true outline green, the estimated one red, the errors below."""
+    with errors.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if int(row["obj_id"]) in models]
+    if not rows or "mssd" not in rows[0]:
+        raise StepError(f"{errors} has no MSSD of these models; score the estimates with --errors mssd and others")
+    poses, tiles = as_transform(estimates.rotations, estimates.translations_mm), []
+    for row in sorted(rows, key=lambda row: -float(row["mssd"]))[:count]:
+        number, frame = int(row["obj_id"]), frames[int(row["scene_id"]), int(row["im_id"])]
+        instance = frame.instances[int(row["instance"])]
+        image = read_image(frame.picture("rgb"))
+        height, width = image.shape[:2]
+        silhouettes = [
+            renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0
+            for pose in (instance.camera_from_model, poses[int(row["estimate"])])
+        ]
+        tile, scale = _cut_out(image, silhouettes[0] | silhouettes[1])
+        for silhouette, color in zip(silhouettes, (TRUE_COLOR, ESTIMATED_COLOR), strict=True):
+            _outline(tile, _cut_out(silhouette.astype(np.uint8) * 255, silhouettes[0] | silhouettes[1])[0] > 127, color, 1)
+        share = "" if instance.visible_share is None else f", {100 * instance.visible_share:.0f} % visible"
+        lines = [f"scene {frame.scene_id}, image {frame.image_id}, object {number}{share}"]
+        lines.append(", ".join(f"{kind.upper()} {float(row[kind]):.2f}" for kind in ("mssd", "mspd", "vsd") if kind in row))
+        caption = np.full((CAPTION_PX, TILE_PX, 3), 255, np.uint8)
+        for index, line in enumerate([lines[0], f"{lines[1]}, score {float(row['score']):.2f}"]):
+            cv2.putText(caption, line, (4, 17 + 19 * index), FONT, 0.42, (0, 0, 0), 1, cv2.LINE_AA)
+        tiles.append(np.concatenate([tile, caption]))
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % min(IN_A_ROW, len(tiles)))
+    across = min(IN_A_ROW, len(tiles))
+    return np.concatenate([np.concatenate(tiles[start : start + across], 1) for start in range(0, len(tiles), across)])
+
+
+def color_of(number: int) -> tuple[int, int, int]:
+    """A bright colour of an object's own."""
+    hue = np.uint8([[[(number * 67) % 180, 200, 255]]])
+    return tuple(int(value) for value in cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0])
+
+
+def _outline(image: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], thickness: int = 1) -> None:
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(image, contours, -1, color, thickness)
+
+
+def _write(image: np.ndarray, text: str, place: Sequence[int]) -> None:
+    for color, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        cv2.putText(image, text, tuple(place), FONT, 0.45, color, thickness, cv2.LINE_AA)
+
+
+def _cut_out(image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
+    """A square tile of the image around the mask, and how much it was enlarged; grey beyond the image."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if not len(rows):
+        rows, columns = np.arange(mask.shape[0]), np.arange(mask.shape[1])
+    side = int(1.3 * max(rows[-1] - rows[0], columns[-1] - columns[0])) + 16
+    top, left = int(rows[0] + rows[-1] - side) // 2, int(columns[0] + columns[-1] - side) // 2
+    cut = cv2.copyMakeBorder(image, side, side, side, side, cv2.BORDER_CONSTANT, value=(0, 0, 0))
+    cut = cut[top + side : top + 2 * side, left + side : left + 2 * side]
+    return cv2.resize(cut, (TILE_PX, TILE_PX), interpolation=cv2.INTER_LINEAR), TILE_PX / side

@@ -1,0 +1,102 @@
+"""CNOS (Nguyen et al., CNOS: A Strong Baseline for CAD-based Novel Object Segmentation, ICCVW 2023): SAM proposes, DINOv2 names.
+
+Segment Anything cuts the image into regions from a grid of points; the class token of each region's masked crop is compared with
+those of 42 views of every model, and the mean of the five nearest is the score. Looks at colour alone. Needs the folders
+sam-vit-huge and dinov2-large below resources/weights; `contour` needs no weights. Writes BOP's COCO JSON.
+"""
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from zeroshop_steps.bop.detections import box_of_mask
+from zeroshop_steps.bop.models import listed_objects, read_models
+from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.detect.cnos.crops import CropDescriber
+from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, without_small
+from zeroshop_steps.detect.pictures import Found, add_image_arguments, frames_of, photo_of, suppressed_boxes, write_found
+from zeroshop_steps.detect.templates import read_templates
+from zeroshop_steps.networks.devices import chosen_device
+from zeroshop_steps.networks.pretrained import require_model
+
+SEGMENTER, DESCRIBER = "sam-vit-huge", "dinov2-large"
+FILES = ("config.json", "model.safetensors")
+NEAREST_VIEWS = 5
+LEAST_SCORE = 0.01
+MOST_IOU = 0.25
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_image_arguments(parser)
+    parser.add_argument("--points-per-side", type=int, default=32, help="grid of points that are segmented (default: %(default)s)")
+    parser.add_argument("--least-iou", type=float, default=0.88, help="predicted IoU of a proposal (default: %(default)s)")
+    parser.add_argument("--least-stability", type=float, default=0.97, help="of a proposal's border (default: %(default)s)")
+    parser.add_argument("--width-px", type=int, default=640, help="images are segmented at this width (default: %(default)s)")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto", help="(default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Detect the models of a folder in the images of a split."""
+    folders = [require_model(name, FILES) for name in (SEGMENTER, DESCRIBER)]
+    device = torch.device(chosen_device(args.device))
+    frames = frames_of(args.scenes, args.targets)
+    segmenter, describer = SegmentAnything(folders[0], device), CropDescriber(folders[1], device)
+    views = described_views(args.models, args.templates, describer)
+    options = {"points_per_side": args.points_per_side, "least_iou": args.least_iou, "least_stability": args.least_stability}
+
+    def detect(frame: Frame) -> list[Found]:
+        photo = photo_of(frame)
+        masks = without_small(segmenter.masks(_scaled(photo, args.width_px), **options))
+        return named([_resized(mask, photo.shape[:2]) for mask in masks], photo, describer, views)
+
+    write_found(args.out, frames, detect)
+
+
+def described_views(models: Path, templates: Path, describer: CropDescriber) -> dict[int, np.ndarray]:
+    """(views, D) unit vectors of each model's views, by object."""
+    views = {}
+    for number in read_models(models, listed_objects(models)):
+        one = read_templates(templates, number)
+        views[number] = describer.describe([(color, mask) for color, mask in zip(one.colors, one.masks, strict=True)])
+    return views
+
+
+def named(masks: list[np.ndarray], photo: np.ndarray, describer: CropDescriber, views: dict[int, np.ndarray]) -> list[Found]:
+    """Each mask as the object that it resembles most, without doubles of an object (by their boxes' IoU)."""
+    masks = [mask for mask in masks if mask.any()]
+    if not masks:
+        return []
+    scores = object_scores(describer.describe([(photo, mask) for mask in masks]), list(views.values()))
+    numbers, best = np.array(list(views))[scores.argmax(1)], scores.max(1)
+    boxes = np.array([box_of_mask(mask) for mask in masks], float)
+    found = []
+    for number in views:
+        mine = np.flatnonzero((numbers == number) & (best > LEAST_SCORE))
+        kept = mine[suppressed_boxes(boxes[mine], best[mine], MOST_IOU)]
+        found += [Found(number, float(best[index]), masks[index]) for index in kept]
+    return found
+
+
+def object_scores(regions: np.ndarray, views: list[np.ndarray]) -> np.ndarray:
+    """(regions, objects): the mean cosine with the five nearest views of each object, 0..1."""
+    scores = []
+    for vectors in views:
+        cosines = np.sort(np.clip(regions @ vectors.T, 0, 1), axis=1)
+        scores.append(cosines[:, -NEAREST_VIEWS:].mean(1))
+    return np.stack(scores, 1)
+
+
+def _scaled(photo: np.ndarray, width_px: int) -> np.ndarray:
+    height = round(photo.shape[0] * width_px / photo.shape[1])
+    smaller = width_px < photo.shape[1]
+    return cv2.resize(photo, (width_px, height), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+
+
+def _resized(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    if mask.shape == shape:
+        return mask
+    return cv2.resize(mask.astype(np.uint8) * 255, shape[::-1], interpolation=cv2.INTER_LINEAR) >= 128

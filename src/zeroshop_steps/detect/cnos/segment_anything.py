@@ -1,0 +1,94 @@
+"""Everything in an image as masks: Segment Anything (Kirillov et al. 2023) asked at a grid of points, its section on automatic masks."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch.nn import functional
+
+from zeroshop_steps.bop.detections import box_of_mask
+from zeroshop_steps.detect.pictures import suppressed_boxes
+from zeroshop_steps.networks.pretrained import load_pretrained
+
+MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])  # ImageNet's, of 0..255
+POINTS_AT_ONCE = 64
+STABILITY_OFFSET = 1.0  # of the logits
+MOST_BOX_IOU = 0.7
+SMALLEST_BOX_SIDE, SMALLEST_MASK = 0.05, 3e-4  # shares of the image's side and area
+
+
+class SegmentAnything:
+    """SAM on a device."""
+
+    def __init__(self, folder: Path, device: torch.device) -> None:
+        """Read the model's folder. Raises StepError where one of its files is missing or damaged."""
+        from transformers import SamModel
+
+        self._model, self._device = load_pretrained(SamModel, folder, device), device
+        self._side_px = self._model.config.vision_config.image_size
+
+    @torch.inference_mode()
+    def masks(self, image: np.ndarray, points_per_side: int, least_iou: float, least_stability: float) -> list[np.ndarray]:
+        """Masks of a (height, width, 3) uint8 RGB image, surest first.
+
+        Args:
+            image: what is segmented.
+            points_per_side: of the grid over the image; each point has three masks, for part, whole and group.
+            least_iou: that the network predicts for a mask it gives.
+            least_stability: IoU of a mask cut at higher and at lower logits.
+        """
+        height, width = image.shape[:2]
+        scale = self._side_px / max(height, width)
+        inner = max(1, round(width * scale)), max(1, round(height * scale))
+        pixels = np.zeros((self._side_px, self._side_px, 3), np.float32)
+        pixels[: inner[1], : inner[0]] = (cv2.resize(image, inner, interpolation=cv2.INTER_LINEAR) - MEAN) / DEVIATION
+        tensor = torch.from_numpy(pixels.transpose(2, 0, 1)[None].copy()).to(self._device)
+        embeddings = self._model.get_image_embeddings(tensor)
+        steps = (np.arange(points_per_side) + 0.5) / points_per_side
+        points = np.stack(np.meshgrid(steps * inner[0], steps * inner[1]), -1).reshape(-1, 1, 2)
+        found, surety = [], []
+        for start in range(0, len(points), POINTS_AT_ONCE):
+            some = torch.from_numpy(points[None, start : start + POINTS_AT_ONCE].astype(np.float32)).to(self._device)
+            labels = torch.ones(some.shape[:3], dtype=torch.long, device=self._device)
+            answer = self._model(input_points=some, input_labels=labels, image_embeddings=embeddings, multimask_output=True)
+            predicted = answer.iou_scores.flatten()
+            likely = predicted > least_iou
+            logits = answer.pred_masks.flatten(0, 2)[likely]
+            if not len(logits):
+                continue
+            logits = self._in_image(logits, inner, (height, width))
+            kept = stability(logits) >= least_stability
+            found += list((logits[kept] > 0).cpu().numpy())
+            surety += predicted[likely][kept].tolist()
+        return distinct(found, np.array(surety))
+
+    def _in_image(self, logits: torch.Tensor, inner: tuple[int, int], size: tuple[int, int]) -> torch.Tensor:
+        """Logits of the padded square as those of the image's pixels, (N, height, width)."""
+        square = functional.interpolate(logits[:, None], (self._side_px, self._side_px), mode="bilinear", align_corners=False)
+        return functional.interpolate(square[..., : inner[1], : inner[0]], size, mode="bilinear", align_corners=False)[:, 0]
+
+
+def stability(logits: torch.Tensor) -> torch.Tensor:
+    """(N,) IoU of the masks cut one logit above and one below 0; 0 for empty ones."""
+    inside, outside = (logits > STABILITY_OFFSET).sum((-1, -2)), (logits > -STABILITY_OFFSET).sum((-1, -2))
+    return inside / outside.clamp(min=1)
+
+
+def distinct(masks: list[np.ndarray], surety: np.ndarray) -> list[np.ndarray]:
+    """Masks that are not empty, surest first, without those whose box is nearly that of a surer one."""
+    full = [index for index, mask in enumerate(masks) if mask.any()]
+    if not full:
+        return []
+    boxes = np.array([box_of_mask(masks[index]) for index in full], float)
+    return [masks[full[index]] for index in suppressed_boxes(boxes, surety[full], MOST_BOX_IOU)]
+
+
+def without_small(masks: list[np.ndarray]) -> list[np.ndarray]:
+    """Without masks of few pixels, or with a box that is smaller than a square of a twentieth of the image's sides."""
+    kept = []
+    for mask in masks:
+        _, _, width, height = box_of_mask(mask)
+        if width * height > SMALLEST_BOX_SIDE**2 * mask.size and mask.mean() > SMALLEST_MASK:
+            kept.append(mask)
+    return kept

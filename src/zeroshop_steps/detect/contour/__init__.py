@@ -1,0 +1,78 @@
+"""Detect without any network: regions between the edges of depth and colour, compared with views of the models.
+
+Large planes are taken away; basins between depth jumps, creases and colour edges are merged step by step, and every region on
+the way is a proposal. Its size, silhouette, relief, colours and gradients are compared with 42 views of each model in every
+turn, at true scale; the confidence means the same for every object. Needs RGB-D images. Writes BOP's COCO JSON.
+"""
+
+import argparse
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.bop.models import listed_objects, read_models
+from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.detect.contour.compare import Reference, confidences, reference_of
+from zeroshop_steps.detect.contour.descriptors import linear_rgb, patch_of
+from zeroshop_steps.detect.contour.edges import edges_of
+from zeroshop_steps.detect.contour.regions import Proposal, proposals_of
+from zeroshop_steps.detect.contour.surface import surface_of
+from zeroshop_steps.detect.pictures import Found, add_image_arguments, depth_of, frames_of, photo_of, suppressed, write_found
+from zeroshop_steps.detect.templates import read_templates
+
+LEAST_CONFIDENCE = 0.01
+MOST_IOU = 0.25
+MOST_CANDIDATES = 40
+"""Of an object in an image, before doubles go."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_image_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Detect the models of a folder in the images of a split."""
+    frames = frames_of(args.scenes, args.targets)
+    models = read_models(args.models, listed_objects(args.models))
+    references = {number: reference_of(read_templates(args.templates, number), model.diameter_mm) for number, model in models.items()}
+    write_found(args.out, frames, lambda frame: detect(frame, references))
+
+
+def detect(frame: Frame, references: dict[int, Reference]) -> list[Found]:
+    """Everything in one image that looks like one of the objects."""
+    photo = photo_of(frame)
+    largest_mm = max(reference.diameter_mm for reference in references.values())
+    surface = surface_of(depth_of(frame, photo), frame.intrinsics, largest_mm, frame.name)
+    lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    proposals = proposals_of(surface, edges_of(surface, lab))
+    linear, focal_px = linear_rgb(photo), float(np.sqrt(frame.intrinsics[0, 0] * frame.intrinsics[1, 1]))
+    patches = [patch_of(one.mask, linear[one.window], surface.depth_mm[one.window], focal_px) for one in proposals]
+    scores = confidences(patches, np.array([(one.border, one.inside) for one in proposals]).reshape(-1, 2), references)
+    found = []
+    for number, mine in zip(references, scores.T, strict=True):
+        best = [index for index in np.argsort(-mine, kind="stable")[:MOST_CANDIDATES] if mine[index] >= LEAST_CONFIDENCE]
+        masks = [_whole(proposals[index], photo.shape[:2]) for index in best]
+        found += [Found(number, float(mine[best[kept]]), masks[kept]) for kept in suppressed(masks, mine[best], MOST_IOU)]
+    return explained(found)
+
+
+def explained(found: list[Found]) -> list[Found]:
+    """With less confidence in what surer detections explain: what they leave of a mask counts."""
+    found = sorted(found, key=lambda one: -one.score)
+    if not found:
+        return found
+    flat = np.stack([one.mask.ravel() for one in found]).astype(np.float32)
+    covered = flat @ flat.T / flat.sum(1)[:, None]
+    scores = np.array([one.score for one in found])
+    for index in range(1, len(found)):
+        scores[index] *= np.prod(1 - scores[:index] * covered[index, :index])
+    return [replace(one, score=float(score)) for one, score in zip(found, scores, strict=True)]
+
+
+def _whole(proposal: Proposal, shape: tuple[int, int]) -> np.ndarray:
+    """A proposal's mask in the whole image."""
+    mask = np.zeros(shape, bool)
+    mask[proposal.window] = proposal.mask
+    return mask

@@ -1,0 +1,102 @@
+"""Compare regions with the views of the objects, and tell how likely a region shows each of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import softmax
+
+from zeroshop_steps.detect.contour.descriptors import Descriptors, Patch, describe, linear_rgb, patch_of
+from zeroshop_steps.detect.templates import Templates
+
+TURNS = 18
+SMALLEST_SHARE, LARGEST_SHARE = 0.08, 1.5  # of a region's area in those of the views, to be looked at
+LONGEST_DIAMETERS = 1.35
+VIEW_NAMES = ("overlap", "relief", "gradients", "histogram", "any_histogram")  # the last: of the view whose colours fit best
+REGION_NAMES = ("border", "inside")
+# Fitted on virtual tables of the demo objects: logistic regression over what these name, and within an image the share of its
+# best region among an object's regions.
+VIEW_WEIGHTS = np.array([9.28, -6.11, 2.57, 6.75, 14.37])
+REGION_WEIGHTS, CONSTANT = np.array([7.21, 3.96]), -36.24
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The views of one object, described.
+
+    Attributes:
+        diameter_mm: of the object.
+        views: V views of T turns each, turns fastest.
+        areas_mm2: (V,) of the views' silhouettes.
+    """
+
+    diameter_mm: float
+    views: Descriptors
+    areas_mm2: np.ndarray
+
+
+def reference_of(templates: Templates, diameter_mm: float) -> Reference:
+    """Describe the views of one object."""
+    focal_px = float(templates.intrinsics[0, 0])
+    patches = [
+        patch_of(depth > 0, linear_rgb(color), depth, focal_px) for color, depth in zip(templates.colors, templates.depths_mm, strict=True)
+    ]
+    return Reference(diameter_mm, describe(patches, diameter_mm, TURNS), np.array([patch.area_mm2 for patch in patches]))
+
+
+def view_measures(patches: Sequence[Patch], reference: Reference) -> tuple[np.ndarray, np.ndarray]:
+    """How regions agree with the view that fits best.
+
+    Returns:
+        indices: (M,) of the patches that can be this object by their size.
+        measures: (M, len(VIEW_NAMES)) of each.
+    """
+    areas = np.array([patch.area_mm2 for patch in patches])
+    lengths = np.array([patch.length_mm for patch in patches])
+    low, high = reference.areas_mm2.min() * SMALLEST_SHARE, reference.areas_mm2.max() * LARGEST_SHARE
+    indices = np.flatnonzero((areas > low) & (areas < high) & (lengths < LONGEST_DIAMETERS * reference.diameter_mm))
+    if not len(indices):
+        return indices, np.zeros((0, len(VIEW_NAMES)))
+    regions = describe([patches[index] for index in indices], reference.diameter_mm)
+    all_measures = _all_measures(regions, reference)
+    best = (all_measures @ VIEW_WEIGHTS).argmax(1)
+    return indices, all_measures[np.arange(len(indices)), best]
+
+
+def confidences(patches: Sequence[Patch], edges: np.ndarray, references: Mapping[int, Reference]) -> np.ndarray:
+    """(patches, objects) 0..1 that a region is an object, well cut out; in a row, the objects and none of them share 1.
+
+    Args:
+        patches: the regions.
+        edges: (patches, len(REGION_NAMES)) strengths around each, and within it.
+        references: the objects.
+    """
+    odds = np.full((len(patches), len(references)), -np.inf)
+    of_region = edges @ REGION_WEIGHTS + CONSTANT
+    for column, reference in enumerate(references.values()):
+        indices, measures = view_measures(patches, reference)
+        odds[indices, column] = measures @ VIEW_WEIGHTS + of_region[indices]
+    return softmax(np.concatenate([odds, np.zeros((len(patches), 1))], 1), axis=1)[:, :-1]
+
+
+def _all_measures(regions: Descriptors, reference: Reference) -> np.ndarray:
+    """(regions, views, len(VIEW_NAMES))."""
+    views = reference.views
+    common = np.maximum(regions.mask @ views.mask.T, 1e-3)
+    union = regions.mask.sum(1)[:, None] + views.mask.sum(1) - common
+    relief = _squares(regions.mask, regions.relief, views.mask, views.relief) / common
+    histogram = regions.histogram @ views.histogram.T
+    measures = [
+        common / union,
+        np.sqrt(np.maximum(relief, 0)),
+        regions.gradients @ views.gradients.T,
+        histogram,
+        np.broadcast_to(histogram.max(1, keepdims=True), histogram.shape),
+    ]
+    return np.stack(measures, -1)
+
+
+def _squares(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
+    """(N, M) sums over cells of mask x other mask x squared difference; values are already times their masks."""
+    squares, other_squares = values**2 / np.maximum(mask, 1e-3), other_values**2 / np.maximum(other_mask, 1e-3)
+    return squares @ other_mask.T + mask @ other_squares.T - 2 * (values @ other_values.T)

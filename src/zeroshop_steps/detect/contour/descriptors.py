@@ -1,0 +1,160 @@
+"""Descriptors of regions and of template views: both cut out at one scale in mm, so that size, shape, colour and gradient compare.
+
+Brightness is divided out: a region's mean luminance is the same in every light. Colours are compared as a histogram of the
+region, gradients as histograms of orientations in a grid (Dalal and Triggs 2005).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+CROP_PX, CELLS, PART = 48, 24, 32
+CROP_DIAMETERS = 1.3
+MEAN_LUMINANCE = 0.25
+ORIENTATIONS, BLOCKS = 8, 6
+LIGHT_BINS, CHROMA_BINS, CHROMA_RANGE = 5, 9, 72.0
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A region of an image or of a view, (rows, columns) around it.
+
+    Attributes:
+        layers: (rows, columns, 5) float32: the region's mask, linear red, green, blue, and depth in mm relative to `depth_mm`;
+            0 beside the region.
+        middle_px: (x, y) the region's centroid in it.
+        mm_per_px: at the region's depth.
+        depth_mm: the region's median depth.
+    """
+
+    layers: np.ndarray
+    middle_px: tuple[float, float]
+    mm_per_px: float
+    depth_mm: float
+
+    @property
+    def area_mm2(self) -> float:
+        return float(self.layers[..., 0].sum()) * self.mm_per_px**2
+
+    @property
+    def length_mm(self) -> float:
+        """Diagonal of its box."""
+        return float(np.hypot(*self.layers.shape[:2])) * self.mm_per_px
+
+
+@dataclass(frozen=True)
+class Descriptors:
+    """N cut-outs at one scale; cells are row by row.
+
+    Attributes:
+        mask: (N, cells) share of each cell that is covered.
+        relief: (N, cells) depth relative to the median in diameters, times `mask`.
+        gradients: (N, D) unit vectors.
+        histogram: (N, B) square roots of shares.
+    """
+
+    mask: np.ndarray
+    relief: np.ndarray
+    gradients: np.ndarray
+    histogram: np.ndarray
+
+
+def patch_of(mask: np.ndarray, linear: np.ndarray, depth_mm: np.ndarray, focal_px: float) -> Patch:
+    """From (rows, columns) bool, linear RGB 0..1 and depth; the mask must not be empty."""
+    middle_mm = float(np.median(depth_mm[mask]))
+    relief = np.clip(depth_mm - middle_mm, -1000, 1000)
+    layers = np.concatenate([np.ones_like(relief)[..., None], linear, relief[..., None]], -1) * mask[..., None]
+    rows, columns = np.nonzero(mask)
+    return Patch(layers.astype(np.float32), (float(columns.mean()), float(rows.mean())), middle_mm / focal_px, middle_mm)
+
+
+def linear_rgb(image: np.ndarray) -> np.ndarray:
+    """(height, width, 3) float32 0..1 of an sRGB uint8 image."""
+    levels = np.arange(256) / 255
+    table = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return table[image]
+
+
+def describe(patches: Sequence[Patch], diameter_mm: float, turns: int = 1) -> Descriptors:
+    """Descriptors of patches for an object of this diameter: of each, `turns` even turns in the image one after the other."""
+    side_mm = CROP_DIAMETERS * diameter_mm
+    crops = np.concatenate([_crops(patch, side_mm, turns) for patch in patches])
+    # In parts that stay in the processor's cache.
+    parts = [_described(crops[start : start + PART], diameter_mm) for start in range(0, len(crops), PART)]
+    return Descriptors(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def _described(crops: np.ndarray, diameter_mm: float) -> tuple[np.ndarray, ...]:
+    """The fields of Descriptors."""
+    masks = crops[..., 0]
+    weight = np.maximum(masks, np.float32(1e-3))
+    luminance = (crops[..., 1:4] @ LUMINANCE).sum((1, 2)) / np.maximum(masks.sum((1, 2)), 1e-3)
+    gain = MEAN_LUMINANCE / np.maximum(luminance, 1e-4)
+    scaled = np.minimum(crops[..., 1:4] * (gain[:, None, None] / weight)[..., None], np.float32(1))
+    lab = cv2.cvtColor(scaled.reshape(-1, CROP_PX, 3), cv2.COLOR_LRGB2LAB).reshape(scaled.shape)
+    relief = np.clip(crops[..., 4] / diameter_mm, -1, 1)
+    return (
+        _cells(masks),
+        _cells(relief),
+        _gradients(lab[..., 0], masks),
+        _histograms(lab, masks),
+    )
+
+
+def _crops(patch: Patch, side_mm: float, turns: int) -> np.ndarray:
+    """(turns, CROP_PX, CROP_PX, 5): the patch around its centroid."""
+    px_per_px = side_mm / CROP_PX / patch.mm_per_px  # of the patch, by one of the crop
+    layers, (x, y) = patch.layers, patch.middle_px
+    while px_per_px >= 2 and min(layers.shape[:2]) > 3:
+        height, width = layers.shape[0] // 2 * 2, layers.shape[1] // 2 * 2
+        layers = cv2.resize(layers[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        px_per_px, x, y = px_per_px / 2, (x - 0.5) / 2, (y - 0.5) / 2
+    half = (CROP_PX - 1) / 2
+    crops = np.empty((turns, CROP_PX, CROP_PX, 5), np.float32)
+    for turn, angle in enumerate(np.arange(turns) * 2 * np.pi / turns):
+        cosine, sine = px_per_px * np.cos(angle), px_per_px * np.sin(angle)
+        matrix = np.array([[cosine, -sine, x - half * (cosine - sine)], [sine, cosine, y - half * (sine + cosine)]])
+        crops[turn] = cv2.warpAffine(layers, matrix, (CROP_PX, CROP_PX), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    return crops
+
+
+def _cells(values: np.ndarray) -> np.ndarray:
+    """Mean of every cell: (N, CROP_PX, CROP_PX) to (N, cells)."""
+    size = CROP_PX // CELLS
+    return values.reshape(len(values), CELLS, size, CELLS, size).mean((2, 4)).reshape(len(values), -1).astype(np.float32)
+
+
+def _gradients(light: np.ndarray, masks: np.ndarray) -> np.ndarray:
+    """Histograms of edge orientations in a grid of blocks, from inside the masks only."""
+    inside = np.minimum.reduce([np.roll(masks, shift, axis) for axis in (1, 2) for shift in (-1, 0, 1)]) > 0.98
+    down, right = (np.roll(light, -1, axis) - np.roll(light, 1, axis) for axis in (1, 2))
+    strength = np.hypot(down, right) * inside
+    position = np.mod(np.arctan2(down, right), np.pi) / np.pi * ORIENTATIONS
+    first = np.floor(position).astype(int) % ORIENTATIONS
+    share = position - np.floor(position)
+    size = CROP_PX // BLOCKS
+    rows = np.arange(CROP_PX) // size
+    index = ((np.arange(len(light))[:, None, None] * BLOCKS + rows[:, None]) * BLOCKS + rows) * ORIENTATIONS
+    count = len(light) * BLOCKS * BLOCKS * ORIENTATIONS
+    sums = np.bincount((index + first).ravel(), (strength * (1 - share)).ravel(), count)
+    sums += np.bincount((index + (first + 1) % ORIENTATIONS).ravel(), (strength * share).ravel(), count)
+    vectors = np.sqrt(sums.reshape(len(light), -1))
+    return (vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-6)).astype(np.float32)
+
+
+def _histograms(lab: np.ndarray, masks: np.ndarray) -> np.ndarray:
+    """Joint histograms of lightness and chroma, blurred a little so that near colours are alike."""
+    light = np.clip(lab[..., 0] / 100 * LIGHT_BINS, 0, LIGHT_BINS - 1e-3).astype(int)
+    chroma = np.clip((lab[..., 1:] / CHROMA_RANGE + 1) / 2 * CHROMA_BINS, 0, CHROMA_BINS - 1e-3).astype(int)
+    index = (light * CHROMA_BINS + chroma[..., 0]) * CHROMA_BINS + chroma[..., 1]
+    bins = LIGHT_BINS * CHROMA_BINS * CHROMA_BINS
+    index = index + np.arange(len(lab))[:, None, None] * bins
+    sums = np.bincount(index.ravel(), masks.ravel(), len(lab) * bins).reshape(-1, LIGHT_BINS, CHROMA_BINS, CHROMA_BINS)
+    for axis in (1, 2, 3):
+        sums = gaussian_filter1d(sums, 0.7, axis, mode="constant")
+    sums = sums.reshape(len(lab), -1)
+    return np.sqrt(sums / np.maximum(sums.sum(1, keepdims=True), 1e-6)).astype(np.float32)

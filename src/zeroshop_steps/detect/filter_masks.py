@@ -1,0 +1,80 @@
+"""Choose the masks that poses are estimated from: sure detections, each pixel the surest one's.
+
+As the thesis feeds FoundationPose with CNOS: detections below a score of 0.2 are dropped, and the others are painted into one
+label map in the order of their scores. What is painted stays; of a detection that is less sure, what is then left of its mask is
+kept, unless that is less than half of it: such a mask was another hypothesis for the same thing. Reads and writes BOP's COCO JSON.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.detections import Detection, box_of_mask, decode_mask, encode_mask, read_detections, write_detections
+from zeroshop_steps.bop.models import listed_objects
+from zeroshop_steps.errors import StepError
+
+LEAST_LEFT = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--detections", type=Path, required=True, help="BOP COCO result file with masks")
+    parser.add_argument("--models", type=Path, required=True, help="folder of the models whose poses are wanted")
+    parser.add_argument("--least-score", type=float, default=0.2, help="of a detection (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="BOP COCO result file to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Filter one result file."""
+    found = read_detections(args.detections)
+    strange = sorted({one.object_id for one in found} - set(there := listed_objects(args.models)))
+    if strange:
+        raise StepError(
+            f"{args.detections} names the objects {strange}, which have no model in {args.models}; it has {there}."
+            " Detect and estimate with the same models"
+        )
+    kept = filtered(found, args.least_score, args.detections)
+    write_detections(args.out, kept)
+    print(f"{args.out}: {len(kept)} of {len(found)} detections")
+
+
+def filtered(detections: Sequence[Detection], least_score: float, path: Path) -> list[Detection]:
+    """Detections whose masks do not overlap, image by image, surest first.
+
+    Args:
+        detections: of any number of images.
+        least_score: less sure ones go.
+        path: of the detections, for messages.
+
+    Raises:
+        StepError: a detection has no mask, or masks of an image differ in size.
+    """
+    images: dict[tuple[int, int], list[Detection]] = {}
+    for one in detections:
+        if one.score >= least_score:
+            images.setdefault((one.scene_id, one.image_id), []).append(one)
+    return [kept for image in images.values() for kept in _painted(image, path)]
+
+
+def _painted(detections: list[Detection], path: Path) -> list[Detection]:
+    """Those of one image."""
+    kept, taken = [], None
+    for one in sorted(detections, key=lambda one: -one.score):
+        place = f"scene {one.scene_id}, image {one.image_id}"
+        if one.mask is None:
+            raise StepError(f"{path}: a detection of object {one.object_id} in {place} has no segmentation; poses need masks")
+        mask = decode_mask(one.mask)
+        taken = np.zeros_like(mask) if taken is None else taken
+        if mask.shape != taken.shape:
+            raise StepError(
+                f"{path}: masks in {place} are {taken.shape[1]} x {taken.shape[0]} px and {mask.shape[1]} x {mask.shape[0]} px;"
+                " they must be of the image's size"
+            )
+        left = mask & ~taken
+        if left.sum() >= max(LEAST_LEFT * mask.sum(), 1):
+            kept.append(replace(one, mask=encode_mask(left), box_px=box_of_mask(left)))
+            taken |= left
+    return kept

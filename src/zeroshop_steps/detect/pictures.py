@@ -1,0 +1,125 @@
+"""What detectors share: the images that they look at, and the step from what they find in one to a dataset's detections."""
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, write_detections
+from zeroshop_steps.bop.scene import Frame, read_scene, scene_folders
+from zeroshop_steps.bop.targets import read_target_frames, read_targets
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.images import read_image
+from zeroshop_steps.progress import track
+
+MOST_IN_AN_IMAGE = 100  # COCO counts no more
+
+
+@dataclass(frozen=True)
+class Found:
+    """One object in one image: its number, a confidence, and its (height, width) bool mask, which is not empty."""
+
+    object_id: int
+    score: float
+    mask: np.ndarray
+
+
+def add_image_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments that say where to look."""
+    parser.add_argument("--models", type=Path, required=True, help="folder of models in BOP's layout, true or reconstructed")
+    parser.add_argument("--templates", type=Path, required=True, help="their views, as the method templates writes them")
+    parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
+    parser.add_argument("--targets", type=Path, help="test_targets_bop19.json: its images alone (default: every image)")
+    parser.add_argument("--out", type=Path, required=True, help="BOP COCO result file to write")
+
+
+def frames_of(scenes: Path, targets: Path | None) -> list[Frame]:
+    """The images that targets name, or all; which objects are in them is not looked at."""
+    if targets is not None:
+        return list(read_target_frames(scenes, read_targets(targets), targets, truth_needed=False).values())
+    return [frame for folder in scene_folders(scenes).values() for frame in read_scene(folder, truth_needed=False).values()]
+
+
+def photo_of(frame: Frame) -> np.ndarray:
+    """(height, width, 3) uint8 of an image.
+
+    Raises:
+        StepError: there is none, or the camera is of an image of another size.
+    """
+    path = frame.picture("rgb")
+    if path is None:
+        raise StepError(f"{frame.folder / 'rgb'} has no image {frame.image_id:06d} ({frame.name}); detectors need colour images: add it")
+    photo = read_image(path)
+    height, width = photo.shape[:2]
+    middle = frame.intrinsics[:2, 2]
+    if not ((np.array([width, height]) * 0.2 < middle) & (middle < np.array([width, height]) * 0.8)).all():
+        raise StepError(
+            f"{path} is {width} x {height} px, but cam_K of {frame.name} has its middle at ({middle[0]:.0f}, {middle[1]:.0f}):"
+            " camera and image are of different sizes; scale cam_K with the image"
+        )
+    return photo
+
+
+def depth_of(frame: Frame, photo: np.ndarray) -> np.ndarray:
+    """(height, width) float32 mm, 0 where nothing was measured. Raises StepError where it is missing or not the photo's size."""
+    if frame.picture("depth") is None:
+        raise StepError(
+            f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}), and this detector needs depth:"
+            " add depth images, or take --method cnos, which looks at colour alone"
+        )
+    depth_mm = frame.depth_mm()
+    if depth_mm.shape != photo.shape[:2]:
+        raise StepError(
+            f"{frame.picture('depth')} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
+            f" {photo.shape[1]} x {photo.shape[0]} px; align depth with colour first"
+        )
+    return depth_mm
+
+
+def write_found(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], Sequence[Found]]) -> None:
+    """Look at every image, and write what is found with the seconds that it took."""
+    detections: list[Detection] = []
+    for frame in track(frames, "detections", len(frames)):
+        start_s = time.monotonic()
+        found = sorted(detect(frame), key=lambda one: -one.score)[:MOST_IN_AN_IMAGE]
+        seconds = time.monotonic() - start_s
+        detections += [
+            Detection(frame.scene_id, frame.image_id, one.object_id, one.score, box_of_mask(one.mask), encode_mask(one.mask), seconds)
+            for one in found
+        ]
+    write_detections(path, detections)
+    print(f"{path}: {len(detections)} detections in {len(frames)} images")
+
+
+def suppressed(masks: Sequence[np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
+    """Indices of the masks, surest first, none of which overlaps a surer one by more than `most_iou`."""
+    flat = np.stack([mask.ravel() for mask in masks]).astype(np.float32) if len(masks) else np.zeros((0, 1), np.float32)
+    areas = flat.sum(1)
+    return _surest(lambda one, others: _iou(flat[others] @ flat[one], areas[one], areas[others]), scores, most_iou)
+
+
+def suppressed_boxes(boxes_px: np.ndarray, scores: np.ndarray, most_iou: float) -> list[int]:
+    """The same of (N, 4) boxes (x, y, width, height)."""
+    low, high = boxes_px[:, :2], boxes_px[:, :2] + boxes_px[:, 2:]
+    areas = boxes_px[:, 2:].prod(1)
+
+    def overlap(one: int, others: list[int]) -> np.ndarray:
+        sides = np.minimum(high[one], high[others]) - np.maximum(low[one], low[others])
+        return _iou(np.clip(sides, 0, None).prod(1), areas[one], areas[others])
+
+    return _surest(overlap, scores, most_iou)
+
+
+def _surest(overlap: Callable[[int, list[int]], np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
+    kept: list[int] = []
+    for index in np.argsort(-np.asarray(scores), kind="stable").tolist():
+        if not kept or overlap(index, kept).max() <= most_iou:
+            kept.append(index)
+    return kept
+
+
+def _iou(common: np.ndarray, area: float, areas: np.ndarray) -> np.ndarray:
+    return common / np.maximum(area + areas - common, 1e-9)

@@ -1,0 +1,100 @@
+"""Which device a network runs on, in which precision, and how much memory is free there."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from zeroshop_steps.errors import StepError
+
+CGROUP = Path("/sys/fs/cgroup")
+DEVICES = ("auto", "cpu", "cuda")
+RESERVE = 0.9
+"""Share of the free memory that a network may take."""
+
+
+def chosen_device(name: str) -> str:
+    """ "cpu" or "cuda" for one of auto, cpu and cuda. Raises StepError where cuda is asked for and absent."""
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and not torch.cuda.is_available():
+        built = "" if torch.backends.cuda.is_built() else "; this build of PyTorch is for the processor alone, install one with CUDA"
+        raise StepError(f"--device cuda: PyTorch finds no CUDA device{built}. Use --device cpu, or auto")
+    return name
+
+
+def chosen_precision(name: str, device: str) -> torch.dtype:
+    """The number format for one of auto, float32 and bfloat16: auto is bfloat16 where a CUDA device calculates in it."""
+    if name == "auto":
+        return torch.bfloat16 if device == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False) else torch.float32
+    return {"float32": torch.float32, "bfloat16": torch.bfloat16}[name]
+
+
+def free_bytes(device: str) -> int:
+    """Memory that a new process can have: of the CUDA device, or of this machine within the limits of its control group."""
+    if device == "cuda":
+        return torch.cuda.mem_get_info()[0]
+    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    for line in _text(Path("/proc/meminfo")).splitlines():
+        if line.startswith("MemAvailable:"):
+            free = 1024 * int(line.split()[1])
+    limit, used = _text(CGROUP / "memory.max").strip(), _text(CGROUP / "memory.current").strip()
+    return min(free, int(limit) - int(used)) if limit.isdigit() and used.isdigit() else free
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Memory that a run will take at its peak.
+
+    Attributes:
+        peak_bytes: all of it.
+        what: what of, in words: "MASt3R on 20 images of 512 x 384 px".
+        instead: what would fit, or what else to do, in words.
+    """
+
+    peak_bytes: int
+    what: str
+    instead: str
+
+
+def fits(peak_bytes: int, device: torch.device) -> bool:
+    """Whether so much memory can be taken on a device."""
+    return peak_bytes <= RESERVE * free_bytes(device.type)
+
+
+def check_fits(needs: Needs, device: torch.device) -> None:
+    """Raise StepError with the numbers where a run cannot fit on a device."""
+    if not fits(needs.peak_bytes, device):
+        free = free_bytes(device.type)
+        raise StepError(
+            f"{needs.what} takes {needs.peak_bytes / 1e9:.1f} GB at its peak, the device {device.type} has {free / 1e9:.1f} GB free:"
+            f" {needs.instead}"
+        ) from MemoryError()
+
+
+@contextlib.contextmanager
+def running(device: torch.device, what: str) -> Iterator[None]:
+    """Run a network without gradients, in bfloat16 where a CUDA device has it.
+
+    Raises:
+        StepError: out of memory all the same.
+    """
+    precision = chosen_precision("auto", device.type)
+    try:
+        with torch.inference_mode(), torch.autocast(device.type, dtype=precision, enabled=precision != torch.float32):
+            yield
+    except RuntimeError as error:
+        if not isinstance(error, torch.OutOfMemoryError) and "allocate memory" not in str(error):
+            raise
+        remedy = "use --device cpu" if device.type == "cuda" else "run less beside it"
+        raise StepError(f"{what} ran out of memory on {device.type}: {str(error).splitlines()[0]}; {remedy}") from MemoryError()
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except OSError:
+        return ""

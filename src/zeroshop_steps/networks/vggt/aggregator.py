@@ -1,0 +1,61 @@
+"""Alternating attention: each frame for itself, then all frames together (VGGT, section 3.2)."""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from zeroshop_steps.networks.vggt.layers import Block, Rotation
+from zeroshop_steps.networks.vggt.patch_embed import PatchEmbed
+from zeroshop_steps.networks.vggt.settings import Settings
+
+ROPE_BASE = 100.0
+COLOR_MEAN, COLOR_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+
+class Aggregator(nn.Module):
+    """From images to the tokens that all heads read. The first frame is the one whose camera the world is seen from."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__()
+        width, heads, self.settings = settings.width, settings.heads, settings
+        self.patch_embed = PatchEmbed(settings)
+        self.frame_blocks = nn.ModuleList(Block(width, heads, True, 0.01) for _ in range(settings.depth))
+        self.global_blocks = nn.ModuleList(Block(width, heads, True, 0.01) for _ in range(settings.depth))
+        self.camera_token = nn.Parameter(torch.zeros(1, 2, 1, width))
+        self.register_token = nn.Parameter(torch.zeros(1, 2, settings.registers, width))
+
+    def forward(self, images: Tensor, after_block: Callable[[], None] = lambda: None) -> list[Tensor]:
+        """The tokens after the pairs of blocks `settings.layers`.
+
+        Args:
+            images: (S, 3, H, W) sRGB in 0 to 1; H and W are multiples of the patch.
+            after_block: called after every pair of blocks, for a progress bar.
+
+        Returns:
+            Four of (S, 1 + registers + patches, 2 x width): the camera's token, registers, patches; what the frame block
+            made of them, then what the global block did.
+        """
+        frames = len(images)
+        mean, std = (torch.tensor(values, device=images.device, dtype=images.dtype)[:, None, None] for values in (COLOR_MEAN, COLOR_STD))
+        patches = self.patch_embed((images - mean) / std)
+        special = torch.cat([self.camera_token, self.register_token], dim=2)[0]  # of the first frame, of the others
+        tokens = torch.cat([special[[0] + [1] * (frames - 1)], patches], dim=1)
+        rotation = self._rotation(images.shape[2], images.shape[3], images.device)
+        rotations = rotation.tiled(frames)
+        kept = []
+        for index, (frame_block, global_block) in enumerate(zip(self.frame_blocks, self.global_blocks, strict=True)):
+            alone = frame_block(tokens, rotation)
+            tokens = global_block(alone.flatten(0, 1)[None], rotations)[0].unflatten(0, (frames, -1))
+            if index in self.settings.layers:
+                kept.append(torch.cat([alone, tokens], dim=2))
+            after_block()
+        return kept
+
+    def _rotation(self, height_px: int, width_px: int, device: torch.device) -> Rotation:
+        """Of one frame's tokens: camera and registers stand at (0, 0), patches from (1, 1) on."""
+        settings = self.settings
+        rows, columns = (torch.arange(1, side // settings.patch_px + 1, device=device) for side in (height_px, width_px))
+        special = torch.zeros(1 + settings.registers, 2, dtype=rows.dtype, device=device)
+        positions = torch.cat([special, torch.cartesian_prod(rows, columns)])
+        return Rotation.of(positions, settings.width // settings.heads, ROPE_BASE)

@@ -1,0 +1,139 @@
+"""Dense prediction transformer (Ranftl et al. 2021): tokens of four depths become one map at the image's size."""
+
+from collections.abc import Callable
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+SCRATCH_HIDDEN = 32  # channels before the last convolution
+
+
+class ResidualUnit(nn.Module):
+    """Two convolutions beside a shortcut that starts after the first activation, as the trained weights expect."""
+
+    def __init__(self, features: int) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(features, features, 3, padding=1)
+        self.conv2 = nn.Conv2d(features, features, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = F.relu(x)
+        return x + self.conv2(F.relu(self.conv1(x)))
+
+
+class Fusion(nn.Module):
+    """Add a finer map to a coarser one and enlarge the sum."""
+
+    def __init__(self, features: int, coarsest: bool) -> None:
+        super().__init__()
+        self.out_conv = nn.Conv2d(features, features, 1)
+        if not coarsest:
+            self.resConfUnit1 = ResidualUnit(features)
+        self.resConfUnit2 = ResidualUnit(features)
+
+    def forward(self, coarse: Tensor, fine: Tensor | None, size: tuple[int, int]) -> Tensor:
+        summed = coarse if fine is None else coarse + self.resConfUnit1(fine)
+        return self.out_conv(enlarged(self.resConfUnit2(summed), size))
+
+
+class Scratch(nn.Module):
+    """The convolutional part, under the names that checkpoints use."""
+
+    def __init__(self, channels: tuple[int, ...], features: int, out: int | None) -> None:
+        super().__init__()
+        for level, count in enumerate(channels, start=1):
+            setattr(self, f"layer{level}_rn", nn.Conv2d(count, features, 3, padding=1, bias=False))
+            setattr(self, f"refinenet{level}", Fusion(features, coarsest=level == len(channels)))
+        self.output_conv1 = nn.Conv2d(features, features if out is None else features // 2, 3, padding=1)
+        if out is not None:
+            self.output_conv2 = nn.Sequential(
+                nn.Conv2d(features // 2, SCRATCH_HIDDEN, 3, padding=1), nn.ReLU(inplace=True), nn.Conv2d(SCRATCH_HIDDEN, out, 1)
+            )
+
+    def forward(self, maps: list[Tensor]) -> Tensor:
+        """Fuse four maps, finest first, to one of twice the finest's size."""
+        lateral = [getattr(self, f"layer{level}_rn")(values) for level, values in enumerate(maps, start=1)]
+        fused = None
+        for level in range(len(maps), 0, -1):
+            fine = lateral.pop()
+            size = tuple(lateral[-1].shape[2:]) if lateral else (2 * fine.shape[2], 2 * fine.shape[3])
+            refine = getattr(self, f"refinenet{level}")
+            fused = refine(fine, None, size) if fused is None else refine(fused, fine, size)
+        return self.output_conv1(fused)
+
+
+class DptHead(nn.Module):
+    """From the aggregator's tokens to a map for each frame.
+
+    Args:
+        width: of the tokens.
+        patch_px: side of a patch.
+        features, channels: of the convolutions; channels of the four inputs.
+        out: channels of the map; None for the features themselves, at half the image's size and without positions.
+    """
+
+    def __init__(self, width: int, patch_px: int, features: int, channels: tuple[int, int, int, int], out: int | None) -> None:
+        super().__init__()
+        self.patch_px, self.dense = patch_px, out is not None
+        self.norm = nn.LayerNorm(width)
+        self.projects = nn.ModuleList(nn.Conv2d(width, count, 1) for count in channels)
+        self.resize_layers = nn.ModuleList(
+            (
+                nn.ConvTranspose2d(channels[0], channels[0], 4, 4),
+                nn.ConvTranspose2d(channels[1], channels[1], 2, 2),
+                nn.Identity(),
+                nn.Conv2d(channels[3], channels[3], 3, 2, 1),
+            )
+        )
+        self.scratch = Scratch(channels, features, out)
+
+    def forward(
+        self, layers: list[Tensor], size_px: tuple[int, int], chunk: int = 8, after_chunk: Callable[[], None] = lambda: None
+    ) -> Tensor:
+        """(S, out, H, W) map, or (S, features, H / 2, W / 2) features; frames are independent, `chunk` of them go together.
+
+        Args:
+            layers: four of (S, special + patches, width) tokens.
+            size_px: (H, W) of the images.
+            chunk: frames at a time, which only memory and speed depend on.
+            after_chunk: called after every chunk, for a progress bar.
+        """
+        maps = []
+        for start in range(0, len(layers[0]), chunk):
+            maps.append(self._frames([tokens[start : start + chunk] for tokens in layers], size_px))
+            after_chunk()
+        return torch.cat(maps)
+
+    def _frames(self, layers: list[Tensor], size_px: tuple[int, int]) -> Tensor:
+        grid = size_px[0] // self.patch_px, size_px[1] // self.patch_px
+        aspect = size_px[1] / size_px[0]
+        maps = []
+        for tokens, project, resize in zip(layers, self.projects, self.resize_layers, strict=True):
+            patches = self.norm(tokens[:, -grid[0] * grid[1] :]).transpose(1, 2).unflatten(2, grid)
+            maps.append(resize(self._placed(project(patches), aspect)))
+        shrink = 1 if self.dense else 2
+        fused = enlarged(self.scratch(maps), (size_px[0] // shrink, size_px[1] // shrink))
+        return self.scratch.output_conv2(self._placed(fused, aspect)) if self.dense else fused
+
+    def _placed(self, values: Tensor, aspect: float) -> Tensor:
+        """Tell a map where its pixels are."""
+        return values + 0.1 * position_code(values.shape[2:], values.shape[1], aspect).to(values) if self.dense else values
+
+
+def enlarged(values: Tensor, size: tuple[int, int]) -> Tensor:
+    """(B, C, H, W) maps at another size, corner on corner."""
+    return F.interpolate(values, size=size, mode="bilinear", align_corners=True)
+
+
+def position_code(size: tuple[int, int], channels: int, aspect: float) -> Tensor:
+    """(channels, H, W) sines and cosines of x, then of y, on a plane whose half diagonal is 1."""
+    frequencies = 100.0 ** -(torch.arange(channels // 4, dtype=torch.float64) / (channels // 4))
+    reach_y = 1 / (aspect**2 + 1) ** 0.5
+    codes = []
+    for count, reach in ((size[1], aspect * reach_y), (size[0], reach_y)):
+        edge = reach * (count - 1) / count
+        angles = frequencies[:, None] * torch.linspace(-edge, edge, count, dtype=torch.float64)
+        codes.append(torch.cat([angles.sin(), angles.cos()]))
+    x, y = codes[0][:, None, :].expand(-1, *size), codes[1][:, :, None].expand(-1, *size)
+    return torch.cat([x, y])

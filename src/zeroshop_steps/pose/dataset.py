@@ -1,0 +1,126 @@
+"""What pose estimators share: detections to look at, image by image, and the result file."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, read_detections
+from zeroshop_steps.bop.estimates import Estimates, write_estimates
+from zeroshop_steps.bop.models import Model, listed_objects, read_models
+from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
+from zeroshop_steps.detect.pictures import photo_of
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.progress import track
+
+SPARE_DETECTIONS = 2
+
+Estimator = Callable[[Detection, np.ndarray, np.ndarray, np.ndarray, Frame], tuple[np.ndarray, float] | None]
+"""Of a detection, its (height, width) bool mask, the photo, the measured depth in mm and the frame: (4, 4) camera_from_model in
+mm and a score; None where nothing can be said."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of every estimator."""
+    parser.add_argument("--models", type=Path, required=True, help="folder of models in BOP's layout, true or reconstructed")
+    parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
+    parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json")
+    parser.add_argument("--detections", type=Path, help="BOP COCO result file with masks (default: the true visible masks)")
+    parser.add_argument("--out", type=Path, required=True, help="BOP result CSV to write")
+
+
+def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, Model]], Estimator]) -> None:
+    """Estimate the poses of the targets' detections and write them; `prepare` makes an estimator for these models."""
+    targets = read_targets(args.targets)
+    frames = read_target_frames(args.scenes, targets, args.targets, truth_needed=args.detections is None)
+    known = listed_objects(args.models)
+    lacking = sorted({target.obj_id for target in targets} - set(known))
+    if len(lacking) == len({target.obj_id for target in targets}):
+        raise StepError(f"{args.targets} asks for the objects {lacking}, of which {args.models} has none; it has {known}")
+    if lacking:
+        print(f"warning: {args.models} has no model of the objects {lacking}; their poses are not estimated", file=sys.stderr)
+    found = read_detections(args.detections) if args.detections else true_masks(frames)
+    found = looked_at(found, targets, known, SPARE_DETECTIONS if args.detections else 0, args.detections)
+    estimator = prepare(read_models(args.models, {one.object_id for one in found}))
+    write_estimates(args.out, estimate_all(found, frames, estimator))
+
+
+def true_masks(frames: Frames) -> list[Detection]:
+    """Perfect detections of everything visible, the most visible with the highest score.
+
+    Raises:
+        StepError: the masks are missing.
+    """
+    found = []
+    for frame in frames.values():
+        for index, instance in enumerate(frame.instances):
+            mask = frame.mask(index)
+            if mask.any():
+                found.append(Detection(frame.scene_id, frame.image_id, instance.object_id, 1.0, None, encode_mask(mask)))
+    return found
+
+
+def looked_at(
+    found: Sequence[Detection], targets: Sequence[Target], known: Sequence[int], spare: int, path: Path | None
+) -> list[Detection]:
+    """The detections of targets whose objects have models: as many of the surest as there are instances, and `spare` more.
+
+    Raises:
+        StepError: one has no mask.
+    """
+    by_key: dict[tuple[int, int, int], list[Detection]] = {}
+    for one in found:
+        by_key.setdefault((one.scene_id, one.image_id, one.object_id), []).append(one)
+    chosen = []
+    for target in (target for target in targets if target.obj_id in known):
+        here = sorted(by_key.get((target.scene_id, target.im_id, target.obj_id), []), key=lambda one: -one.score)
+        chosen += here[: target.inst_count + spare] if path else here
+    for one in chosen:
+        if one.mask is None:
+            raise StepError(f"{path}: a detection of object {one.object_id} has no segmentation; poses need masks")
+    return chosen
+
+
+def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Estimator) -> Estimates:
+    """Estimates of the detections, image by image; the time of each is its image's, detection included where it is known."""
+    by_image: dict[tuple[int, int], list[Detection]] = {}
+    for detection in detections:
+        by_image.setdefault((detection.scene_id, detection.image_id), []).append(detection)
+    rows: list[tuple] = []
+    for image, members in track(by_image.items(), "poses", len(by_image)):
+        start_s, here = time.monotonic(), []
+        photo = photo_of(frames[image])
+        depth = depth_of(frames[image], photo)
+        for detection in members:
+            mask = decode_mask(detection.mask)
+            if mask.shape != depth.shape:
+                raise StepError(
+                    f"a mask of object {detection.object_id} in {frames[image].name} is {mask.shape[1]} x {mask.shape[0]} px, the image"
+                    f" {depth.shape[1]} x {depth.shape[0]} px; detect in images of the same size"
+                )
+            found = estimator(detection, mask, photo, depth, frames[image])
+            if found is not None:
+                here.append((*image, detection.object_id, found[1], found[0]))
+        seconds = time.monotonic() - start_s + max(members[0].seconds, 0.0)
+        rows += [(*row, seconds) for row in here]
+    poses = np.array([row[4] for row in rows]).reshape(-1, 4, 4)
+    numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
+    scores, seconds = (np.array([row[column] for row in rows], float) for column in (3, 5))
+    return Estimates(*numbers.T, scores, poses[:, :3, :3], poses[:, :3, 3], seconds)
+
+
+def depth_of(frame: Frame, photo: np.ndarray) -> np.ndarray:
+    """(height, width) float32 mm, 0 where nothing was measured. Raises StepError where it is missing or not the photo's size."""
+    if frame.picture("depth") is None:
+        raise StepError(f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}); poses are found from depth: add it")
+    depth_mm = frame.depth_mm()
+    if depth_mm.shape != photo.shape[:2]:
+        raise StepError(
+            f"{frame.picture('depth')} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image"
+            f" {photo.shape[1]} x {photo.shape[0]} px; align depth with colour first"
+        )
+    return depth_mm

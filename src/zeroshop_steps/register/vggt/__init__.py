@@ -1,0 +1,49 @@
+"""Cameras by VGGT (Wang et al. 2025): a network that sees all images at once, its tracks refined by bundle adjustment.
+
+The weights, 5 GB under the licence CC BY-NC 4.0, must be there. With --refine none the network's own cameras and depth
+are taken as they are, which is faster and less exact. What is found is checked like any registration.
+"""
+
+import argparse
+from pathlib import Path
+
+from zeroshop_steps.cache import Cached
+from zeroshop_steps.methods import REGISTRATIONS, WEIGHTS_FOLDER
+from zeroshop_steps.register.record import add_common_arguments
+from zeroshop_steps.register.vggt.options import VggtOptions
+
+CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    defaults = VggtOptions()
+    parser.add_argument(
+        "--refine", choices=("tracks", "none"), default=defaults.refine, help="by tracks and bundle adjustment (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--tracked-points", type=int, default=defaults.tracked_points, help="points to follow a query view (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--query-views", type=int, default=defaults.query_views, help="views whose points are followed, a pass each (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--precision",
+        choices=("auto", "float32", "bfloat16"),
+        default=defaults.precision,
+        help="of the attention; auto is bfloat16 where a CUDA device has it (default: %(default)s)",
+    )
+    parser.add_argument("--min-share", type=float, default=defaults.min_share, help="share of images needed (default: %(default)s)")
+    parser.add_argument("--min-images", type=int, default=defaults.min_images, help="number of images needed (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=defaults.seed, help="seed of all RANSAC loops (default: %(default)s)")
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto", help="default: %(default)s")
+    default = WEIGHTS_FOLDER / REGISTRATIONS["vggt"].weights[0]
+    parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    from zeroshop_steps.register.vggt.solve import solve
+
+    solve(args)

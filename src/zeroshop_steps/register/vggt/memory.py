@@ -1,0 +1,66 @@
+"""How much memory a run will need, said before it starts."""
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.track_head import STRIDE, VOLUME_VALUES
+
+VALUE_BYTES = 4
+BASE_BYTES = 600_000_000  # Python and PyTorch themselves
+TOKEN_WIDTHS = 18  # values of a token that are alive at once in a block, as a multiple of the token's width; measured
+DENSE_MAPS = 3.2  # the same for a dense head, as a multiple of `features` at each pixel of the image; measured
+TRACK_WIDTHS = 14  # the same for the tracker's tokens; measured
+
+
+def peak_bytes(settings: Settings, weights_bytes: int, frames: int, size_px: tuple[int, int], points: int, chunk: int) -> int:
+    """The most memory that a run takes.
+
+    Args:
+        settings: sizes of the network.
+        weights_bytes: size of the file of weights.
+        frames: number of images.
+        size_px: (width, height) of what the network sees.
+        points: tracked points of a view; 0 without tracks.
+        chunk: frames at a time in the dense heads.
+    """
+    pixels = size_px[0] * size_px[1]
+    tokens = frames * (pixels // settings.patch_px**2 + 1 + settings.registers)
+    kept = tokens * len(settings.layers) * 2 * settings.width
+    attention = kept + tokens * settings.width * TOKEN_WIDTHS
+    dense = kept + min(chunk, frames) * pixels * settings.dense_features * DENSE_MAPS + 4 * frames * pixels
+    maps = frames * pixels / STRIDE**2 * settings.track_features
+    follow = kept + 3 * maps + 2 * VOLUME_VALUES + TRACK_WIDTHS * frames * (points + settings.virtual_tracks) * settings.track_width
+    values = max(attention, dense, follow if points else 0) + 3 * frames * pixels
+    return int(BASE_BYTES + weights_bytes + VALUE_BYTES * values)
+
+
+def check_fits(
+    settings: Settings,
+    weights_bytes: int,
+    frames: int,
+    size_px: tuple[int, int],
+    points: int,
+    chunk: int,
+    available_bytes: int,
+    where: str,
+) -> int:
+    """The predicted peak in bytes; the arguments are those of `peak_bytes`.
+
+    Raises:
+        StepError: it is more than `available_bytes` (of `where`); says what would fit.
+    """
+    needed = peak_bytes(settings, weights_bytes, frames, size_px, points, chunk)
+    if needed <= available_bytes:
+        return needed
+    fits = next(
+        (
+            count
+            for count in range(frames - 1, 1, -1)
+            if peak_bytes(settings, weights_bytes, count, size_px, points, chunk) <= available_bytes
+        ),
+        0,
+    )
+    remedy = f"{fits} images would fit" if fits >= 3 else "not even 3 images would fit"
+    raise StepError(
+        f"VGGT needs about {needed / 1e9:.1f} GB for {frames} images of {size_px[0]} x {size_px[1]} px, {where} has"
+        f" {available_bytes / 1e9:.1f} GB free; {remedy}. Take fewer images, or the registration colmap"
+    ) from MemoryError()

@@ -1,0 +1,129 @@
+"""The network on a device: loading it, one pass over the frames, tracks from any of them."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
+from zeroshop_steps.networks.vggt.model import Vggt
+from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, require, strict_load
+from zeroshop_steps.progress import ProgressReport
+
+FILE = "VGGT-1B/model.safetensors"
+SIZES = ".settings.json"
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What a pass says of S frames.
+
+    Attributes:
+        encodings: (S, 9) cameras, `predicted.decode` reads them.
+        depth, confidence: (S, height, width); confidence is at least 1.
+    """
+
+    encodings: np.ndarray
+    depth: np.ndarray
+    confidence: np.ndarray
+
+
+def read_settings(weights: Path) -> Settings:
+    """The sizes of the network: VGGT-1B's, or those in model.settings.json beside model.safetensors."""
+    path = weights.with_suffix(SIZES)
+    if not path.is_file():
+        return Settings()
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in read_json(path).items()}
+    try:
+        return Settings(**values)
+    except TypeError as error:
+        raise StepError(f"{path} does not fit the network ({error}); delete it to use the published VGGT-1B") from None
+
+
+def checked(weights: Path) -> Path:
+    """The file of weights: the published one, checked; one of other sizes is the user's own and only has to fit."""
+    if weights == WEIGHTS_FOLDER / FILE and not weights.with_suffix(SIZES).is_file():
+        return require(FILE)
+    if not weights.is_file():
+        raise StepError(f"the weights {weights} do not exist; check the path, or leave the option out for the published ones")
+    return weights
+
+
+class Network:
+    """VGGT with its weights on a device.
+
+    Args:
+        weights: file of a checkpoint.
+        settings: its sizes.
+        device: "cpu" or "cuda".
+        precision: of the attention blocks.
+        chunk: frames at a time in the dense heads.
+    """
+
+    def __init__(self, weights: Path, settings: Settings, device: str, precision: torch.dtype, chunk: int) -> None:
+        with torch.device("meta"):
+            self.module = Vggt(settings)
+        strict_load(self.module, weights)
+        with memory_errors():
+            self.module.to(device).requires_grad_(False).eval()
+        self.device, self.precision, self.chunk = device, precision, chunk
+        self._first, self._layers, self._size_px = -1, [], (0, 0)
+
+    def predict(self, pixels: np.ndarray) -> Predicted:
+        """Cameras and depth of (S, 3, height, width) frames, in the frame of the first camera."""
+        with torch.inference_mode(), memory_errors():
+            layers = self._tokens(pixels, 0)
+            chunks = -(-len(pixels) // self.chunk)
+            with ProgressReport("depth (groups of frames)", chunks) as report:
+                encodings, depth, confidence = self.module.cameras_and_depth(layers, self._size_px, self.chunk, report.advance)
+            return Predicted(*(values.float().cpu().numpy() for values in (encodings, depth, confidence)))
+
+    def track(self, pixels: np.ndarray, view: int, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Follow points of one view through all.
+
+        The network follows points of the frame that comes first, so another view costs a pass of its own.
+
+        Args:
+            pixels: (S, 3, height, width) frames.
+            view: where the points are.
+            xy: (N, 2) pixel indices.
+
+        Returns:
+            (S, N, 2) pixel indices and (S, N) visibility from 0 to 1, in the order of the frames.
+        """
+        order = np.array([view, *(index for index in range(len(pixels)) if index != view)])
+        with torch.inference_mode(), memory_errors():
+            layers = self._tokens(pixels, view)
+            tracks = self.module.track_head(layers, self._size_px, torch.from_numpy(xy).float().to(self.device), self.chunk)
+            back = np.argsort(order)
+            return tracks.xy.float().cpu().numpy()[back], tracks.visibility.float().cpu().numpy()[back]
+
+    def _tokens(self, pixels: np.ndarray, view: int) -> list[torch.Tensor]:
+        """The tokens of all frames, `view` first; kept until another view is asked for."""
+        if self._first != view:
+            self._layers = []
+            order = [view, *(index for index in range(len(pixels)) if index != view)]
+            images = torch.from_numpy(pixels[order]).to(self.device)
+            with ProgressReport(f"attention (blocks), view {view + 1} first", self.module.settings.depth) as report:
+                self._layers = self.module.tokens(images, self.precision, report.advance)
+            self._first, self._size_px = view, tuple(images.shape[2:])
+        return self._layers
+
+
+@contextlib.contextmanager
+def memory_errors() -> Iterator[None]:
+    """Turn PyTorch's errors about memory into one for the user, which is no result about the pictures."""
+    try:
+        yield
+    except RuntimeError as error:
+        if isinstance(error, torch.OutOfMemoryError) or "allocate memory" in str(error) or "not enough memory" in str(error):
+            raise StepError(
+                "memory ran out in the network; take fewer images, or tracked points, close what else uses the device, or use "
+                "--device cpu or the registration colmap"
+            ) from MemoryError(str(error))
+        raise

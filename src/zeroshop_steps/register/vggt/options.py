@@ -1,0 +1,43 @@
+"""Parameters of registration by VGGT."""
+
+from dataclasses import dataclass, field
+
+from zeroshop_steps.register.verdict import Limits
+
+
+@dataclass(frozen=True)
+class VggtOptions:
+    """Parameters of the method.
+
+    Attributes:
+        refine: "tracks" refines the cameras by tracks and bundle adjustment; "none" takes them as the network says them.
+        tracked_points: points to follow a query view, at most.
+        query_views: views whose points are followed; each costs a pass of the network.
+        precision: of the attention: auto, float32 or bfloat16.
+        min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
+        seed: of RANSAC.
+        object_only: points inside the masks only, for images without a surface.
+        min_visibility: from where on a tracked point counts as seen.
+        min_confidence: of a depth value, for feed-forward points; the network's confidences start at 1.
+        min_observations: an image with fewer points is not registered.
+        min_agreement: share of the feed-forward points that other views' depth must confirm, in each image.
+        max_dropped: rounds in which images that the pictures contradict are left out.
+        limits: from where on a refined model counts as wrong.
+        unrefined_px: mask rays of feed-forward cameras may miss the other masks by this much, per 1000 px of width.
+    """
+
+    refine: str = "tracks"
+    tracked_points: int = 1024
+    query_views: int = 8
+    precision: str = "auto"
+    min_share: float = 0.8
+    min_images: int = 8
+    seed: int = 0
+    object_only: bool = False
+    min_visibility: float = 0.2
+    min_confidence: float = 5.0
+    min_observations: int = 30
+    min_agreement: float = 0.5
+    max_dropped: int = 3
+    limits: Limits = field(default_factory=Limits)
+    unrefined_px: float = 20.0

@@ -1,0 +1,181 @@
+"""From images to a registration: predict, refine, check, undistort."""
+
+import argparse
+import math
+import os
+import tempfile
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pycolmap
+import torch
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.networks.devices import chosen_device, chosen_precision, free_bytes
+from zeroshop_steps.register.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, lens_figures, model_figures, write_registration
+from zeroshop_steps.register.repair import without_images
+from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.verdict import judge
+from zeroshop_steps.register.vggt.bundle import adjusted, refined, write_database
+from zeroshop_steps.register.vggt.feed_forward import feed_forward_model, feed_forward_verdict
+from zeroshop_steps.register.vggt.frames import Frames, fitted_size, read_frames, usable_pixels
+from zeroshop_steps.register.vggt.memory import check_fits
+from zeroshop_steps.register.vggt.network import Network, Predicted, checked, read_settings
+from zeroshop_steps.register.vggt.options import VggtOptions
+from zeroshop_steps.register.vggt.points import observations, query_points, query_views
+from zeroshop_steps.register.vggt.predicted import confirmed_points, decode
+
+CHUNK = {"cpu": 1, "cuda": 8}  # frames at a time in the dense heads: on the processor more only costs memory
+
+
+class Predictor(Protocol):
+    """What the network does for a registration."""
+
+    def predict(self, pixels: np.ndarray) -> Predicted: ...
+
+    def track(self, pixels: np.ndarray, view: int, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Cameras before they are undistorted, why they are wrong if they are, and what is written of them."""
+
+    model: pycolmap.Reconstruction
+    reason: str | None
+    figures: dict[str, Any]
+
+
+def solve(args: argparse.Namespace) -> None:
+    """Write the cameras folder of the command line's arguments."""
+    device = chosen_device(args.device)
+    options = VggtOptions(
+        refine=args.refine,
+        tracked_points=args.tracked_points,
+        query_views=args.query_views,
+        precision=args.precision,
+        min_share=args.min_share,
+        min_images=args.min_images,
+        seed=args.seed,
+        object_only=args.scene in OBJECT_ONLY,
+    )
+    image_set = read_image_set(args.capture)
+    weights = checked(args.weights)
+    settings = read_settings(weights)
+    (width, height), left = fitted_size(image_set.size_px, settings.image_px, settings.patch_px)
+    points = options.tracked_points if options.refine == "tracks" else 0
+    size_px, free = (width + 2 * left, height), free_bytes(device)
+    needed = check_fits(settings, weights.stat().st_size, len(image_set.images), size_px, points, CHUNK[device], free, f"the {device}")
+    torch.set_num_threads(max(1, min(args.threads, os.cpu_count() or 1)))
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    network = Network(weights, settings, device, chosen_precision(args.precision, device), CHUNK[device])
+    figures = {"device": device, "precision": str(network.precision).removeprefix("torch."), "predicted_peak_gb": round(needed / 1e9, 2)}
+    write_registration(
+        args.out,
+        args.keep_going,
+        lambda folder: register(image_set, folder, options, network, settings.image_px, settings.patch_px, figures),
+    )
+
+
+def register(
+    image_set: ImageSet, out: Path, options: VggtOptions, network: Predictor, image_px: int, patch_px: int, known: dict[str, Any]
+) -> dict[str, Any]:
+    """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`.
+
+    Args:
+        image_set: what to register.
+        out: folder to fill.
+        options: see `VggtOptions`.
+        network: predicts cameras, depth and tracks.
+        image_px, patch_px: longer side of what it sees, and what both sides are multiples of.
+        known: figures of the device, for the record.
+
+    Returns:
+        The record for registration.json.
+
+    Raises:
+        RegistrationFailed: no cameras, too few, or cameras that the images contradict.
+    """
+    start_s = time.monotonic()
+    count = len(image_set.images)
+    needed = max(options.min_images, math.ceil(options.min_share * count))
+    figures: dict[str, Any] = {"method": "vggt", "images": count, "registered": 0, **known, "parameters": asdict(options)}
+    figures["versions"] = {"torch": torch.__version__, "pycolmap": pycolmap.__version__}
+    seconds = figures["seconds"] = {}
+    frames = read_frames(image_set, image_px, patch_px)
+    usable = usable_pixels(frames, image_set, options.object_only)
+    predicted = network.predict(frames.pixels)
+    seconds["predict"] = round(time.monotonic() - start_s, 3)
+    try:
+        cameras = decode(predicted.encodings, frames)
+    except RegistrationFailed as failure:
+        raise RegistrationFailed(str(failure), figures) from None
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".vggt.") as scratch_name:
+        if options.refine == "tracks":
+            solution = _by_tracks(cameras, frames, usable, predicted, image_set, Path(scratch_name) / "database.db", options, network)
+        else:
+            solution = _feed_forward(cameras, frames, usable, predicted, image_set, options)
+    seconds["solve"] = round(time.monotonic() - start_s - seconds["predict"], 3)
+    figures |= solution.figures
+    registered = solution.model.num_reg_images()
+    if registered < needed:
+        raise RegistrationFailed(
+            f"{registered} of {count} images registered, at least {needed} are needed: the network's tracks and cameras do not fit each "
+            "other there; take pictures that show the object from nearer together, or use the registration colmap",
+            figures,
+        )
+    pinhole_model = undistort(solution.model, image_set, out)
+    figures["lens"] = lens_figures(solution.model)
+    figures |= model_figures(pinhole_model)
+    seconds["total"] = round(time.monotonic() - start_s, 3)
+    if solution.reason:
+        raise RegistrationFailed(solution.reason, figures, pinhole_model)
+    return figures
+
+
+def _by_tracks(
+    cameras: list[Camera],
+    frames: Frames,
+    usable: np.ndarray,
+    predicted: Predicted,
+    image_set: ImageSet,
+    database: Path,
+    options: VggtOptions,
+    network: Predictor,
+) -> Solution:
+    """Follow points from several views, and refine the cameras until the points fit."""
+    queries, tracks = {}, {}
+    views = query_views(cameras, options.query_views)
+    for view in views:
+        points = query_points(frames.pixels[view], usable[view], options.tracked_points)
+        if len(points):
+            queries[view], tracks[view] = points, network.track(frames.pixels, view, points)
+    seen = observations(frames, usable, queries, tracks, options.min_visibility)
+    focal_px = float(np.median([camera.intrinsics[0, 0] for camera in cameras]))
+    write_database(database, frames.names, seen, frames.size_px, focal_px, options.seed)
+    model = refined(adjusted(cameras, seen), options.min_observations)
+    figures: dict[str, Any] = {"query_views": [frames.names[view] for view in views], "tracks": seen.seen.shape[1], "left_out": []}
+    if model.num_reg_images() < 2 or not model.num_points3D():
+        return Solution(pycolmap.Reconstruction(), None, figures)
+    verdict = judge(model, image_set, database, options.limits)
+    for _ in range(options.max_dropped):
+        if verdict.reason is None or model.num_reg_images() - len(verdict.culprits) < max(options.min_images, 2):
+            break
+        figures["left_out"] += list(verdict.culprits)
+        model = refined(without_images(model, list(verdict.culprits)), options.min_observations)
+        verdict = judge(model, image_set, database, options.limits)
+    return Solution(model, verdict.reason, figures | {"consistency": verdict.figures()})
+
+
+def _feed_forward(
+    cameras: list[Camera], frames: Frames, usable: np.ndarray, predicted: Predicted, image_set: ImageSet, options: VggtOptions
+) -> Solution:
+    """Take the cameras as they are, with the points on which the depth of several views agrees."""
+    points = confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
+    model = feed_forward_model(cameras, points)
+    limits = replace(options.limits, unexplained_px=options.unrefined_px)
+    reason, consistency = feed_forward_verdict(cameras, points, image_set, limits.unexplained_px, options.min_agreement)
+    return Solution(model, reason, {"consistency": consistency})

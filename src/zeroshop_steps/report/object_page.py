@@ -1,0 +1,85 @@
+"""The page of one object: its meshes in 3D and the way from input to mesh, for a browser without server or internet.
+
+Whatever the run has left so far is shown; what is missing is shown as missing.
+"""
+
+import argparse
+from pathlib import Path
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json, written_whole_dir
+from zeroshop_steps.report.site.advice import advice_for
+from zeroshop_steps.report.site.found import Cell, Run, find_runs
+from zeroshop_steps.report.site.html import write_page
+from zeroshop_steps.report.site.pictures import thumbnail, write_webp
+from zeroshop_steps.report.site.sections import run_sections
+from zeroshop_steps.report.site.solids import Truth, read_truth, write_solids
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--object", type=Path, required=True, help="the object's folder, e.g. results/demo/mug; it may be missing")
+    parser.add_argument("--chosen", default="su_h/colmap", help="scene/registration that is shown first (default: %(default)s)")
+    parser.add_argument("--faces", type=int, default=20000, help="triangles at most of a mesh in the viewer (default: %(default)s)")
+    parser.add_argument("--texture-px", type=int, default=1024, help="side at most of a texture in the viewer (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the page, its data and pictures, and card.json, which the gallery reads."""
+    if args.faces < 100 or args.texture_px < 16:
+        raise StepError(f"--faces is {args.faces}, --texture-px {args.texture_px}; at least 100 triangles and 16 pixels are needed")
+    runs = chosen_first(find_runs(args.object), args.chosen)
+    truth = read_truth(args.object / "model", args.faces, args.texture_px)
+    with written_whole_dir(args.out) as folder:
+        manifest = write_solids(runs, truth, folder, args.faces, args.texture_px)
+        card = {
+            "dataset": args.object.absolute().parent.name,
+            "object": args.object.name,
+            "name": object_name(args.object),
+            "viewer": bool(manifest["runs"] or truth),
+            "thumbnail": write_thumbnail(runs, truth, folder),
+            "cells": [cell_card(cell, f"{run.scene}/{run.registration}" == args.chosen) for run in runs for cell in run.cells],
+        }
+        write_json(folder / "card.json", card)
+        command = f"snakemake --cores 2 {args.object}/2dgs.ply"
+        write_page(folder / "index.html", "object.html", card=card, sections=run_sections(runs, folder), command=command, root="../../")
+
+
+def object_name(folder: Path) -> str:
+    """The name of an object for people: its model's, where that says more than the folder."""
+    info = folder / "model/model_info.json"
+    name = str(read_json(info).get("name") or "") if info.is_file() else ""
+    return f"{name} ({folder.name})" if name and name != folder.name else folder.name
+
+
+def chosen_first(runs: list[Run], chosen: str) -> list[Run]:
+    """The runs with the one that the config chooses at the head."""
+    return sorted(runs, key=lambda run: f"{run.scene}/{run.registration}" != chosen)
+
+
+def cell_card(cell: Cell, chosen: bool) -> dict:
+    """What gallery and tables show of a cell."""
+    return {
+        "key": cell.key,
+        "chosen": chosen,
+        "scene": cell.scene,
+        "registration": cell.registration,
+        "nvs": cell.nvs,
+        "state": cell.state,
+        "grade": cell.grade,
+        "reasons": list(cell.reasons),
+        "advice": " ".join(advice_for(cell)),
+        "steps": [[name, done] for name, done in cell.steps],
+        "steps_done": cell.steps_done,
+        "figures": cell.figures,
+    }
+
+
+def write_thumbnail(runs: list[Run], truth: Truth | None, folder: Path) -> str | None:
+    """A picture of the first finished mesh, else of the true model; None where there is neither."""
+    picture = thumbnail(runs, truth)
+    if picture is None:
+        return None
+    write_webp(folder / "thumbnail.webp", picture)
+    return "thumbnail.webp"

@@ -1,0 +1,68 @@
+"""HTML by Jinja2 with escaping on, and the files that every page shares."""
+
+import functools
+import shutil
+from pathlib import Path
+from urllib.parse import quote
+
+import jinja2
+
+from zeroshop_steps.files import written_whole
+
+PACKAGE = Path(__file__).parents[1]
+MARKS = {"good": "●", "sparse": "○", "none": "×", None: "…"}
+NAMES = {"2dgs": "2DGS", "svraster": "SVRaster", "trellis": "Trellis", "colmap": "COLMAP", "mast3r": "MASt3R", "vggt": "VGGT"}
+SCENES = {"su_l": "plain ground", "su_h": "textured ground", "se": "no ground", "su_b": "with a printed board", "video": "photos"}
+
+
+@functools.cache
+def environment() -> jinja2.Environment:
+    """The templates beside this package; whatever a page shows is escaped, and an unknown name is an error."""
+    found = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(PACKAGE / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    found.filters |= {"url": url, "number": number, "named": named}
+    found.globals |= {"MARKS": MARKS, "SCENES": SCENES}
+    return found
+
+
+def write_page(path: Path, template: str, **content) -> None:
+    """Render a template into a file."""
+    text = environment().get_template(template).render(**content)
+    with written_whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def copy_assets(folder: Path) -> None:
+    """Put styles, scripts and their licences into `folder`."""
+    for source in sorted((PACKAGE / "assets").iterdir()):
+        with written_whole(folder / source.name) as temporary:
+            shutil.copyfile(source, temporary)
+
+
+def url(path: str) -> str:
+    """A relative path as a link: spaces, umlauts, # and ? percent-encoded."""
+    return quote(str(path), safe="/")
+
+
+def link(page: str, place: str) -> str:
+    """A link to a place in a page."""
+    return f"{url(page)}#{quote(place, safe='')}"
+
+
+def named(name: str) -> str:
+    """A method's name as it is written in papers."""
+    return NAMES.get(name, name)
+
+
+def number(value: object, digits: int = 3) -> str:
+    """A figure with `digits` significant digits; a dash where there is none."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return "–" if value is None else str(value)
+    if isinstance(value, int) or abs(value) >= 10**digits:
+        return f"{value:,.0f}".replace(",", "\u202f")
+    return f"{value:.{digits}g}" if abs(value) >= 1e-3 or value == 0 else f"{value:.1e}"

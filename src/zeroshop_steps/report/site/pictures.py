@@ -1,0 +1,68 @@
+"""Pictures of the way from input to mesh, small enough for a page."""
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.report.site.found import Run
+from zeroshop_steps.report.site.solids import Truth
+
+THUMBNAIL_PX = 320
+
+
+def write_webp(path: Path, image: np.ndarray, quality: int = 82) -> None:
+    """Write (height, width, 3 or 4) uint8 RGB or RGBA as WebP."""
+    swapped = cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR)
+    made, data = cv2.imencode(".webp", swapped, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    if not made:
+        raise StepError(f"{path} could not be written as WebP; OpenCV lacks it, install it again")
+    with written_whole(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+def camera_on(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = (1.0, -0.55, 0.45)) -> Camera:
+    """A square camera that sees the whole mesh from a direction in its own frame, z up."""
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9)
+    forward = -np.array(direction) / np.linalg.norm(direction)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (centre - forward * 4.0 * radius)
+    focal_px = size_px / 2 * np.sqrt(15.0) / 1.02  # the sphere around the mesh fills the picture
+    intrinsics = np.array([[focal_px, 0, size_px / 2], [0, focal_px, size_px / 2], [0, 0, 1.0]])
+    return Camera("view", size_px, size_px, intrinsics, camera_from_world)
+
+
+def thumbnail(runs: list[Run], truth: Truth | None) -> np.ndarray | None:
+    """(320, 320, 4) uint8 RGBA: the first finished mesh, else the true model; None where there is neither."""
+    mesh = _first_whole([cell.folder / "mesh.ply" for run in runs for cell in run.cells if cell.state == "done"])
+    mesh = mesh or (truth.mesh if truth else None)
+    if mesh is None:
+        return None
+    color, coverage = MeshRenderer(mesh).cut_out(camera_on(mesh, THUMBNAIL_PX), 3)
+    return np.dstack([color, coverage])
+
+
+def _first_whole(paths: list[Path]) -> Mesh | None:
+    for path in paths:
+        try:
+            return read_ply(path)
+        except StepError as error:
+            print(f"warning: no picture of a damaged mesh: {error}", file=sys.stderr)
+    return None
+
+
+def fitted(image: np.ndarray, width_px: int) -> np.ndarray:
+    """`image` at a width of `width_px` at most."""
+    if image.shape[1] <= width_px:
+        return image
+    return cv2.resize(image, (width_px, max(1, round(image.shape[0] * width_px / image.shape[1]))), interpolation=cv2.INTER_AREA)

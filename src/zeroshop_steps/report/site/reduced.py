@@ -1,0 +1,107 @@
+"""A mesh at the size that a web page can carry: fewer faces, textured where that is affordable, else coloured by vertex."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zeroshop_steps.finish.render import sample_texture
+from zeroshop_steps.meshes import Mesh
+
+# Above this many faces texture coordinates are not carried through the decimation, which would take minutes and gigabytes.
+TEXTURED_FACES = 400_000
+GRID = 320
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A mesh for the viewer.
+
+    Attributes:
+        mesh: few enough faces for the page; normals are there, `uv` and `texture` where the texture was kept.
+        colors: (V, 3) uint8 RGB, where there is no texture; None where the mesh has no colour at all.
+        faces: how many faces the mesh had.
+    """
+
+    mesh: Mesh
+    colors: np.ndarray | None
+    faces: int
+
+
+def reduced(mesh: Mesh, max_faces: int, texture_px: int) -> Reduced:
+    """`mesh` with about `max_faces` faces at most and a texture of `texture_px` pixels at most.
+
+    Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997) over the welded surface, so that no seam of the atlas tears open.
+    """
+    if len(mesh.faces) > TEXTURED_FACES:
+        small = _collapsed(_clustered(mesh), max_faces)[0]
+        return Reduced(small.with_normals(), _colors_near(mesh, small.vertices), len(mesh.faces))
+    small, corner_uv = _collapsed(mesh, max_faces) if len(mesh.faces) > max_faces else _welded(mesh)
+    small = small.with_normals()
+    if corner_uv is None or mesh.texture is None:
+        return Reduced(small, None, len(mesh.faces))
+    return Reduced(_split_at_seams(small, corner_uv, _shrunk(mesh.texture, texture_px)), None, len(mesh.faces))
+
+
+def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray | None]:
+    """Vertices of equal place as one, and the (F, 3, 2) texture coordinates of the faces' corners."""
+    vertices, index = np.unique(mesh.vertices.astype(np.float32), axis=0, return_inverse=True)
+    faces = index.reshape(-1)[mesh.faces]
+    sound = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    uv = mesh.uv[mesh.faces[sound]] if mesh.uv is not None else None
+    return Mesh(vertices.astype(float), faces[sound]), uv
+
+
+def _clustered(mesh: Mesh) -> Mesh:
+    """Vertices in one cell of a grid as one (Rossignac and Borrel 1993): quick, and still finer than what the page shows."""
+    low = mesh.vertices.min(0)
+    size = max(float(np.ptp(mesh.vertices, axis=0).max()), 1e-9) / GRID
+    cells, index = np.unique(np.floor((mesh.vertices - low) / size).astype(np.int64) @ (1, GRID + 2, (GRID + 2) ** 2), return_inverse=True)
+    count = np.bincount(index, minlength=len(cells))[:, None]
+    means = np.stack([np.bincount(index, mesh.vertices[:, axis], len(cells)) for axis in range(3)], 1) / count
+    faces = index[mesh.faces]
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    _, first = np.unique(np.sort(faces, 1), axis=0, return_index=True)
+    return Mesh(means, faces[np.sort(first)]).without_loose_vertices()
+
+
+def _collapsed(mesh: Mesh, max_faces: int) -> tuple[Mesh, np.ndarray | None]:
+    import pymeshlab
+
+    work = pymeshlab.MeshSet(verbose=False)
+    textured = {} if mesh.uv is None else {"v_tex_coords_matrix": mesh.uv}
+    work.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces.astype(np.int32), **textured))
+    if textured:
+        work.compute_texcoord_transfer_vertex_to_wedge()
+    work.meshing_merge_close_vertices(threshold=pymeshlab.PureValue(0))
+    if textured:
+        work.meshing_decimation_quadric_edge_collapse_with_texture(targetfacenum=max_faces, preservenormal=True)
+    else:
+        work.meshing_decimation_quadric_edge_collapse(targetfacenum=max_faces, preservenormal=True)
+    work.meshing_remove_unreferenced_vertices()
+    result = work.current_mesh()
+    small = Mesh(result.vertex_matrix(), result.face_matrix().astype(np.int64))
+    return small, result.wedge_tex_coord_matrix().reshape(-1, 3, 2) if textured else None
+
+
+def _split_at_seams(mesh: Mesh, corner_uv: np.ndarray, texture: np.ndarray) -> Mesh:
+    """One vertex for each place and texture coordinate."""
+    corners = np.concatenate([mesh.faces.reshape(-1, 1), np.rint(corner_uv.reshape(-1, 2) * 65535)], 1).astype(np.int64)
+    rows, index = np.unique(corners, axis=0, return_inverse=True)
+    place = rows[:, 0]
+    return Mesh(mesh.vertices[place], index.reshape(-1, 3), mesh.normals[place], rows[:, 1:] / 65535.0, texture)
+
+
+def _colors_near(mesh: Mesh, points: np.ndarray) -> np.ndarray | None:
+    """(N, 3) uint8 colours of the texture at the vertices nearest to `points`."""
+    if mesh.uv is None or mesh.texture is None:
+        return None
+    nearest = cKDTree(mesh.vertices).query(points)[1]
+    return np.clip(np.rint(sample_texture(mesh.texture, mesh.uv[nearest])), 0, 255).astype(np.uint8)
+
+
+def _shrunk(texture: np.ndarray, texture_px: int) -> np.ndarray:
+    scale = min(1.0, texture_px / max(texture.shape[:2]))
+    size = (max(1, round(texture.shape[1] * scale)), max(1, round(texture.shape[0] * scale)))
+    return texture if scale == 1.0 else cv2.resize(texture, size, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,80 @@
+"""The sections of an object's page: for each run its pictures and cameras, for each of its cells the way to the mesh."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.cameras import read_sparse_model
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.report.site.account import costs, measures, provenance, training_curves
+from zeroshop_steps.report.site.advice import advice_for, advice_on_failure
+from zeroshop_steps.report.site.charts import line_chart
+from zeroshop_steps.report.site.found import Cell, Run, read_csv
+from zeroshop_steps.report.site.plan import camera_plan
+from zeroshop_steps.report.site.solids import object_frame
+from zeroshop_steps.report.site.views import write_sheets, write_views
+
+
+def run_sections(runs: list[Run], folder: Path) -> list[dict]:
+    """What the page's template needs of every run; pictures are written into `folder`."""
+    return [
+        {
+            "run": run,
+            "failed": run.failed,
+            "advice": advice_on_failure("register", run.failed) if run.failed else None,
+            "sheets": _careful(write_sheets, run, folder),
+            "plan": _plan(run),
+            "camera_errors": _camera_errors(run),
+            "warnings": run.captured.get("warnings") or [],
+            "cells": [cell_section(cell, run, folder) for cell in run.cells],
+        }
+        for run in runs
+    ]
+
+
+def cell_section(cell: Cell, run: Run, folder: Path) -> dict:
+    """What the page's template needs of a cell."""
+    return {
+        "cell": cell,
+        "advice": advice_for(cell),
+        "pictures": _careful(write_views, cell, run, folder) if cell.state != "failed" and (cell.folder / "mesh.ply").is_file() else {},
+        "held_out": (run.capture / "held_out/truth").is_dir(),
+        "measures": measures(cell),
+        "curves": line_chart(training_curves(cell), "iteration", "loss", log_y=True),
+        "costs": costs(cell, run),
+        "provenance": provenance(cell, run),
+        "command": f"snakemake --cores 2 results/{cell.folder.parents[3].name}/{cell.folder.parents[2].name}/"
+        f"{cell.scene}/{cell.registration}/{cell.nvs}/mesh.ply",
+    }
+
+
+def _plan(run: Run):
+    if run.failed or not (run.folder / "cameras/sparse").is_dir():
+        return None
+    finished = next((cell for cell in run.cells if cell.facts["mesh"].get("frame_facts")), None)
+    try:
+        model = read_sparse_model(run.folder / "cameras/sparse")
+    except StepError:
+        return None
+    if not model.cameras:
+        return None
+    if finished:
+        return camera_plan(model, object_frame(finished), "mm" if finished.facts["mesh"].get("scale") == "known" else "units")
+    centred = np.eye(4)
+    centred[:3, 3] = -np.mean([camera.centre_in_world for camera in model.cameras], axis=0)
+    return camera_plan(model, centred, "units of the registration, axes as they came")
+
+
+def _camera_errors(run: Run) -> dict[str, str]:
+    path = run.folder / "camera_error.csv"
+    return {row["measure"]: row["value"] for row in read_csv(path) if row.get("camera") == "all"}
+
+
+def _careful(write, *arguments) -> dict[str, str]:
+    """Pictures, or none with a warning where a file behind them is damaged or missing."""
+    try:
+        return write(*arguments)
+    except StepError as error:
+        print(f"warning: pictures are left out: {error}", file=sys.stderr)
+        return {}

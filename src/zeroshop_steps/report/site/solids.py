@@ -1,0 +1,125 @@
+"""The 3D content of an object's page: its meshes with their distances to the truth, the true model, cameras and points."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.cameras import read_sparse_model
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json
+from zeroshop_steps.finish.quality import similarity_to_truth
+from zeroshop_steps.finish.surface_error import distances_to, seen_count
+from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.o3d import o3d
+from zeroshop_steps.report.site.found import Cell, Run
+from zeroshop_steps.report.site.reduced import Reduced, reduced
+from zeroshop_steps.report.site.viewer_data import encoded, levels, mesh_content, scene_content, write_data
+
+LIMIT_DIAMETERS = 0.02
+"""End of the colour scale of distances: twice the F-score's threshold."""
+
+
+class Truth:
+    """The true model of an object; written once, seen from every run."""
+
+    def __init__(self, folder: Path, max_faces: int, texture_px: int) -> None:
+        self.mesh = read_ply(folder / "model.ply")
+        self.diameter_mm = float(read_json(folder / "model_info.json")["diameter"])
+        self.reduced = reduced(self.mesh, max_faces, texture_px)
+
+    @property
+    def limit_mm(self) -> float:
+        """Distance of the end of the colour scale."""
+        return LIMIT_DIAMETERS * self.diameter_mm
+
+
+def read_truth(folder: Path, max_faces: int, texture_px: int) -> Truth | None:
+    """The true model in `folder`; None where there is none, as for photos."""
+    return Truth(folder, max_faces, texture_px) if (folder / "model.ply").is_file() else None
+
+
+def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int, texture_px: int) -> dict:
+    """Write the meshes of every finished cell, the truth, and each run's cameras; return what the viewer needs to know of them."""
+    manifest: dict = {"diameter_mm": truth.diameter_mm if truth else None, "runs": []}
+    if truth:
+        write_data(out / "truth.js", mesh_content(truth.reduced))
+    for run in runs:
+        panes, entry = [], {"key": run.key, "scene": run.scene, "registration": run.registration}
+        for cell in (cell for cell in run.cells if cell.state != "failed" and (cell.folder / "mesh.ply").is_file()):
+            try:
+                panes.append(_write_cell(cell, run, truth, out, max_faces, texture_px))
+            except StepError as error:
+                print(f"warning: {cell.key} is left out of the viewer: {error}", file=sys.stderr)
+        if panes:
+            first = next(cell for cell in run.cells if cell.key == panes[0]["key"])
+            write_data(out / f"scene-{run.key}.js", scene_content(read_sparse_model(run.folder / "cameras/sparse"), object_frame(first)))
+            manifest["runs"].append(entry | {"panes": panes, "scene_file": f"scene-{run.key}.js"})
+    manifest["truth"] = "truth.js" if truth else None
+    write_data(out / "viewer.js", manifest)
+    return manifest
+
+
+def object_frame(cell: Cell) -> np.ndarray:
+    """(4, 4) object_from_registration of a finished cell."""
+    return np.array(cell.facts["mesh"]["frame_facts"]["object_from_registration"])
+
+
+def truth_from_object(cell: Cell, run: Run) -> np.ndarray:
+    """(4, 4) similarity from the product's frame to the true one, by the cameras."""
+    registered = read_sparse_model(run.folder / "cameras/sparse").cameras
+    true_cameras = read_sparse_model(run.capture / "truth").cameras
+    return similarity_to_truth(registered, true_cameras) @ np.linalg.inv(object_frame(cell))
+
+
+def _write_cell(cell: Cell, run: Run, truth: Truth | None, out: Path, max_faces: int, texture_px: int) -> dict:
+    mesh = read_ply(cell.folder / "mesh.ply")
+    small = reduced(mesh, max_faces, texture_px)
+    pane = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": f"mesh-{cell.key}.js", "faces": len(mesh.faces)}
+    pane["known_scale"] = cell.facts["mesh"].get("scale") == "known"
+    if truth is None:
+        write_data(out / pane["file"], mesh_content(small))
+        return pane
+    similarity = truth_from_object(cell, run)
+    away = distances_to(truth.mesh, _moved(small.mesh, similarity).vertices)
+    away[_never_seen(small, mesh, cell.facts["mesh"].get("underside") or {})] = np.nan
+    content = mesh_content(small, away, truth.limit_mm)
+    missing = distances_to(_moved(mesh, similarity), truth.reduced.mesh.vertices)
+    missing[~_seen(truth, run)] = np.nan
+    content["truth_distances"] = encoded(levels(missing, truth.limit_mm))
+    write_data(out / pane["file"], content)
+    pane["object_from_truth"] = _rigid_inverse(similarity).round(6).tolist()
+    return pane
+
+
+def _moved(mesh: Mesh, transform: np.ndarray) -> Mesh:
+    return replace(mesh, vertices=mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
+
+
+def _rigid_inverse(similarity: np.ndarray) -> np.ndarray:
+    """The inverse without its scale: the true model stays as large as it is."""
+    rotation = similarity[:3, :3] / np.cbrt(np.linalg.det(similarity[:3, :3]))
+    inverse = np.eye(4)
+    inverse[:3, :3], inverse[:3, 3] = rotation.T, -rotation.T @ similarity[:3, 3]
+    return inverse
+
+
+def _never_seen(small: Reduced, mesh: Mesh, underside: dict) -> np.ndarray:
+    """(V,) whether a reduced vertex lies on the underside that was closed without being seen: the mesh's last faces."""
+    first = underside.get("first_face")
+    if first is None or underside.get("seen", True):
+        return np.zeros(len(small.mesh.vertices), bool)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
+    answer = scene.compute_closest_points(o3d.core.Tensor(small.mesh.vertices.astype(np.float32)))
+    return answer["primitive_ids"].numpy().astype(np.int64) >= first
+
+
+def _seen(truth: Truth, run: Run) -> np.ndarray:
+    """(V,) whether at least two cameras see a vertex of the reduced true model."""
+    cameras = list(read_sparse_model(run.capture / "truth").cameras)
+    capture = read_json(run.capture / "capture.json")
+    support = float(truth.mesh.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None
+    model = truth.reduced.mesh
+    return seen_count(model.vertices, model.normals, truth.mesh, cameras, support) >= 2

@@ -1,0 +1,177 @@
+"""The page of tables: grades, figures, heights and poses, with the published values of the thesis beside them.
+
+Tables 4.1 to 4.5 and Figure 4.8 are those of the diploma thesis ("ZeroShOP: Zero-shot object pose estimation in unconstrained
+environments", TU Wien, January 2026).
+"""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from zeroshop_steps.files import written_whole, written_whole_dir
+from zeroshop_steps.report import bop
+from zeroshop_steps.report.heights import THESIS, published_heights
+from zeroshop_steps.report.reconstruction import published_cells
+from zeroshop_steps.report.site.charts import scatter
+from zeroshop_steps.report.site.found import read_csv
+from zeroshop_steps.report.site.html import link, write_page
+
+SCENE_ORDER = ("su_l", "su_h", "se", "video")
+FIGURES = (
+    ("accuracy_mm", "accuracy mm"),
+    ("completeness_mm", "completeness mm"),
+    ("f_score_1_percent", "F-score 1 %"),
+    ("normal_error_deg", "normals °"),
+    ("psnr_db", "PSNR dB"),
+    ("scale_error_percent", "scale error %"),
+    ("silhouette_agreement", "silhouettes"),
+    ("photometric_error", "colours"),
+)
+
+
+def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path | None) -> None:
+    """Write tables.html and downloads/*.csv.
+
+    Args:
+        folder: of the report; cards: what the gallery knows of each object; dataset: its name.
+        tables: the dataset's tables; those that are missing are left out.
+    """
+    found = {path.stem: read_csv(path) for path in sorted(tables.glob("*.csv"))} if tables and tables.is_dir() else {}
+    thesis = published_cells() if dataset == "ycbv" else []
+    content = {
+        "grades": grade_tables(cards, thesis),
+        "figures": figure_rows(cards),
+        "columns": used_columns(cards),
+        "heights": height_rows(found.get("height", [])),
+        "height_columns": used_height_columns(found.get("height", [])),
+        "figure_4_8": height_plot(found.get("height", [])),
+        "plots": plots(cards),
+        "bop": bop.summary([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
+        "published_bop": bop.summary(bop.published()),
+    }
+    rows = {"grades": grade_csv(cards, thesis), "figures": figure_csv(cards), "heights": content["heights"]}
+    rows |= {name: table for name, table in found.items() if name not in rows} | {"published_bop": bop.published()}
+    rows = {name: table for name, table in rows.items() if table}
+    with written_whole_dir(folder / "downloads") as downloads:
+        for name, table in rows.items():
+            write_csv(downloads / f"{name}.csv", table)
+    names = {card["object"]: card["name"] for card in cards}
+    write_page(folder / "tables.html", "tables.html", dataset=dataset, cards=cards, names=names, downloads=set(rows), root="", **content)
+
+
+def grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
+    """For each surface method the rows (registration and scene, ours and published) with a cell an object, as in Tables 4.1 and 4.2."""
+    objects = [card["object"] for card in cards]
+    ours = [(cell["nvs"], cell["registration"], cell["scene"], card, cell) for card in cards for cell in card["cells"]]
+    found = []
+    for nvs in dict.fromkeys([*(row[0] for row in ours), *(cell.nvs for cell in thesis)]):
+        rows: dict[tuple[str, str], dict] = {}
+        for _, registration, scene, card, cell in (row for row in ours if row[0] == nvs):
+            row = rows.setdefault((registration, scene), {"registration": registration, "scene": scene, "thesis": False, "cells": {}})
+            row["cells"][card["object"]] = cell | {"link": link(card["page"], cell["key"])}
+        for cell in (cell for cell in thesis if cell.nvs == nvs and cell.object in objects):
+            key = (cell.registration, cell.scene)
+            row = rows.setdefault(key, {"registration": cell.registration, "scene": cell.scene, "thesis": True, "cells": {}})
+            row["cells"][cell.object] = {"grade": cell.grade, "state": "done", "link": None}
+        ordered = sorted(rows.values(), key=lambda row: (row["thesis"], row["registration"], _order(row["scene"])))
+        for row in ordered:
+            row["counts"] = {grade: sum(cell["grade"] == grade for cell in row["cells"].values()) for grade in ("good", "sparse", "none")}
+        found.append({"nvs": nvs, "rows": ordered})
+    return found
+
+
+def figure_rows(cards: Sequence[dict]) -> list[dict]:
+    """One row a cell."""
+    return [{"card": card, "cell": cell, "link": link(card["page"], cell["key"])} for card in cards for cell in card["cells"]]
+
+
+def used_columns(cards: Sequence[dict]) -> list[tuple[str, str]]:
+    """The figures that at least one cell has."""
+    there = {name for card in cards for cell in card["cells"] for name in cell["figures"]}
+    return [column for column in FIGURES if column[0] in there]
+
+
+def height_rows(measured: Sequence[dict]) -> list[dict]:
+    """The measured heights with published ones beside; the published ones alone where none were measured."""
+    if measured:
+        return list(measured)
+    columns = {"published_height_m": "height_m", "published_measured_height_m": "measured_height_m"}
+    columns |= {"published_difference_percent": "difference_percent"}
+    return [
+        {"how": THESIS, "object": found.ycbv_object, "published_name": found.name}
+        | {to: getattr(found, name) for to, name in columns.items()}
+        for found in published_heights()
+    ]
+
+
+def used_height_columns(measured: Sequence[dict]) -> list[tuple[str, str]]:
+    """The columns of the table of heights: our own only where something was measured."""
+    own = [("height_m", "true height m"), ("measured_height_m", "measured m"), ("difference_percent", "difference %")]
+    published = [("published_name", "published name"), ("published_height_m", "published height m")]
+    published += [("published_measured_height_m", "published, MASt3R m"), ("published_difference_percent", "published difference %")]
+    return (own if measured else []) + published
+
+
+def height_plot(measured: Sequence[dict]):
+    """Figure 4.8: error in per cent over the true height, the thesis's and ours."""
+    series = {THESIS: [(found.height_m, abs(found.difference_percent), found.name) for found in published_heights()]}
+    for row in measured:
+        if row.get("difference_percent"):
+            point = (float(row["height_m"]), abs(float(row["difference_percent"])), row["object"])
+            series.setdefault(row["how"], []).append(point)
+    return scatter(series, "true height in m", "error of the measured height in %", trend=True)
+
+
+def plots(cards: Sequence[dict]) -> list[dict]:
+    """What the tables suggest: how exact against how complete, and how alike against how exact."""
+    wanted = (
+        ("Exact and complete", "accuracy_mm", "completeness_mm", "accuracy in mm", "completeness in mm"),
+        ("Shape and looks", "f_score_1_percent", "psnr_db", "F-score at 1 % of the diameter", "PSNR in dB"),
+    )
+    found = []
+    for title, x, y, x_label, y_label in wanted:
+        series: dict[str, list] = {}
+        for card in cards:
+            for cell in (cell for cell in card["cells"] if x in cell["figures"] and y in cell["figures"]):
+                name = f"{cell['nvs']}, {cell['scene']}, {cell['registration']}"
+                series.setdefault(name, []).append((cell["figures"][x], cell["figures"][y], card["name"]))
+        if series:
+            found.append({"title": title, "plot": scatter(series, x_label, y_label, from_zero=x == "accuracy_mm")})
+    return found
+
+
+def grade_csv(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
+    """Every grade, ours and published, in one tidy table."""
+    rows = [
+        {"source": "this run", "object": card["object"], **{axis: cell[axis] for axis in ("scene", "registration", "nvs", "state")}}
+        | {"grade": cell["grade"] or "", "reason": "; ".join(cell["reasons"])}
+        for card in cards
+        for cell in card["cells"]
+    ]
+    for cell in thesis:
+        axes = {axis: getattr(cell, axis) for axis in ("object", "scene", "registration", "nvs", "grade")}
+        rows.append({"source": "thesis", **axes, "state": "done", "reason": ""})
+    return rows
+
+
+def figure_csv(cards: Sequence[dict]) -> list[dict]:
+    """Every measurement, one row each."""
+    return [
+        {"object": card["object"], **{axis: cell[axis] for axis in ("scene", "registration", "nvs")}, "measure": name, "value": value}
+        for card in cards
+        for cell in card["cells"]
+        for name, value in cell["figures"].items()
+    ]
+
+
+def write_csv(path: Path, rows: Sequence[dict]) -> None:
+    """Write rows with the columns that any of them has."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    with written_whole(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _order(scene: str) -> int:
+    return SCENE_ORDER.index(scene) if scene in SCENE_ORDER else len(SCENE_ORDER)

@@ -1,0 +1,102 @@
+"""Meshes, cameras and points as JavaScript files: a page opened from disk may load scripts, but may not fetch data.
+
+Numbers travel quantised and in base64: positions as 16 bit over the bounding box (3 micrometres for an object of 200 mm), normals
+and distances as 8 bit.
+"""
+
+import base64
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import SparseModel
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import written_whole
+from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.report.site.reduced import Reduced
+
+UNSEEN = 255
+"""A distance that does not count: the underside that no photo shows."""
+LARGEST = 254
+POINTS = 6000
+
+
+def write_data(path: Path, content: dict) -> None:
+    """A script that hands `content` to the page, which knows it by its address."""
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+    with written_whole(path) as temporary:
+        temporary.write_text(f"zeroshop.data({text});\n", encoding="ascii")
+
+
+def mesh_content(reduced: Reduced, distances: np.ndarray | None = None, limit_mm: float = 0.0) -> dict:
+    """A mesh as the viewer reads it.
+
+    Args:
+        reduced: the mesh, mm.
+        distances: (V,) to the truth in mm, NaN where the distance does not count.
+        limit_mm: distance of the end of the colour scale.
+    """
+    mesh = reduced.mesh
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    size = np.maximum(high - low, 1e-9)
+    wide = len(mesh.vertices) > 65536
+    content = {
+        "low": [round(float(value), 4) for value in low],
+        "size": [round(float(value), 4) for value in size],
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+        "original_faces": reduced.faces,
+        "wide": wide,
+        "positions": encoded(np.rint((mesh.vertices - low) / size * 65535).astype("<u2")),
+        "normals": encoded(np.rint(mesh.normals * 127).astype("i1")),
+        "index": encoded(mesh.faces.astype("<u4" if wide else "<u2")),
+    }
+    if mesh.uv is not None and mesh.texture is not None:
+        content["uv"] = encoded(np.rint(np.clip(mesh.uv, 0, 1) * 65535).astype("<u2"))
+        content["texture"] = data_url(mesh.texture)
+    if reduced.colors is not None:
+        content["colors"] = encoded(reduced.colors)
+    if distances is not None:
+        content |= {"distances": encoded(levels(distances, limit_mm)), "limit_mm": round(limit_mm, 4)}
+    return content
+
+
+def levels(distances: np.ndarray, limit_mm: float) -> np.ndarray:
+    """(V,) uint8: 0 to 254 from no distance to the limit, 255 where it does not count."""
+    counted = np.clip(np.rint(np.nan_to_num(distances) / limit_mm * LARGEST), 0, LARGEST)
+    return np.where(np.isfinite(distances), counted, UNSEEN).astype(np.uint8)
+
+
+def scene_content(model: SparseModel, object_from_registration: np.ndarray) -> dict:
+    """Cameras as centre, right, down and forward in the object's frame (mm), and the sparse points with colours."""
+    cameras = []
+    for camera in model.cameras:
+        moved = seen_from(camera, object_from_registration)
+        axes = moved.camera_from_world[:3, :3]
+        half = np.array([camera.width_px, camera.height_px]) / (2 * camera.intrinsics[[0, 1], [0, 1]])
+        rows = [moved.centre_in_world, axes[0] * half[0], axes[1] * half[1], axes[2]]
+        cameras.append({"name": camera.name, "frame": np.round(np.concatenate(rows), 4).tolist()})
+    step = max(1, -(-len(model.points) // POINTS))
+    order = np.argsort(-model.track_lengths, kind="stable")[: POINTS * step : step]
+    points = model.points[order] @ object_from_registration[:3, :3].T + object_from_registration[:3, 3]
+    return {
+        "cameras": cameras,
+        "points": encoded(points.astype("<f4")),
+        "point_colors": encoded(model.colors[order]),
+        "all_points": len(model.points),
+    }
+
+
+def encoded(values: np.ndarray) -> str:
+    """The bytes of an array in base64."""
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+
+
+def data_url(image: np.ndarray) -> str:
+    """(height, width, 3) uint8 RGB as a WebP picture inside a URL."""
+    made, data = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, 82])
+    if not made:
+        raise StepError(f"a texture of {image.shape[1]} x {image.shape[0]} px could not be written as WebP; OpenCV lacks it")
+    return "data:image/webp;base64," + base64.b64encode(data.tobytes()).decode("ascii")

@@ -1,0 +1,133 @@
+"""Pictures of one run and of its cells: contact sheets, masks over photos, depth and normals, held-out photos beside their renders."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.finish.preview import cropped, seen_from
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.images import list_images, read_image, read_mask
+from zeroshop_steps.meshes import read_ply
+from zeroshop_steps.report.site.found import Cell, Run
+from zeroshop_steps.report.site.pictures import fitted, write_webp
+from zeroshop_steps.report.site.solids import object_frame, truth_from_object
+
+TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
+MOST_PHOTOS = 40
+GAIN = 4.0
+"""Differences are shown this much stronger."""
+MISSING = (196, 60, 48)
+
+
+def write_sheets(run: Run, folder: Path) -> dict[str, str]:
+    """Contact sheets of a run's photos, plain and with what the masks leave out dimmed; photos without a camera have a red frame.
+
+    Returns the names of the written files by what they show; none where there are no photos yet.
+    """
+    source = run.folder / "cameras" if (run.folder / "cameras/images").is_dir() else run.capture
+    if not (source / "images").is_dir():
+        return {}
+    registered = {path.stem for path in (run.folder / "cameras/images").glob("*")} if source != run.capture else set()
+    photos = list_images(run.capture / "images")[:MOST_PHOTOS] if (run.capture / "images").is_dir() else list_images(source / "images")
+    plain, masked = [], []
+    for path in photos:
+        there = path.stem in registered
+        image = read_image(source / "images" / path.name) if there and (source / "images" / path.name).is_file() else read_image(path)
+        tile = cv2.resize(image, (TILE_PX, round(TILE_PX * image.shape[0] / image.shape[1])), interpolation=cv2.INTER_AREA)
+        if registered and not there:
+            cv2.rectangle(tile, (0, 0), (tile.shape[1] - 1, tile.shape[0] - 1), MISSING, 6)
+        plain.append(tile)
+        mask = next((mask for base in (source, run.capture) if (mask := base / "masks" / f"{path.stem}.png").is_file()), None)
+        if mask is not None:
+            masked.append(dimmed(tile, read_mask(mask)))
+    write_webp(folder / f"photos-{run.key}.webp", sheet(plain), 78)
+    names = {"photos": f"photos-{run.key}.webp"}
+    if masked:
+        write_webp(folder / f"masks-{run.key}.webp", sheet(masked), 78)
+        names["masks"] = f"masks-{run.key}.webp"
+    return names
+
+
+def dimmed(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """A photo with its background faded and the mask's border drawn."""
+    small = cv2.resize(mask.astype(np.uint8), (tile.shape[1], tile.shape[0]), interpolation=cv2.INTER_AREA)
+    faded = np.where(small[..., None] > 0, tile, (tile * 0.25 + 170).astype(np.uint8))
+    outline = cv2.morphologyEx(small, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
+    faded[outline] = (232, 80, 40)
+    return faded
+
+
+def sheet(tiles: list[np.ndarray]) -> np.ndarray:
+    """Tiles of one width in rows of five, white between them."""
+    height = max(tile.shape[0] for tile in tiles)
+    rows = -(-len(tiles) // SHEET_COLUMNS)
+    columns = min(SHEET_COLUMNS, len(tiles))
+    gap = 4
+    whole = np.full((rows * (height + gap) - gap, columns * (TILE_PX + gap) - gap, 3), 255, np.uint8)
+    for k, tile in enumerate(tiles):
+        top, left = (k // SHEET_COLUMNS) * (height + gap), (k % SHEET_COLUMNS) * (TILE_PX + gap)
+        whole[top : top + tile.shape[0], left : left + TILE_PX] = tile
+    return whole
+
+
+def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
+    """Pictures of a finished mesh: its depth and normals beside the first photo, photos beside renders, and the atlas."""
+    try:
+        mesh = read_ply(cell.folder / "mesh.ply")
+        views, _ = read_views(run.folder / "cameras")
+    except StepError:
+        return {}
+    renderer, frame = MeshRenderer(mesh), object_frame(cell)
+    names = {"shape": f"shape-{cell.key}.webp", "compared": f"compared-{cell.key}.webp"}
+    write_webp(folder / names["shape"], shape_strip(renderer, views[0], frame))
+    if (run.capture / "held_out/truth").is_dir():
+        held_out, _ = read_views(run.capture / "held_out", sparse="truth")
+        strips = [compared_strip(renderer, view, np.linalg.inv(truth_from_object(cell, run))) for view in held_out[:2]]
+    else:
+        strips = [compared_strip(renderer, view, frame) for view in (views[0], views[len(views) // 2])]
+    write_webp(folder / names["compared"], np.concatenate(strips))
+    if mesh.texture is not None:
+        names["atlas"] = f"atlas-{cell.key}.webp"
+        write_webp(folder / names["atlas"], fitted(mesh.texture, 2 * VIEW_PX))
+    return names
+
+
+def shape_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
+    """A photo, the mesh's depth there (near is bright) and its normals (as colours: right, up, towards the camera)."""
+    camera, photo, _ = tile_of(view, frame)
+    hits = renderer.hits(camera)
+    depth = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
+    normals = depth.copy()
+    if hits.mask.any():
+        near, far = np.percentile(hits.depth[hits.mask], (1, 99))
+        level = np.clip((far - hits.depth) / max(far - near, 1e-9), 0, 1)
+        depth[hits.mask] = cv2.applyColorMap((level * 255).astype(np.uint8), cv2.COLORMAP_CIVIDIS)[..., ::-1][hits.mask]
+        corners = renderer.mesh.vertices[renderer.mesh.faces[hits.face[hits.mask]]]
+        direction = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ camera.camera_from_world[:3, :3].T
+        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-30)
+        normals[hits.mask] = np.rint(127.5 + 127.5 * direction * (1, -1, -1))
+    return np.concatenate([photo, depth, normals], 1)
+
+
+def compared_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
+    """A photo cut out by its mask, the textured mesh from the same camera, and their difference, four times as strong."""
+    camera, photo, mask = tile_of(view, frame)
+    photo = np.where(mask[..., None], photo, 255)
+    render = renderer.color(camera, (255, 255, 255), 2)
+    difference = np.clip(255 - GAIN * np.abs(photo.astype(int) - render), 0, 255).astype(np.uint8)
+    return np.concatenate([photo, render, difference], 1)
+
+
+def tile_of(view: View, frame: np.ndarray) -> tuple[Camera, np.ndarray, np.ndarray]:
+    """A camera in the object's frame that sees a square around the object, its (300, 300, 3) photo and (300, 300) mask."""
+    mask = view.mask()
+    camera, left, top = cropped(seen_from(view.camera, frame), mask)
+    rows = np.clip(np.arange(top, top + camera.height_px), 0, mask.shape[0] - 1)
+    columns = np.clip(np.arange(left, left + camera.width_px), 0, mask.shape[1] - 1)
+    photo = cv2.resize(view.image()[np.ix_(rows, columns)], (VIEW_PX, VIEW_PX), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(mask[np.ix_(rows, columns)].astype(np.float32), (VIEW_PX, VIEW_PX), interpolation=cv2.INTER_AREA)
+    return camera.resized(VIEW_PX, VIEW_PX), photo, small >= 0.5

@@ -1,0 +1,204 @@
+"""Mask what a few words describe: a box by Grounding DINO, followed through all pictures by SAM 2.
+
+Photos are no smooth film: where the object gets lost, or its mask contradicts those of the other views, the box is looked for
+again in that picture, and all are followed once more from every box. Both networks come from files; nothing is fetched.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+
+from zeroshop_steps.cameras import Camera
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.finish.views import read_views
+from zeroshop_steps.images import read_image
+from zeroshop_steps.methods import DETECTOR, DETECTOR_FILES, TRACKER, TRACKER_FILES
+from zeroshop_steps.networks.devices import chosen_device, free_bytes
+from zeroshop_steps.networks.pretrained import require_model
+from zeroshop_steps.segment.agreement import common_hulls, corners_of, overlap
+from zeroshop_steps.segment.detector import Box, Detector, choose_box, nothing_found
+from zeroshop_steps.segment.mask_quality import MaskQuality, check_enough, judge_masks, judge_masks_alone, quality_record
+from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
+from zeroshop_steps.segment.support_plane import tidy
+from zeroshop_steps.segment.tracker import Tracked, Tracker
+
+PROMPT = "object in the middle."
+MIN_SCORE = 0.25
+FIRST_PICTURES = 8
+"""In so many pictures, evenly spread from the first one on, the object is looked for before giving up."""
+JUDGED_WIDTH_PX = 480
+THREADS = 2
+"""Always the same number: sums in another order would move single pixels of the masks."""
+MEMORY_MB, MEMORY_PICTURE_MB = 3000, 4
+"""Beside the networks' weights: what pictures take on their way through, and what is kept of each."""
+
+Detect = Callable[[np.ndarray], list[Box]]
+Follow = Callable[[dict[int, Box]], list[Tracked]]
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What is to be masked.
+
+    Attributes:
+        paths: image files in the order in which they were taken.
+        size_px: (width, height) of all.
+        cameras: of all, where they are known.
+    """
+
+    paths: list[Path]
+    size_px: tuple[int, int]
+    cameras: list[Camera] | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """File names."""
+        return [path.name for path in self.paths]
+
+    def image(self, index: int) -> np.ndarray:
+        """(H, W, 3) uint8 RGB."""
+        return read_image(self.paths[index])
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    add_network_arguments(parser)
+
+
+def add_network_arguments(parser: argparse.ArgumentParser) -> None:
+    """What to look for, and by which networks."""
+    parser.add_argument("--prompt", default=PROMPT, help='what to look for, in English (default: "%(default)s")')
+    parser.add_argument("--min-score", type=float, default=MIN_SCORE, help="least score of a box (default: %(default)s)")
+    parser.add_argument("--detector", default=DETECTOR, help="folder of Grounding DINO below resources/weights (default: %(default)s)")
+    parser.add_argument("--tracker", default=TRACKER, help="folder of SAM 2 below resources/weights (default: %(default)s)")
+    parser.add_argument(
+        "--device", choices=("auto", "cpu", "cuda"), default="auto", help="auto is cuda where there is one (default: %(default)s)"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    start_s = time.monotonic()
+    with failing_as_result(args):
+        views, _ = read_views(args.scene)
+        cameras = [view.camera for view in views]
+        pictures = Pictures([view.image_path for view in views], (cameras[0].width_px, cameras[0].height_px), cameras)
+        with shown_if_rejected(pictures.paths, args.rejected):
+            masks, record = find_by_networks(pictures, args)
+        record["seconds"] = round(time.monotonic() - start_s, 2)
+        write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+
+
+def find_by_networks(pictures: Pictures, args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """As `find_masks`, with the networks that the arguments of `add_network_arguments` name."""
+    folders = [require_model(args.detector, DETECTOR_FILES), require_model(args.tracker, TRACKER_FILES)]
+    device = torch.device(chosen_device(args.device))
+    torch.set_num_threads(THREADS)
+    _check_memory(folders, len(pictures.paths), device.type)
+    detector, tracker = Detector(folders[0], device), Tracker(folders[1], device)
+
+    def follow(boxes: dict[int, Box]) -> list[Tracked]:
+        corners = {index: box.corners_px for index, box in boxes.items()}
+        return tracker.follow(pictures.image, len(pictures.paths), pictures.size_px, corners)
+
+    masks, record = find_masks(pictures, lambda image: detector.detect(image, args.prompt), follow, args.prompt, args.min_score)
+    return masks, record | {"detector": args.detector, "tracker": args.tracker, "device": device.type}
+
+
+def _check_memory(folders: list[Path], pictures: int, device: str) -> None:
+    """Say how much memory is needed and how much is free; raise StepError where that is too little."""
+    needed_mb = sum((folder / "model.safetensors").stat().st_size for folder in folders) / 2**20 + MEMORY_MB + MEMORY_PICTURE_MB * pictures
+    free_mb = free_bytes(device) / 2**20
+    print(f"needs about {needed_mb:.0f} MB of memory on {device}, {free_mb:.0f} MB are free")
+    if needed_mb > free_mb:
+        raise StepError(
+            f"about {needed_mb:.0f} MB of memory are needed on {device}, {free_mb:.0f} MB are free; close other programs, name smaller "
+            "networks (segment.grounded_sam.detector and tracker), or take segmentation: support_plane"
+        )
+
+
+def find_masks(
+    pictures: Pictures, detect: Detect, follow: Follow, prompt: str, min_score: float
+) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """Masks of all pictures, (H, W) bool of their size, and the record of their quality.
+
+    Args:
+        pictures: what is to be masked. Where their cameras are known, masks are judged by what they have in common.
+        detect: the boxes in an image, the best first.
+        follow: what boxes in some of the pictures lead to in all of them.
+        prompt: what is looked for, for messages.
+        min_score: of a box.
+
+    Raises:
+        StepError: no such object is found, or too few masks are good.
+    """
+    names = pictures.names
+    boxes = dict([_first_box(pictures, detect, prompt, min_score)])
+    masks = [tracked.mask for tracked in follow(boxes)]
+    hulls, qualities = _judged(pictures, masks)
+    lost = [index for index, quality in enumerate(qualities) if quality.fault]
+    again = {}
+    for index in lost:
+        box = choose_box(detect(pictures.image(index)), pictures.size_px, min_score, corners_of(hulls[index]))
+        if box is not None and box != boxes.get(index):
+            again[index] = box
+    if again:
+        print(f"looked for the object again in {len(again)} of {len(lost)} pictures where it was lost")
+        boxes |= again
+        masks = [_better(old, new.mask, hull) for old, new, hull in zip(masks, follow(boxes), hulls, strict=True)]
+        hulls, qualities = _judged(pictures, masks)
+    masks = [tidy(mask.astype(np.float32), hull) > 0.5 if hull.any() else mask for mask, hull in zip(masks, hulls, strict=True)]
+    check_enough(qualities, names, masks)
+    seen = {names[i]: {"corners_px": [round(x, 1) for x in box.corners_px], "score": round(box.score, 3)} for i, box in boxes.items()}
+    lost_names = [names[index] for index in lost]
+    return masks, {
+        "method": "grounded_sam",
+        "prompt": prompt,
+        "boxes": seen,
+        "lost_at_first": lost_names,
+        **quality_record(qualities, names),
+    }
+
+
+def _first_box(pictures: Pictures, detect: Detect, prompt: str, min_score: float) -> tuple[int, Box]:
+    """The first picture that shows the object, usually the very first, and its box there."""
+    seen = {}
+    for index in sorted(set(np.linspace(0, len(pictures.paths) - 1, FIRST_PICTURES).round().astype(int).tolist())):
+        boxes = detect(pictures.image(index))
+        box = choose_box(boxes, pictures.size_px, min_score)
+        if box is not None:
+            return index, box
+        seen[pictures.names[index]] = boxes
+    raise nothing_found(seen, prompt, min_score, pictures.size_px)
+
+
+def _judged(pictures: Pictures, masks: list[np.ndarray]) -> tuple[list[np.ndarray], list[MaskQuality]]:
+    """Silhouettes, of the masks' size, of what the masks have in common, and how well each mask agrees with its own.
+
+    Without cameras nobody knows what they have in common, and silhouettes are empty.
+    """
+    width = min(JUDGED_WIDTH_PX, pictures.size_px[0])
+    size_px = (width, round(pictures.size_px[1] * width / pictures.size_px[0]))
+    small = [_resized(mask, size_px) for mask in masks]
+    if pictures.cameras is None:
+        return [np.zeros_like(mask) for mask in masks], judge_masks_alone(small)
+    hulls = common_hulls([camera.resized(*size_px) for camera in pictures.cameras], small)
+    return [_resized(hull, pictures.size_px) for hull in hulls], judge_masks(small, hulls)
+
+
+def _resized(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+    interpolation = cv2.INTER_AREA if size_px[0] < mask.shape[1] else cv2.INTER_LINEAR
+    return cv2.resize(mask.astype(np.float32), size_px, interpolation=interpolation) > 0.5
+
+
+def _better(old: np.ndarray, new: np.ndarray, hull: np.ndarray) -> np.ndarray:
+    """Of two masks the one that agrees better with the other views; the new one where they say nothing."""
+    return old if hull.any() and overlap(old, hull) >= overlap(new, hull) else new

@@ -1,0 +1,78 @@
+"""A capture whose registration goes by the object alone: pictures with their masks, before they are registered.
+
+Needed where the object was turned while the ground stayed, and the variant without a surface of the thesis. The masks are those
+that lie beside the pictures, given by the user or found in a registered scene; where there are none, grounded_sam looks for them.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import read_json, write_json, written_whole_dir
+from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.segment.grounded_sam import Pictures, add_network_arguments, find_by_networks
+from zeroshop_steps.segment.record import add_rejected_argument, contact_sheet, link_or_copy, say_dropped, shown_if_rejected
+
+SCENE = "video_segmented"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--pictures", type=Path, required=True, help="folder with images/ and, where they are known, masks/")
+    parser.add_argument("--capture", type=Path, required=True, help="the capture that the pictures come from, for its capture.json")
+    add_network_arguments(parser)
+    add_rejected_argument(parser)
+    parser.add_argument("--seed", type=int, default=0, help="changes nothing; every segmentation takes it (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the capture."""
+    start_s = time.monotonic()
+    reason = _failure_of(args.pictures)
+    if reason:
+        raise StepError(f"{args.pictures} has no masks, since its step failed: {reason}")
+    paths = list_images(args.pictures / "images")
+    height_px, width_px = read_image(paths[0]).shape[:2]
+    if (args.pictures / "masks").is_dir():
+        masks = [read_mask(args.pictures / "masks" / f"{path.stem}.png", (width_px, height_px)) for path in paths]
+        record: dict[str, Any] = {"method": "given", "dropped": {}}
+    else:
+        with shown_if_rejected(paths, args.rejected):
+            masks, record = find_by_networks(Pictures(paths, (width_px, height_px)), args)
+    record["seconds"] = round(time.monotonic() - start_s, 2)
+    write_capture(args.out, paths, masks, record, read_json(args.capture / "capture.json"))
+
+
+def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record: dict[str, Any], facts: dict[str, Any]) -> None:
+    """Write images/, masks/, capture.json, segmentation.json and contact_sheet.png, without the pictures whose mask was dropped.
+
+    Args:
+        out: folder to write.
+        paths: the pictures.
+        masks: (H, W) bool of each.
+        record: for segmentation.json.
+        facts: capture.json of the capture that they come from; what it says of single pictures goes by their old numbers.
+    """
+    dropped = set(record["dropped"])
+    with written_whole_dir(out) as folder:
+        (folder / "images").mkdir()
+        for path, mask in zip(paths, masks, strict=True):
+            if path.name not in dropped:
+                link_or_copy(path, folder / "images" / path.name)
+                write_mask(folder / "masks" / f"{path.stem}.png", mask)
+        write_json(folder / "capture.json", {**facts, "scene": SCENE, "images": len(paths) - len(dropped), "seconds": record["seconds"]})
+        write_json(folder / "segmentation.json", record)
+        write_image(folder / "contact_sheet.png", contact_sheet(paths, masks, dropped))
+    say_dropped(record)
+
+
+def _failure_of(folder: Path) -> str | None:
+    """Why the step that should have written a cameras folder failed; None for a capture, and where it did not."""
+    record = folder / "registration.json"
+    content = read_json(record) if record.is_file() else {"status": "ok"}
+    return None if content["status"] == "ok" else content["reason"]

@@ -1,0 +1,107 @@
+"""From detections in files to a result file: which detections are looked at, and what bad input is answered."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parents[1] / "bop"))
+from small_dataset import BOX, CAN, dataset_in, make_dataset  # noqa: E402
+
+from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections  # noqa: E402
+from zeroshop_steps.bop.estimates import read_estimates  # noqa: E402
+from zeroshop_steps.bop.targets import Target  # noqa: E402
+from zeroshop_steps.cli import stage_main  # noqa: E402
+from zeroshop_steps.pose.__main__ import METHODS  # noqa: E402
+from zeroshop_steps.pose.confidence import confidence  # noqa: E402
+from zeroshop_steps.pose.dataset import looked_at  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return make_dataset(tmp_path_factory.mktemp("small"))
+
+
+@pytest.fixture
+def small(made, tmp_path):
+    shutil.copytree(made.folder, tmp_path / "data")
+    return dataset_in(tmp_path / "data")
+
+
+def estimated(small, *words: str) -> tuple[int, Path]:
+    out = small.folder / "poses.csv"
+    given = ["--models", small.folder / "models", "--scenes", small.scenes, "--targets", small.targets_path, "--out", out]
+    return stage_main("zeroshop_steps.pose", METHODS, ["--method", "render_compare", *map(str, given), *words]), out
+
+
+def test_a_dataset_is_estimated_from_its_true_masks_and_from_detections(small):
+    status, out = estimated(small)
+    poses = read_estimates(out)
+    assert status == 0 and sorted(set(zip(poses.image_ids.tolist(), poses.object_ids.tolist(), strict=True))) == [
+        (image, number) for image in (0, 1) for number in (BOX, CAN)
+    ]
+    assert ((poses.scores > 0) & (poses.scores < 1)).all()
+    frame = small.frames[1, 0]
+    write_detections(small.folder / "found.json", [Detection(1, 0, BOX, 0.7, None, encode_mask(frame.mask(0)))])
+    shutil.rmtree(small.scenes / "000001/mask_visib")
+    (small.scenes / "000001/scene_gt.json").unlink()
+    status, out = estimated(small, "--detections", str(small.folder / "found.json"))
+    found = read_estimates(out)
+    assert status == 0 and len(found) == 1, "images that nobody has annotated will do"
+    np.testing.assert_array_equal(found.rotations[0], poses.rotations[(poses.image_ids == 0) & (poses.object_ids == BOX)][0])
+
+
+def test_the_surest_detections_of_a_target_are_looked_at():
+    mask = encode_mask(np.ones((4, 4), bool))
+    found = [Detection(1, 0, number, score, None, mask) for number in (BOX, CAN) for score in (0.1, 0.9, 0.5, 0.7)]
+    chosen = looked_at(found, [Target(1, 0, BOX, 1), Target(1, 1, BOX, 1)], [BOX], 1, Path("found.json"))
+    assert [(one.object_id, one.score) for one in chosen] == [(BOX, 0.9), (BOX, 0.7)]
+
+
+def test_no_detections_give_no_estimates(small):
+    (small.folder / "found.json").write_text("[]")
+    status, out = estimated(small, "--detections", str(small.folder / "found.json"))
+    assert status == 0 and len(read_estimates(out)) == 0
+
+
+def test_an_object_without_a_model_is_warned_of_and_none_at_all_refused(small, capsys):
+    listed = json.loads((small.folder / "models/models_info.json").read_text())
+    (small.folder / "models/models_info.json").write_text(json.dumps({key: listed[key] for key in [str(CAN)]}))
+    (small.folder / "found.json").write_text("[]")
+    assert estimated(small, "--detections", str(small.folder / "found.json"))[0] == 0
+    assert f"no model of the objects [{BOX}]" in capsys.readouterr().err
+    (small.folder / "models/models_info.json").write_text("{}")
+    assert estimated(small, "--detections", str(small.folder / "found.json"))[0] == 1
+    assert "of which" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda scene: shutil.rmtree(scene / "rgb"), "has no image 000000"),
+        (lambda scene: shutil.rmtree(scene / "depth"), "poses are found from depth: add it"),
+        (lambda scene: shutil.rmtree(scene / "mask_visib"), "has no 000000_000000.png, the mask of an instance"),
+        (lambda scene: (scene / "scene_gt.json").unlink(), "scene_gt.json"),
+    ],
+)
+def test_what_is_missing_is_named(small, capsys, damage, message):
+    damage(small.scenes / "000001")
+    status, out = estimated(small)
+    assert status == 1 and message in capsys.readouterr().err and not out.exists()
+
+
+def test_masks_of_another_size_and_detections_without_masks_are_refused(small, capsys):
+    path = small.folder / "found.json"
+    write_detections(path, [Detection(1, 0, BOX, 0.7, None, encode_mask(np.ones((10, 10), bool)))])
+    assert estimated(small, "--detections", str(path))[0] == 1 and "is 10 x 10 px, the image 96 x 72 px" in capsys.readouterr().err
+    write_detections(path, [Detection(1, 0, BOX, 0.7, (1, 1, 5, 5), None)])
+    assert estimated(small, "--detections", str(path))[0] == 1 and "has no segmentation; poses need masks" in capsys.readouterr().err
+
+
+def test_confidence_grows_with_what_speaks_for_a_pose():
+    assert confidence(0.9, 0.1, 1000) > confidence(0.6, 0.1, 1000) > confidence(0.35, 0.0, 1000)
+    assert confidence(0.9, 0.1, 1000) > confidence(0.9, 0.0, 1000)
+    assert confidence(0.95, 0.2, 1000) > 0.95 and confidence(0.4, 0.01, 5000) < 0.1

@@ -1,0 +1,22 @@
+"""A segmentation that fails is a result in a table run, and an error otherwise."""
+
+from pathlib import Path
+
+import pytest
+
+from zeroshop_steps.cli import stage_main
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.segment import METHODS
+
+
+@pytest.mark.parametrize("method", ["given", "support_plane"])
+def test_the_reason_stands_in_place_of_the_masks(tmp_path, method, capsys):
+    words = ["--method", method, "--scene", str(tmp_path / "scene"), "--out", str(tmp_path / "cameras")]
+    assert stage_main("zeroshop_steps.segment", METHODS, words) == 1
+    assert not (tmp_path / "cameras").exists()
+    assert stage_main("zeroshop_steps.segment", METHODS, [*words, "--keep-going"]) == 0
+    with pytest.raises(StepError, match="run registration again"):
+        read_registration(tmp_path / "cameras")
+    assert not any(Path(tmp_path / "cameras" / "masks").iterdir())
+    assert "segmentation failed" in capsys.readouterr().err

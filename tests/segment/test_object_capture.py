@@ -1,0 +1,69 @@
+"""Pictures and masks become a capture that is registered by the object alone, whoever found the masks."""
+
+import shutil
+
+import numpy as np
+import pytest
+from ball_scene import write_ball_scene
+from small_networks import write_detector, write_tracker
+
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.images import list_images, read_mask, write_mask
+from zeroshop_steps.register.image_set import read_image_set
+from zeroshop_steps.segment.__main__ import METHODS, stage_main
+from zeroshop_steps.segment.agreement import overlap
+
+
+@pytest.fixture
+def pictures(tmp_path, monkeypatch):
+    """A capture of a ball without masks, and the true ones."""
+    masks = write_ball_scene(tmp_path / "capture")
+    shutil.rmtree(tmp_path / "capture/sparse")
+    (tmp_path / "capture/registration.json").unlink()
+    facts = {"scene": "video", "images": 12, "known_height_m": 0.12, "source_names": [f"IMG_{k}.jpg" for k in range(12)]}
+    write_json(tmp_path / "capture/capture.json", facts)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path, masks
+
+
+def object_capture(source, *options):
+    names = ["--method", "object_capture", "--pictures", source, "--capture", "capture", "--out", "object"]
+    return stage_main("zeroshop_steps.segment", METHODS, [*names, *options])
+
+
+def test_given_masks_are_taken(pictures):
+    folder, masks = pictures
+    for path, mask in zip(list_images(folder / "capture/images"), masks, strict=True):
+        write_mask(folder / "capture/masks" / f"{path.stem}.png", mask)
+    assert object_capture("capture") == 0
+    assert len(read_image_set(folder / "object").masks) == 12
+    facts = read_json(folder / "object/capture.json")
+    assert facts["scene"] == "video_segmented" and facts["known_height_m"] == 0.12 and facts["source_names"][3] == "IMG_3.jpg"
+
+
+def test_networks_find_masks_where_there_are_none(pictures, capfd):
+    folder, masks = pictures
+    write_detector(folder / "resources/weights/small-dino")
+    write_tracker(folder / "resources/weights/small-sam")
+    assert object_capture("capture", "--detector", "small-dino", "--tracker", "small-sam") == 0, capfd.readouterr().err
+    found = [read_mask(path) for path in list_images(folder / "object/masks")]
+    assert len(found) == 12 and min(overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.8
+    record = read_json(folder / "object/segmentation.json")
+    assert record["method"] == "grounded_sam" and record["median_disagreement"] is None
+
+
+def test_a_failed_registration_passes_its_reason_on(pictures, capfd):
+    folder, _ = pictures
+    for part in ("images", "masks", "sparse"):
+        (folder / "cameras" / part).mkdir(parents=True)
+    write_json(folder / "cameras/registration.json", {"status": "failed", "reason": "3 of 12 images registered"})
+    assert object_capture("cameras") == 1
+    assert "3 of 12 images registered" in capfd.readouterr().err and not (folder / "object").exists()
+
+
+def test_masks_of_another_size_are_refused(pictures, capfd):
+    folder, _ = pictures
+    for path in list_images(folder / "capture/images"):
+        write_mask(folder / "capture/masks" / f"{path.stem}.png", np.ones((10, 10), bool))
+    assert object_capture("capture") == 1
+    assert "they must be equal" in capfd.readouterr().err

@@ -1,0 +1,28 @@
+"""Rendered films are planned as a user's videos are."""
+
+from running import planned
+
+
+def test_a_rendered_film_goes_the_way_of_a_video(snakemake):
+    run = snakemake("-n", "results/films/mug/video/colmap/2dgs/height.json")
+    assert run.returncode == 0, run.stdout
+    steps = ["demo_model", "film", "capture_photos", "register_photos", "segment", "stereo", "train_2dgs", "fuse_2dgs", "clean", "height"]
+    assert planned(run.stdout) == dict.fromkeys(steps, 1)
+    assert "--method video --images results/films/mug/film/film.mp4" in run.stdout
+    assert "--method support_plane --scene" in run.stdout and "--board empty_scene" in run.stdout
+    assert "--method marker" in run.stdout and "--marker-images results/films/mug/film/empty_scene" in run.stdout
+
+
+def test_the_board_beside_the_object_needs_no_photos_of_the_empty_scene(snakemake):
+    run = snakemake("-n", "results/films_board/obj_000005/video/colmap/2dgs/height.json")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout)["bop_model"] == 1
+    assert "--board beside" in run.stdout and "--marker-images" not in run.stdout
+
+
+def test_the_tables_of_films_cover_every_film(snakemake):
+    run = snakemake("-n", "results/films/tables/masks.csv", "results/films/tables/film_height.csv")
+    assert run.returncode == 0, run.stdout
+    jobs = planned(run.stdout)
+    assert jobs["film"] == jobs["mask_error"] == jobs["height"] >= 10
+    assert jobs["mask_table"] == jobs["film_height_table"] == 1

@@ -1,0 +1,42 @@
+"""VGGT through the rules, with small random weights: everything but what it would have learned."""
+
+import sys
+
+import pytest
+from running import REPOSITORY, planned
+
+from zeroshop_steps.files import read_json
+
+sys.path.append(str(REPOSITORY / "tests/register"))
+from small_vggt import write_weights  # noqa: E402
+
+SMALL = "capture={image_width_px: 160, image_height_px: 120}"
+CELL = "results/demo/gelatin_carton/su_h/vggt"
+
+
+@pytest.fixture
+def with_weights(tmp_path):
+    return write_weights(tmp_path / "resources/weights/VGGT-1B/model.safetensors")
+
+
+def test_a_mesh_by_vggt_is_planned_where_the_weights_are(snakemake, with_weights):
+    run = snakemake("-n", f"{CELL}/2dgs/mesh.ply")
+    assert run.returncode == 0, run.stdout
+    jobs = planned(run.stdout)
+    assert jobs["register"] == jobs["stereo"] == jobs["train_2dgs"] == jobs["export"] == 1
+    options = "--refine tracks --tracked-points 1024 --query-views 8 --precision auto"
+    assert "--method vggt" in run.stdout and options in run.stdout
+
+
+@pytest.mark.slow
+def test_random_weights_end_in_a_verdict_that_tables_show(snakemake, with_weights):
+    config = (SMALL, "register={vggt: {tracked_points: 32, query_views: 2}}")
+    run = snakemake(f"{CELL}/2dgs/cell.csv", "--config", *config)
+    assert run.returncode == 0, run.stdout
+    record = read_json(with_weights.parents[3] / CELL / "cameras/registration.json")
+    assert record["status"] == "failed" and "of 20 images registered, at least 16 are needed" in record["reason"]
+    assert record["query_views"] and record["tracks"] > 32
+    row = (with_weights.parents[3] / CELL / "2dgs/cell.csv").read_text()
+    assert "of 20 images registered" in row and "none" in row
+    direct = snakemake(f"{CELL}/2dgs/mesh.ply", "--config", *config)
+    assert direct.returncode != 0 and "of 20 images registered" in direct.stdout
