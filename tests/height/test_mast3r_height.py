@@ -102,7 +102,7 @@ def test_the_alignment_finds_the_true_cameras(scenes):
         assert np.linalg.norm(found[:3, 3] * 1000 - true[:3, 3]) < 7.0, "mm, of 700 mm"
         assert np.degrees(np.arccos(np.clip((np.trace(found[:3, :3].T @ true[:3, :3]) - 1) / 2, -1, 1))) < 0.5
         assert abs(alignment.focal_px[number] / camera.intrinsics[0, 0] - 1.0) < 0.01
-    assert alignment.error_px < 0.5
+    assert alignment.error_px < 1.5, "matches are whole pixels, in pictures 192 px wide"
 
 
 def test_photos_of_another_place_are_refused(scenes, subject):

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write height.json."""
-    device = chosen_device(args.device)
+    device = torch.device(chosen_device(args.device))
     weights = args.weights or require(NAME)
     scene = _spread(list_images(args.marker_images), SCENE_VIEWS) if args.marker_images else []
 

@@ -235,7 +235,7 @@ def _descend(loss, parameters: list[Tensor], steps: int, rate: float, report: Pr
         value.backward()
         optimizer.step()
         schedule.step()
-        report.advance(1, f"loss {float(value):.4f}")
+        report.advance(1, f"loss {float(value.detach()):.4f}")
 
 
 @torch.no_grad()
