@@ -1,35 +1,137 @@
-"""A network that knows sizes from experience gives the scale (MASt3R; Leroy et al. 2024): photos of the object and of the scene go in.
+"""A network that knows sizes from experience gives the scale: two photos of the object and four of the empty scene are aligned.
 
-The thesis takes two photos of the object and four of the empty scene, because the network misjudges near views alone. The
-network itself is not here yet: the step says what it lacks.
+Leroy et al., MASt3R, ECCV 2024. The thesis takes photos of the empty scene besides, because the network misjudges near views
+alone; without any, more photos of the object take their place. The height itself is measured above the support plane, on the mesh.
 """
 
 import argparse
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+import pycolmap
+import torch
+
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.finish.views import View
 from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
-from zeroshop_steps.methods import HEIGHTS, WEIGHTS_FOLDER
+from zeroshop_steps.images import list_images
+from zeroshop_steps.networks.devices import DEVICES, chosen_device
+from zeroshop_steps.networks.mast3r.alignment import Alignment, align
+from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
+from zeroshop_steps.networks.mast3r.model import load_mast3r
+from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
+from zeroshop_steps.networks.weights import require
+
+OBJECT_VIEWS, SCENE_VIEWS = 2, 4
+APART_DEG = 36.0
+MIN_CONFIDENCE = 1.0
+LEAST_POINTS = 50
+NETWORK_DEVIATION = 0.08
+"""Of sizes as the network learned them: root mean square of the errors of published heights (thesis, Tables 4.3 and 4.4)."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_common_arguments(parser)
     parser.add_argument("--marker-images", type=Path, help="folder of photos of the empty scene; a board in them is not needed")
-    default = WEIGHTS_FOLDER / HEIGHTS["mast3r"].weights[0]
-    parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
+    parser.add_argument(
+        "--long-side-px",
+        type=int,
+        default=LONG_SIDE_PX,
+        help="length of the network's pictures along the longer side (default: %(default)s)",
+    )
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="where the network runs (default: %(default)s)")
+    parser.add_argument("--weights", type=Path, help=f"the network's weights (default: resources/weights/{NAME})")
 
 
 def run(args: argparse.Namespace) -> None:
     """Write height.json."""
-    if not args.weights.is_file():
+    device = torch.device(chosen_device(args.device))
+    weights = args.weights or require(NAME)
+    scene = _spread(list_images(args.marker_images), SCENE_VIEWS) if args.marker_images else []
+
+    def predictor(paths: Sequence[Path]) -> Predictor:
+        return PairPredictor(load_mast3r(weights), paths, device, args.long_side_px)
+
+    write_height(args, "mast3r", partial(scale_of, scene_photos=scene, predictor=predictor))
+
+
+def scale_of(subject: Subject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], Predictor]) -> Scale:
+    """The scale that the network gives: its metres beside the registration's units, where the registration has points.
+
+    Args:
+        subject: what is measured.
+        scene_photos: of the empty scene.
+        predictor: gives the network for photos.
+
+    Raises:
+        StepError: photos match none of the others, or the registration has too few points in them.
+    """
+    chosen = object_views(subject.views, OBJECT_VIEWS if scene_photos else OBJECT_VIEWS + SCENE_VIEWS)
+    prepared = predictor([view.image_path for view in chosen] + list(scene_photos))
+    torch.manual_seed(0)
+    alignment = align(prepared, MIN_CONFIDENCE)
+    model = pycolmap.Reconstruction(str(subject.cameras / "sparse"))
+    ratios = [
+        depth_ratios(model, view, prepared.framings[number], alignment.depth_m[number], alignment.confidence[number])
+        for number, view in enumerate(chosen)
+    ]
+    points = sum(map(len, ratios))
+    if points < LEAST_POINTS:
         raise StepError(
-            f"height by mast3r lacks the weights {args.weights} (licence CC BY-NC-SA 4.0, from the authors of MASt3R); give the height "
-            "as height_m, or measure it with a printed board: height_method marker needs no weights"
+            f"the registration has {points} points in the photos that the network looked at, {LEAST_POINTS} are needed to compare sizes;"
+            " give the height as height_m, or measure it with a printed board"
         )
-    write_height(args, "mast3r", scale_of)
+    medians = np.array([np.median(np.log(ratio)) for ratio in ratios if len(ratio)])
+    scale = float(np.exp(medians.mean()))
+    disagreement = float(np.std(medians)) / np.sqrt(len(medians))
+    deviation = float(np.linalg.norm([NETWORK_DEVIATION, disagreement, alignment.scale_deviation]))
+    evidence = {
+        "object_photos": [view.camera.name for view in chosen],
+        "scene_photos": [path.name for path in scene_photos],
+        "points": points,
+        "error_px": round(alignment.error_px, 3),
+        "photos_disagree_share": round(disagreement, 5),
+        "pairs_disagree_share": round(alignment.scale_deviation, 5),
+        "metres_per_unit_by_camera_distance": baseline_ratio(alignment, chosen),
+    }
+    return Scale("mast3r", scale, deviation, evidence)
 
 
-def scale_of(subject: Subject) -> Scale:
-    """The scale that the network predicts. Raises StepError: the network is not part of this version."""
-    raise StepError("height by mast3r lacks its network, which this version does not have; use height_method known or marker")
+def object_views(views: Sequence[View], count: int) -> list[View]:
+    """`count` views: the first, and then each time the one that is most nearly `APART_DEG` from the nearest that was taken."""
+    axes = np.stack([view.camera.camera_from_world[2, :3] for view in views])
+    angles = np.degrees(np.arccos(np.clip(axes @ axes.T, -1.0, 1.0)))
+    taken = [0]
+    while len(taken) < min(count, len(views)):
+        off = np.abs(angles[:, taken].min(1) - APART_DEG)
+        off[taken] = np.inf
+        taken.append(int(np.argmin(off)))
+    return [views[number] for number in taken]
+
+
+def depth_ratios(model: pycolmap.Reconstruction, view: View, framing: Framing, depth_m: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+    """(P,) the network's metres a unit of the registration, at the registration's points that this photo shows and the network trusts."""
+    image = next(image for image in model.images.values() if image.name == view.camera.name)
+    seen = [point for point in image.points2D if point.has_point3D()]
+    pixels = np.array([point.xy for point in seen]).reshape(-1, 2)
+    _, depth = view.camera.project(np.array([model.points3D[point.point3D_id].xyz for point in seen]).reshape(-1, 3))
+    place = np.floor(framing.from_original(pixels)).astype(int)
+    inside = (place >= 0).all(1) & (place < [framing.width_px, framing.height_px]).all(1) & (depth > 0)
+    rows, columns = place[inside, 1], place[inside, 0]
+    found = depth_m[rows, columns]
+    trusted = (confidence[rows, columns] >= np.median(confidence)) & (found > 0)
+    return found[trusted] / depth[inside][trusted]
+
+
+def baseline_ratio(alignment: Alignment, views: Sequence[View]) -> float:
+    """Metres a unit by the distance of the first two cameras alone: less exact, for comparison."""
+    found = np.linalg.norm(alignment.world_from_camera[1, :3, 3] - alignment.world_from_camera[0, :3, 3])
+    return float(found / np.linalg.norm(views[1].camera.centre_in_world - views[0].camera.centre_in_world))
+
+
+def _spread(paths: list[Path], count: int) -> list[Path]:
+    """`count` of the paths, evenly from the first to the last."""
+    return [paths[number] for number in np.unique(np.linspace(0, len(paths) - 1, min(count, len(paths))).round().astype(int))]

@@ -1,0 +1,260 @@
+"""Several pictures in one metric frame: what the network says of all pairs, brought to agree in a coarse and a fine stage.
+
+Duisterhof et al., MASt3R-SfM, 3DV 2025, sections 4.2 to 4.4: canonical point maps (equation 3), coarse alignment of matched points in
+space (equation 4), refinement by reprojection (equation 5). The focal length is that of DUSt3R (Wang et al. 2024, section 3.3).
+"""
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from zeroshop_steps.cameras import similarity_between
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.networks.mast3r.inference import Predictor
+from zeroshop_steps.networks.mast3r.matching import Matches, match
+from zeroshop_steps.progress import ProgressReport
+
+COARSE_STEPS, COARSE_RATE = 300, 0.07
+FINE_STEPS, FINE_RATE = 500, 0.01
+ERROR_PX = 1.0
+"""From where on an error of the fine stage counts less than its square."""
+CELL_PX = 16
+DEPTH_DEVIATION = 0.02
+"""How far, as a share, the fine stage may bend the depths of a picture at little cost."""
+LEAST_MATCHES = 30
+
+
+@dataclass(frozen=True)
+class Canonical:
+    """A picture's own points, averaged over its pairs.
+
+    Attributes:
+        depth_m: (height, width) along the optical axis.
+        confidence: (height, width).
+        focal_px: of the network's picture; its middle is the principal point.
+        scale_deviation: standard deviation of the sizes that its pairs say, as a share.
+    """
+
+    depth_m: np.ndarray
+    confidence: np.ndarray
+    focal_px: float
+    scale_deviation: float
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Pictures in one frame, that of the first camera, in metres.
+
+    Attributes:
+        world_from_camera: (N, 4, 4) rigid.
+        focal_px: (N,) of the network's pictures.
+        depth_m: (height, width) of each picture, along its optical axis.
+        confidence: (height, width) of each picture.
+        error_px: median reprojection error of the matches.
+        scale_deviation: standard deviation of the size of all, as a share, as far as the pairs disagree on it.
+    """
+
+    world_from_camera: np.ndarray
+    focal_px: np.ndarray
+    depth_m: list[np.ndarray]
+    confidence: list[np.ndarray]
+    error_px: float
+    scale_deviation: float
+
+
+def align(predictor: Predictor, min_confidence: float, subsampling: int = 8) -> Alignment:
+    """Align all pictures of a predictor.
+
+    Args:
+        predictor: the network with two pictures or more.
+        min_confidence: of the features of a match.
+        subsampling: pixels from one start of a match to the next.
+
+    Raises:
+        StepError: a picture matches no other.
+    """
+    count = len(predictor.framings)
+    canonical, relative, matches = _all_pairs(predictor, count, min_confidence, subsampling)
+    start = _spanned(relative, matches, count)
+    return _optimized(canonical, matches, start)
+
+
+def _all_pairs(
+    predictor: Predictor, count: int, min_confidence: float, subsampling: int
+) -> tuple[list[Canonical], dict[tuple[int, int], np.ndarray], dict[tuple[int, int], Matches]]:
+    """Canonical points of all pictures, similarities first_from_second, and matches, of all ordered pairs."""
+    points: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(count)]
+    other, matches = {}, {}
+    pairs = list(permutations(range(count), 2))
+    with ProgressReport("looking at pairs", len(pairs)) as report:
+        for first, second in pairs:
+            sides = predictor.pair(first, second)
+            maps = [(side.points[0].double().cpu().numpy(), side.confidence[0].double().cpu().numpy()) for side in sides]
+            points[first].append(maps[0])
+            other[first, second] = maps[1]
+            found = match(*sides, min_confidence, subsampling)
+            if len(found.confidence) >= LEAST_MATCHES:
+                matches[first, second] = found
+            report.advance()
+    canonical, mean_points = [], []
+    for maps in points:
+        weight = np.sum([confidence for _, confidence in maps], axis=0)
+        mean = np.sum([place * confidence[..., None] for place, confidence in maps], axis=0) / weight[..., None]
+        sizes = [np.log(np.median(place[..., 2][confidence > np.median(confidence) * 0.99])) for place, confidence in maps]
+        canonical.append(Canonical(mean[..., 2], weight / len(maps), focal_of(mean, weight), float(np.std(sizes))))
+        mean_points.append(mean)
+    relative = {}
+    for (first, second), (place, confidence) in other.items():
+        sure = confidence >= np.quantile(confidence, 0.5)
+        relative[first, second] = similarity_between(mean_points[second][sure][::7], place[sure][::7])
+    return canonical, relative, matches
+
+
+def focal_of(points: np.ndarray, confidence: np.ndarray, rounds: int = 20) -> float:
+    """The focal length in pixels that best explains (height, width, 3) points about the middle of the picture, robustly (Weiszfeld)."""
+    height, width = confidence.shape
+    columns, rows = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
+    valid = points[..., 2] > 1e-6
+    pixels = np.stack([columns, rows], axis=-1)[valid]
+    directions = points[..., :2][valid] / points[..., 2:][valid]
+    weight = sure = confidence[valid]
+    focal = 1.0
+    for _ in range(rounds):
+        focal = float((weight * (directions * pixels).sum(1)).sum() / (weight * (directions**2).sum(1)).sum())
+        weight = sure / np.maximum(np.linalg.norm(pixels - focal * directions, axis=1), 0.1)
+    return focal
+
+
+def _spanned(relative: dict[tuple[int, int], np.ndarray], matches: dict[tuple[int, int], Matches], count: int) -> np.ndarray:
+    """(N, 4, 4) similarities world_from_picture along the pairs with the most matches, from the first picture on."""
+    strength = {pair: len(found.confidence) for pair, found in matches.items()}
+    world = {0: np.eye(4)}
+    while len(world) < count:
+        ahead = {pair: number for pair, number in strength.items() if pair[0] in world and pair[1] not in world}
+        if not ahead:
+            lost = sorted(set(range(count)) - set(world))
+            raise StepError(
+                f"pictures {', '.join(map(str, lost))} (counted from 0) match none of the others: they must show the same place; "
+                "take pictures with more overlap, or use a method of height that needs no network"
+            )
+        first, second = max(ahead, key=lambda pair: (ahead[pair], pair))
+        world[second] = world[first] @ relative[first, second]
+    return np.stack([world[number] for number in range(count)])
+
+
+class _Scene(torch.nn.Module):
+    """Poses, sizes, focal lengths and depths of all pictures."""
+
+    def __init__(self, canonical: list[Canonical], start: np.ndarray) -> None:
+        super().__init__()
+        scale = np.cbrt(np.linalg.det(start[:, :3, :3]))
+        self.log_size = torch.nn.Parameter(torch.from_numpy(np.log(scale)))
+        self.turn = torch.nn.Parameter(torch.from_numpy(start[:, :3, :3] / scale[:, None, None]))
+        size = np.exp(np.log(scale).mean())  # of the frame, which is that of the first picture
+        self.place = torch.nn.Parameter(torch.from_numpy(start[:, :3, 3] / size))
+        self.log_focal = torch.nn.Parameter(torch.tensor([np.log(view.focal_px) for view in canonical], dtype=torch.float64))
+        shapes = [(-(-view.depth_m.shape[0] // CELL_PX), -(-view.depth_m.shape[1] // CELL_PX)) for view in canonical]
+        self.bend = torch.nn.ParameterList(torch.zeros(shape, dtype=torch.float64) for shape in shapes)
+        self.depths = [torch.from_numpy(view.depth_m) for view in canonical]
+
+    def rotations(self) -> Tensor:
+        """(N, 3, 3) by Gram-Schmidt from the first two columns (Zhou et al. 2019)."""
+        x = torch.nn.functional.normalize(self.turn[:, :, 0], dim=1)
+        y = torch.nn.functional.normalize(self.turn[:, :, 1] - (x * self.turn[:, :, 1]).sum(1, keepdim=True) * x, dim=1)
+        return torch.stack([x, y, torch.linalg.cross(x, y)], dim=2)
+
+    def sizes(self) -> Tensor:
+        """(N,) factors of the depths; their geometric mean is 1, so the network's metres stay."""
+        return (self.log_size - self.log_size.mean()).exp()
+
+    def depth_at(self, image: int, pixels: Tensor) -> Tensor:
+        """(M,) depths, bent, of (M, 2) columns and rows."""
+        bend = self.bend[image] - self.bend[image].mean()
+        return self.depths[image][pixels[:, 1], pixels[:, 0]] * bend[pixels[:, 1] // CELL_PX, pixels[:, 0] // CELL_PX].exp()
+
+    def centred(self, image: int, pixels: Tensor) -> Tensor:
+        """(M, 2) positions about the middle of the picture."""
+        height, width = self.depths[image].shape
+        return pixels + 0.5 - torch.tensor([width / 2, height / 2], dtype=torch.float64)
+
+    def in_world(self, image: int, pixels: Tensor, rotations: Tensor, sizes: Tensor) -> Tensor:
+        """(M, 3) points of (M, 2) columns and rows."""
+        rays = self.centred(image, pixels) / self.log_focal[image].exp()
+        depth = self.depth_at(image, pixels) * sizes[image]
+        return torch.cat([rays * depth[:, None], depth[:, None]], dim=1) @ rotations[image].T + self.place[image]
+
+    def errors_px(self, points: Tensor, image: int, pixels: Tensor, rotations: Tensor) -> Tensor:
+        """(M,) how far (M, 3) points are projected from where the picture shows them."""
+        seen = (points - self.place[image]) @ rotations[image]
+        projected = seen[:, :2] / seen[:, 2:].clamp(min=1e-3) * self.log_focal[image].exp()
+        return torch.linalg.norm(projected - self.centred(image, pixels) + 1e-9, dim=1)
+
+
+def _optimized(canonical: list[Canonical], matches: dict[tuple[int, int], Matches], start: np.ndarray) -> Alignment:
+    scene = _Scene(canonical, start)
+    ends = [
+        (pair, torch.from_numpy(found.first), torch.from_numpy(found.second), torch.from_numpy(found.confidence).double())
+        for pair, found in sorted(matches.items())
+    ]
+    total = sum(float(sure.sum()) for *_, sure in ends)
+
+    def coarse() -> Tensor:
+        rotations, sizes = scene.rotations(), scene.sizes()
+        loss = torch.zeros((), dtype=torch.float64)
+        for (i, j), one, two, sure in ends:
+            apart = scene.in_world(i, one, rotations, sizes) - scene.in_world(j, two, rotations, sizes)
+            loss = loss + (sure * torch.linalg.norm(apart + 1e-9, dim=1)).sum() / total
+        return loss
+
+    def fine() -> Tensor:
+        rotations, sizes = scene.rotations(), scene.sizes()
+        loss = sum((bend**2).mean() for bend in scene.bend) / DEPTH_DEVIATION**2 * 1e-2
+        for (i, j), one, two, sure in ends:
+            for source, target, here, there in ((i, j, one, two), (j, i, two, one)):
+                error = scene.errors_px(scene.in_world(source, here, rotations, sizes), target, there, rotations)
+                loss = loss + (sure * torch.log1p((error / ERROR_PX) ** 2)).sum() / total
+        return loss
+
+    rigid = [scene.turn, scene.place, scene.log_size]
+    with ProgressReport("aligning", COARSE_STEPS + FINE_STEPS) as report:
+        _descend(coarse, rigid, COARSE_STEPS, COARSE_RATE, report)
+        _descend(fine, [*rigid, scene.log_focal, *scene.bend], FINE_STEPS, FINE_RATE, report)
+    return _result(scene, canonical, ends)
+
+
+def _descend(loss, parameters: list[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
+    """Adam, its rate falling to nothing as a cosine."""
+    optimizer = torch.optim.Adam(parameters, lr=rate, betas=(0.9, 0.9))
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    for _ in range(steps):
+        optimizer.zero_grad()
+        value = loss()
+        value.backward()
+        optimizer.step()
+        schedule.step()
+        report.advance(1, f"loss {float(value.detach()):.4f}")
+
+
+@torch.no_grad()
+def _result(scene: _Scene, canonical: list[Canonical], ends: list) -> Alignment:
+    rotations, sizes = scene.rotations(), scene.sizes()
+    errors = [scene.errors_px(scene.in_world(i, one, rotations, sizes), j, two, rotations) for (i, j), one, two, _ in ends]
+    world_from_camera = np.tile(np.eye(4), (len(canonical), 1, 1))
+    world_from_camera[:, :3, :3], world_from_camera[:, :3, 3] = rotations.numpy(), scene.place.numpy()
+    depths = []
+    for image, view in enumerate(canonical):
+        rows, columns = torch.meshgrid(*(torch.arange(side) for side in view.depth_m.shape), indexing="ij")
+        pixels = torch.stack([columns.flatten(), rows.flatten()], dim=1)
+        depths.append((scene.depth_at(image, pixels) * sizes[image]).reshape(view.depth_m.shape).numpy())
+    spread = np.hypot(float(np.std(scene.log_size.numpy())), float(np.mean([view.scale_deviation for view in canonical])))
+    return Alignment(
+        np.linalg.inv(world_from_camera[0]) @ world_from_camera,
+        scene.log_focal.exp().numpy(),
+        depths,
+        [view.confidence for view in canonical],
+        float(torch.cat(errors).median()),
+        float(spread / np.sqrt(len(canonical))),
+    )
