@@ -25,8 +25,8 @@ rule height:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].mem_mb or 3000,
-        runtime=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].runtime_min or 10,
+        mem_mb=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].mem_mb,
+        runtime=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].runtime_min,
     params:
         method=height_method,
         options=height_options,
