@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
+import pymeshlab
 import pytest
 import trimesh
 from small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
@@ -216,6 +217,14 @@ def test_a_reduced_mesh_keeps_its_shape_and_its_texture(carton):
     assert small.mesh.texture.shape == (64, 64, 3)
     assert np.abs(small.mesh.vertices).max(0) == pytest.approx(np.abs(carton.mesh.vertices).max(0), abs=0.1)
     assert small.mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=0.01)
+
+
+def test_a_reduced_mesh_keeps_its_shape_whatever_the_filter_did_before(carton):
+    work = pymeshlab.MeshSet(verbose=False)
+    work.add_mesh(pymeshlab.Mesh(carton.mesh.vertices, carton.mesh.faces.astype(np.int32)))
+    options = {"preserveboundary": True, "boundaryweight": 2.0, "preservenormal": True, "planarquadric": True, "autoclean": True}
+    work.meshing_decimation_quadric_edge_collapse(targetfacenum=1000, **options)
+    assert reduced(carton.mesh, 300, 64).mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=1e-3)
 
 
 def test_a_mesh_beyond_reason_is_reduced_quickly():

@@ -88,7 +88,13 @@ def clean_mesh(
         worker.apply_coord_taubin_smoothing(lambda_=0.5, mu=-0.53, stepsmoothnum=smooth)
     if worker.current_mesh().face_number() > max_faces:
         worker.meshing_decimation_quadric_edge_collapse(
-            targetfacenum=max_faces, preserveboundary=True, boundaryweight=2.0, preservenormal=True, planarquadric=True, autoclean=True
+            targetfacenum=max_faces,
+            qualitythr=0.3,  # what is left out here would come from the filter's last call in the same process
+            preserveboundary=True,
+            boundaryweight=2.0,
+            preservenormal=True,
+            planarquadric=True,
+            autoclean=True,
         )
     worker.meshing_remove_null_faces()
     worker.meshing_remove_unreferenced_vertices()

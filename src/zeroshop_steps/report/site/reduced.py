@@ -12,6 +12,15 @@ from zeroshop_steps.meshes import Mesh
 # Above this many faces texture coordinates are not carried through the decimation, which would take minutes and gigabytes.
 TEXTURED_FACES = 400_000
 GRID = 320
+COLLAPSE = {
+    "qualitythr": 0.3,
+    "preserveboundary": False,
+    "boundaryweight": 1.0,
+    "optimalplacement": True,
+    "preservenormal": True,
+    "planarquadric": False,
+}
+"""All of them, always: the filter takes what is left out from its last call in the same process."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +85,9 @@ def _collapsed(mesh: Mesh, max_faces: int) -> tuple[Mesh, np.ndarray | None]:
         work.compute_texcoord_transfer_vertex_to_wedge()
     work.meshing_merge_close_vertices(threshold=pymeshlab.PureValue(0))
     if textured:
-        work.meshing_decimation_quadric_edge_collapse_with_texture(targetfacenum=max_faces, preservenormal=True)
+        work.meshing_decimation_quadric_edge_collapse_with_texture(targetfacenum=max_faces, extratcoordw=1.0, **COLLAPSE)
     else:
-        work.meshing_decimation_quadric_edge_collapse(targetfacenum=max_faces, preservenormal=True)
+        work.meshing_decimation_quadric_edge_collapse(targetfacenum=max_faces, autoclean=True, **COLLAPSE)
     work.meshing_remove_unreferenced_vertices()
     result = work.current_mesh()
     small = Mesh(result.vertex_matrix(), result.face_matrix().astype(np.int64))
