@@ -13,6 +13,7 @@ from pathlib import Path
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
+from zeroshop_steps.report.table import read_rows
 
 PUBLISHED = Path(__file__).with_name("published_bop.csv")
 THESIS = "thesis"
@@ -57,14 +58,7 @@ def rows_of(path: Path, root: Path) -> list[dict[str, str]]:
     except ValueError:
         raise StepError(f"{path} is no run's; expected {root}/DATASET/bop/DETECTOR-MODELS or ESTIMATOR-MASKS-MODELS, and a CSV") from None
     where = {"dataset": dataset, "models": models, "task": "pose" if masks else "detection", "method": name, "masks": masks}
-    try:
-        with path.open(newline="") as file:
-            measured = list(csv.DictReader(file))
-    except FileNotFoundError:
-        raise StepError(f"{path} does not exist; run the step that writes it first") from None
-    if not measured:
-        raise StepError(f"{path} has no rows; delete it and run its step again")
-    return [where | {key: row[key] for key in ("measure", "object", "value")} | {"source": "measured"} for row in measured]
+    return [where | {key: row[key] for key in ("measure", "object", "value")} | {"source": "measured"} for row in read_rows(path)]
 
 
 def published() -> list[dict[str, str]]:

@@ -43,15 +43,20 @@ def gather(measurements: Sequence[Path], root: Path) -> list[dict[str, str]]:
             # A step that was given the record has left the same one.
             rows.extend([row] if row not in rows[-1:] else [])
             continue
-        try:
-            with path.open(newline="") as file:
-                measured = list(csv.DictReader(file))
-        except FileNotFoundError:
-            raise StepError(f"{path} does not exist; run the step that writes it first") from None
-        if not measured:
-            raise StepError(f"{path} has no rows; delete it and run its step again")
-        rows.extend({**row, **where} for row in measured)
+        rows.extend({**row, **where} for row in read_rows(path))
     return rows
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The measurements in a CSV. Raises StepError where it is missing or has none."""
+    try:
+        with path.open(newline="") as file:
+            measured = list(csv.DictReader(file))
+    except FileNotFoundError:
+        raise StepError(f"{path} does not exist; run the step that writes it first") from None
+    if not measured:
+        raise StepError(f"{path} has no rows; delete it and run its step again")
+    return measured
 
 
 def cell_of(path: Path, root: Path) -> dict[str, str]:
