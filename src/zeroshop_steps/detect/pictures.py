@@ -63,13 +63,13 @@ def photo_of(frame: Frame) -> np.ndarray:
     return photo
 
 
-def depth_of(frame: Frame, photo: np.ndarray) -> np.ndarray:
-    """(height, width) float32 mm, 0 where nothing was measured. Raises StepError where it is missing or not the photo's size."""
+def depth_of(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
+    """(height, width) float32 mm, 0 where nothing was measured.
+
+    Raises StepError where it is missing, with what to do then (`remedy`), or not the photo's size.
+    """
     if frame.picture("depth") is None:
-        raise StepError(
-            f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}), and this detector needs depth:"
-            " add depth images, or take --method cnos, which looks at colour alone"
-        )
+        raise StepError(f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}), {remedy}")
     depth_mm = frame.depth_mm()
     if depth_mm.shape != photo.shape[:2]:
         raise StepError(

@@ -13,7 +13,7 @@ from zeroshop_steps.bop.estimates import Estimates, write_estimates
 from zeroshop_steps.bop.models import Model, listed_objects, read_models
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
-from zeroshop_steps.detect.pictures import photo_of
+from zeroshop_steps.detect.pictures import depth_of, photo_of
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.progress import track
 
@@ -94,7 +94,7 @@ def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Est
     for image, members in track(by_image.items(), "poses", len(by_image)):
         start_s, here = time.monotonic(), []
         photo = photo_of(frames[image])
-        depth = depth_of(frames[image], photo)
+        depth = depth_of(frames[image], photo, "and poses are found from depth: add it")
         for detection in members:
             mask = decode_mask(detection.mask)
             if mask.shape != depth.shape:
@@ -111,16 +111,3 @@ def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Est
     numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
     scores, seconds = (np.array([row[column] for row in rows], float) for column in (3, 5))
     return Estimates(*numbers.T, scores, poses[:, :3, :3], poses[:, :3, 3], seconds)
-
-
-def depth_of(frame: Frame, photo: np.ndarray) -> np.ndarray:
-    """(height, width) float32 mm, 0 where nothing was measured. Raises StepError where it is missing or not the photo's size."""
-    if frame.picture("depth") is None:
-        raise StepError(f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}); poses are found from depth: add it")
-    depth_mm = frame.depth_mm()
-    if depth_mm.shape != photo.shape[:2]:
-        raise StepError(
-            f"{frame.picture('depth')} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image"
-            f" {photo.shape[1]} x {photo.shape[0]} px; align depth with colour first"
-        )
-    return depth_mm

@@ -21,6 +21,7 @@ from zeroshop_steps.detect.contour.surface import surface_of
 from zeroshop_steps.detect.pictures import Found, add_image_arguments, depth_of, frames_of, photo_of, suppressed, write_found
 from zeroshop_steps.detect.templates import read_templates
 
+NO_DEPTH = "and this detector needs depth: add depth images, or take --method cnos, which looks at colour alone"
 LEAST_CONFIDENCE = 0.01
 MOST_IOU = 0.25
 MOST_CANDIDATES = 40
@@ -44,7 +45,7 @@ def detect(frame: Frame, references: dict[int, Reference]) -> list[Found]:
     """Everything in one image that looks like one of the objects."""
     photo = photo_of(frame)
     largest_mm = max(reference.diameter_mm for reference in references.values())
-    surface = surface_of(depth_of(frame, photo), frame.intrinsics, largest_mm, frame.name)
+    surface = surface_of(depth_of(frame, photo, NO_DEPTH), frame.intrinsics, largest_mm, frame.name)
     lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
     proposals = proposals_of(surface, edges_of(surface, lab))
     linear, focal_px = linear_rgb(photo), float(np.sqrt(frame.intrinsics[0, 0] * frame.intrinsics[1, 1]))
