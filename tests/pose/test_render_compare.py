@@ -9,7 +9,8 @@ from zeroshop_steps.bop.models import Model
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.pose.compare import patch_of
+from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.pose.compare import Comparison, patch_of
 from zeroshop_steps.pose.icp import stepped
 from zeroshop_steps.pose.render_compare import Ready, estimate, measured_points
 
@@ -33,6 +34,11 @@ def view(model: Model, seed: int, hidden: bool):
     rng = np.random.default_rng(seed)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_quat(rng.normal(size=4)).as_matrix(), [8, -5, 700]
+    return pose, *taken(model, pose, rng, hidden)
+
+
+def taken(model: Model, pose: np.ndarray, rng: np.random.Generator, hidden: bool = False):
+    """(photo, depth, mask) of the box at this pose, before a wall."""
     camera = Camera("", 160, 120, INTRINSICS + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]), pose)
     renderer = MeshRenderer(model.mesh)
     depth = renderer.hits(camera).depth
@@ -41,7 +47,7 @@ def view(model: Model, seed: int, hidden: bool):
         mask[:, : int(np.median(np.nonzero(mask)[1]))] = False
     measured = np.where(depth > 0, depth, 950.0) + rng.normal(0, 1, depth.shape)
     measured[(depth > 0) & ~mask] = 500.0
-    return pose, renderer.color(camera), measured.astype(np.float32), mask
+    return renderer.color(camera), measured.astype(np.float32), mask
 
 
 @pytest.mark.parametrize(("seed", "hidden"), [(1, False), (2, True)])
@@ -62,6 +68,26 @@ def test_a_pose_that_shows_another_side_explains_less(model, ready):
     true, other_side, farther = ready.comparison.scores(np.stack([pose, turned, moved]), patch)
     assert true > other_side + 0.1, "the shape is the same, the print is not"
     assert true > farther + 0.1, "8 mm are seen"
+
+
+def test_print_that_no_photo_saw_counts_neither_for_a_pose_nor_against_it(model):
+    """The mesh's last side is grey, as a closed underside is; the photo shows that side, printed."""
+    mesh = model.mesh
+    normal = mesh.normals[mesh.faces[0, 0]]
+    last = np.flatnonzero(mesh.normals[mesh.faces[:, 0]] @ normal > 0.99)
+    faces = np.concatenate([np.delete(mesh.faces, last, 0), mesh.faces[last]])
+    uv = mesh.uv * [0.5, 1.0]
+    uv[mesh.faces[last].ravel()] += [0.5, 0.0]
+    grey = Mesh(mesh.vertices, faces, mesh.normals, uv, np.concatenate([mesh.texture, np.full_like(mesh.texture, 128)], 1))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.align_vectors([[0.3, 0.2, -1.0]], [normal])[0].as_matrix(), [8, -5, 700]
+    photo, depth, mask = taken(model, pose, np.random.default_rng(1))
+    patch = patch_of(photo, depth, mask, INTRINSICS)
+    turned = pose.copy()
+    turned[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(np.pi * normal).as_matrix()
+    known, marked = (Comparison(grey, first).scores(np.stack([pose, turned]), patch) for first in (None, 10))
+    assert marked[0] > known[0] + 0.02
+    assert marked[0] > marked[1]
 
 
 def test_steps_bring_a_pose_nearly_there_and_do_not_depend_on_the_others(model, ready):

@@ -16,6 +16,7 @@ AGREE_MM = 10.0
 PRINT_WEIGHT = 0.35
 PLAIN_CONTRAST = 10.0  # of 255: a model's colours that vary as little tell hardly anything beside its shading
 LEAST_PRINTED = 20
+UNSEEN_LIKENESS = 0.5  # of faces whose print is unknown, between that of a right pose and that of a wrong one
 COARSEST_PX = 64
 SAMPLES = 2000
 
@@ -54,10 +55,16 @@ def patch_of(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsi
 
 
 class Comparison:
-    """Compares poses of one model with images."""
+    """Compares poses of one model with images.
 
-    def __init__(self, mesh: Mesh) -> None:
+    Args:
+        mesh: the model, mm.
+        first_unseen_face: from which face on its shape and colours were made up: their print counts neither for a pose nor against it.
+    """
+
+    def __init__(self, mesh: Mesh, first_unseen_face: int | None = None) -> None:
         self._mesh = mesh
+        self._first_unseen_face = len(mesh.faces) if first_unseen_face is None else first_unseen_face
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
         samples = surface_points(mesh, SAMPLES, np.random.default_rng(0))
@@ -91,6 +98,13 @@ class Comparison:
 
     def _likeness(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
         """(P,) 0..1: correlation of the colours where depth agrees, the texture as coarse as the pixels."""
+        all_that_agree = agree.sum(1)
+        agree = agree & (faces < self._first_unseen_face)
+        unseen = 1.0 - agree.sum(1) / np.maximum(all_that_agree, 1)
+        return (1.0 - unseen) * self._likeness_seen(faces, shares, agree, depth, patch) + unseen * UNSEEN_LIKENESS
+
+    def _likeness_seen(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
+        """(P,) 0..1: correlation of the colours where `agree`."""
         alike = np.zeros(len(agree))
         if not agree.any():
             return alike

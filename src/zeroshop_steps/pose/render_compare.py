@@ -71,7 +71,7 @@ class Ready:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.search = PoseSearch(model.mesh, model.diameter_mm)
-        self.comparison = Comparison(model.mesh)
+        self.comparison = Comparison(model.mesh, model.first_unseen_face)
         self.points = ModelPoints.of(model.mesh.vertices)
 
 
