@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 
 from zeroshop_steps.errors import StepError
 
@@ -25,9 +26,9 @@ SYSTEM_PACKAGES = {
 MODULES = ("torch", "numba", "cv2", "pycolmap", "pymeshlab", "xatlas", "trimesh", "zeroshop_steps.o3d")
 
 
-def missing_packages() -> list[str]:
-    """The system packages whose libraries cannot be loaded."""
-    return [package for library, package in SYSTEM_PACKAGES.items() if not _loads(library)]
+def missing_packages(packages: Mapping[str, str] = SYSTEM_PACKAGES) -> list[str]:
+    """Of shared libraries and the system packages that have them, the packages whose libraries cannot be loaded."""
+    return [package for library, package in packages.items() if not _loads(library)]
 
 
 def check_imports() -> None:

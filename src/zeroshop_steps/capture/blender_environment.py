@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 
 from zeroshop_steps.capture.blender import check, start
+from zeroshop_steps.check_install import missing_packages
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
 
@@ -132,7 +133,8 @@ def fault(reason: str, where: str) -> str:
     library = re.match(r"(lib\S+\.so\S*): cannot open shared object file", reason)
     if library:
         package = SYSTEM_PACKAGES.get(library[1])
-        remedy = f"sudo apt-get install {package}" if package else f"install the package that has it (apt-file search {library[1]})"
+        all_missing = " ".join(dict.fromkeys([package or "", *missing_packages(SYSTEM_PACKAGES)]))
+        remedy = f"sudo apt-get install {all_missing}" if package else f"install the package that has it (apt-file search {library[1]})"
         return f"Blender needs the system library {library[1]}, which is missing. Run: {remedy}; {WITHOUT}"
     module = re.match(r"No module named '([^']+)'", reason)
     if module:
