@@ -25,6 +25,8 @@ CELL_PX = 16
 DEPTH_DEVIATION = 0.02
 """How far, as a share, the fine stage may bend the depths of a picture at little cost."""
 LEAST_MATCHES = 30
+COARSE_MATCHES, FINE_MATCHES = 4000, 8000
+"""So many of all matches take part in a stage; of more, evenly chosen ones."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,41 @@ def _spanned(relative: dict[tuple[int, int], np.ndarray], matches: dict[tuple[in
     return np.stack([world[number] for number in range(count)])
 
 
+@dataclass(frozen=True)
+class _Pixels:
+    """Pixels of any of the pictures, as many at once as there are: an operation each is what takes time.
+
+    Attributes:
+        picture: (M, N) 1 for the picture of each, else 0: products with it are gathered, and their gradients summed, faster than by index.
+        centred: (M, 2) position about the middle of its picture.
+        depth: (M,) canonical.
+        cell: (M,) which of all pictures' cells bends it.
+    """
+
+    picture: Tensor
+    centred: Tensor
+    depth: Tensor
+    cell: Tensor
+
+    def __getitem__(self, chosen: slice) -> "_Pixels":
+        return _Pixels(self.picture[chosen], self.centred[chosen], self.depth[chosen], self.cell[chosen])
+
+    @classmethod
+    def of(cls, canonical: list[Canonical], image: np.ndarray, pixels: np.ndarray) -> "_Pixels":
+        """(M,) pictures and (M, 2) columns and rows."""
+        sides = np.array([view.depth_m.shape for view in canonical])
+        cells = -(-sides // CELL_PX)
+        depth, cell = np.empty(len(image)), np.empty(len(image), np.int64)
+        first_cell = np.concatenate([[0], np.cumsum(cells.prod(1))])
+        for number, view in enumerate(canonical):
+            here = image == number
+            columns, rows = pixels[here].T
+            depth[here] = view.depth_m[rows, columns]
+            cell[here] = first_cell[number] + rows // CELL_PX * cells[number, 1] + columns // CELL_PX
+        centred = pixels + 0.5 - sides[image, ::-1] / 2
+        return cls(*(torch.from_numpy(values) for values in (np.eye(len(canonical))[image], centred, depth, cell)))
+
+
 class _Scene(torch.nn.Module):
     """Poses, sizes, focal lengths and depths of all pictures."""
 
@@ -156,9 +193,8 @@ class _Scene(torch.nn.Module):
         size = np.exp(np.log(scale).mean())  # of the frame, which is that of the first picture
         self.place = torch.nn.Parameter(torch.from_numpy(start[:, :3, 3] / size))
         self.log_focal = torch.nn.Parameter(torch.tensor([np.log(view.focal_px) for view in canonical], dtype=torch.float64))
-        shapes = [(-(-view.depth_m.shape[0] // CELL_PX), -(-view.depth_m.shape[1] // CELL_PX)) for view in canonical]
-        self.bend = torch.nn.ParameterList(torch.zeros(shape, dtype=torch.float64) for shape in shapes)
-        self.depths = [torch.from_numpy(view.depth_m) for view in canonical]
+        cells = [-(-view.depth_m.shape[0] // CELL_PX) * -(-view.depth_m.shape[1] // CELL_PX) for view in canonical]
+        self.bend = torch.nn.ParameterList(torch.zeros(count, dtype=torch.float64) for count in cells)
 
     def rotations(self) -> Tensor:
         """(N, 3, 3) by Gram-Schmidt from the first two columns (Zhou et al. 2019)."""
@@ -166,63 +202,57 @@ class _Scene(torch.nn.Module):
         y = torch.nn.functional.normalize(self.turn[:, :, 1] - (x * self.turn[:, :, 1]).sum(1, keepdim=True) * x, dim=1)
         return torch.stack([x, y, torch.linalg.cross(x, y)], dim=2)
 
-    def sizes(self) -> Tensor:
-        """(N,) factors of the depths; their geometric mean is 1, so the network's metres stay."""
-        return (self.log_size - self.log_size.mean()).exp()
+    def depths(self, pixels: _Pixels) -> Tensor:
+        """(M,) along the optical axes, bent and in the common size; the sizes' geometric mean is 1, so the network's metres stay."""
+        bend = torch.cat([bend - bend.mean() for bend in self.bend])
+        return pixels.depth * (bend.index_select(0, pixels.cell) + pixels.picture @ (self.log_size - self.log_size.mean())).exp()
 
-    def depth_at(self, image: int, pixels: Tensor) -> Tensor:
-        """(M,) depths, bent, of (M, 2) columns and rows."""
-        bend = self.bend[image] - self.bend[image].mean()
-        return self.depths[image][pixels[:, 1], pixels[:, 0]] * bend[pixels[:, 1] // CELL_PX, pixels[:, 0] // CELL_PX].exp()
+    def in_world(self, pixels: _Pixels) -> Tensor:
+        """(M, 3) points."""
+        depth = self.depths(pixels)[:, None]
+        rotations, places, focals = self._cameras(pixels)
+        return (rotations * torch.cat([pixels.centred / focals * depth, depth], dim=1)[:, None]).sum(2) + places
 
-    def centred(self, image: int, pixels: Tensor) -> Tensor:
-        """(M, 2) positions about the middle of the picture."""
-        height, width = self.depths[image].shape
-        return pixels + 0.5 - torch.tensor([width / 2, height / 2], dtype=torch.float64)
+    def errors_px(self, points: Tensor, pixels: _Pixels) -> Tensor:
+        """(M,) how far (M, 3) points are projected from where the pictures show them."""
+        rotations, places, focals = self._cameras(pixels)
+        seen = (rotations * (points - places)[:, :, None]).sum(1)
+        return torch.linalg.norm(seen[:, :2] / seen[:, 2:].clamp(min=1e-3) * focals - pixels.centred + 1e-9, dim=1)
 
-    def in_world(self, image: int, pixels: Tensor, rotations: Tensor, sizes: Tensor) -> Tensor:
-        """(M, 3) points of (M, 2) columns and rows."""
-        rays = self.centred(image, pixels) / self.log_focal[image].exp()
-        depth = self.depth_at(image, pixels) * sizes[image]
-        return torch.cat([rays * depth[:, None], depth[:, None]], dim=1) @ rotations[image].T + self.place[image]
-
-    def errors_px(self, points: Tensor, image: int, pixels: Tensor, rotations: Tensor) -> Tensor:
-        """(M,) how far (M, 3) points are projected from where the picture shows them."""
-        seen = (points - self.place[image]) @ rotations[image]
-        projected = seen[:, :2] / seen[:, 2:].clamp(min=1e-3) * self.log_focal[image].exp()
-        return torch.linalg.norm(projected - self.centred(image, pixels) + 1e-9, dim=1)
+    def _cameras(self, pixels: _Pixels) -> tuple[Tensor, Tensor, Tensor]:
+        """(M, 3, 3) rotations, (M, 3) places and (M, 1) focal lengths of the pictures that the pixels belong to."""
+        each = torch.cat([self.rotations().flatten(1), self.place, self.log_focal.exp()[:, None]], dim=1)
+        turn, place, focal = (pixels.picture @ each).split([9, 3, 1], dim=1)
+        return turn.unflatten(1, (3, 3)), place, focal
 
 
 def _optimized(canonical: list[Canonical], matches: dict[tuple[int, int], Matches], start: np.ndarray) -> Alignment:
     scene = _Scene(canonical, start)
-    ends = [
-        (pair, torch.from_numpy(found.first), torch.from_numpy(found.second), torch.from_numpy(found.confidence).double())
-        for pair, found in sorted(matches.items())
-    ]
-    total = sum(float(sure.sum()) for *_, sure in ends)
+    found = [matches[pair] for pair in sorted(matches)]
+    images = np.repeat(np.array(sorted(matches)), [len(each.confidence) for each in found], axis=0)
+    first = _Pixels.of(canonical, images[:, 0], np.concatenate([each.first for each in found]))
+    second = _Pixels.of(canonical, images[:, 1], np.concatenate([each.second for each in found]))
+    sure = torch.from_numpy(np.concatenate([each.confidence for each in found])).double()
+    few, many = (slice(None, None, -(-len(sure) // most)) for most in (COARSE_MATCHES, FINE_MATCHES))
 
     def coarse() -> Tensor:
-        rotations, sizes = scene.rotations(), scene.sizes()
-        loss = torch.zeros((), dtype=torch.float64)
-        for (i, j), one, two, sure in ends:
-            apart = scene.in_world(i, one, rotations, sizes) - scene.in_world(j, two, rotations, sizes)
-            loss = loss + (sure * torch.linalg.norm(apart + 1e-9, dim=1)).sum() / total
-        return loss
+        apart = scene.in_world(first[few]) - scene.in_world(second[few])
+        return (sure[few] * torch.linalg.norm(apart + 1e-9, dim=1)).sum() / sure[few].sum()
 
     def fine() -> Tensor:
-        rotations, sizes = scene.rotations(), scene.sizes()
         loss = sum((bend**2).mean() for bend in scene.bend) / DEPTH_DEVIATION**2 * 1e-2
-        for (i, j), one, two, sure in ends:
-            for source, target, here, there in ((i, j, one, two), (j, i, two, one)):
-                error = scene.errors_px(scene.in_world(source, here, rotations, sizes), target, there, rotations)
-                loss = loss + (sure * torch.log1p((error / ERROR_PX) ** 2)).sum() / total
+        for here, there in ((first[many], second[many]), (second[many], first[many])):
+            error = scene.errors_px(scene.in_world(here), there)
+            loss = loss + (sure[many] * torch.log1p((error / ERROR_PX) ** 2)).sum() / sure[many].sum()
         return loss
 
     rigid = [scene.turn, scene.place, scene.log_size]
     with ProgressReport("aligning", COARSE_STEPS + FINE_STEPS) as report:
         _descend(coarse, rigid, COARSE_STEPS, COARSE_RATE, report)
         _descend(fine, [*rigid, scene.log_focal, *scene.bend], FINE_STEPS, FINE_RATE, report)
-    return _result(scene, canonical, ends)
+    with torch.no_grad():
+        error_px = float(scene.errors_px(scene.in_world(first), second).median())
+        return _result(scene, canonical, error_px)
 
 
 def _descend(loss, parameters: list[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
@@ -238,23 +268,20 @@ def _descend(loss, parameters: list[Tensor], steps: int, rate: float, report: Pr
         report.advance(1, f"loss {float(value.detach()):.4f}")
 
 
-@torch.no_grad()
-def _result(scene: _Scene, canonical: list[Canonical], ends: list) -> Alignment:
-    rotations, sizes = scene.rotations(), scene.sizes()
-    errors = [scene.errors_px(scene.in_world(i, one, rotations, sizes), j, two, rotations) for (i, j), one, two, _ in ends]
+def _result(scene: _Scene, canonical: list[Canonical], error_px: float) -> Alignment:
     world_from_camera = np.tile(np.eye(4), (len(canonical), 1, 1))
-    world_from_camera[:, :3, :3], world_from_camera[:, :3, 3] = rotations.numpy(), scene.place.numpy()
+    world_from_camera[:, :3, :3], world_from_camera[:, :3, 3] = scene.rotations().numpy(), scene.place.numpy()
     depths = []
     for image, view in enumerate(canonical):
-        rows, columns = torch.meshgrid(*(torch.arange(side) for side in view.depth_m.shape), indexing="ij")
-        pixels = torch.stack([columns.flatten(), rows.flatten()], dim=1)
-        depths.append((scene.depth_at(image, pixels) * sizes[image]).reshape(view.depth_m.shape).numpy())
+        rows, columns = np.indices(view.depth_m.shape).reshape(2, -1)
+        pixels = _Pixels.of(canonical, np.full(len(rows), image), np.stack([columns, rows], axis=1))
+        depths.append(scene.depths(pixels).reshape(view.depth_m.shape).numpy())
     spread = np.hypot(float(np.std(scene.log_size.numpy())), float(np.mean([view.scale_deviation for view in canonical])))
     return Alignment(
         np.linalg.inv(world_from_camera[0]) @ world_from_camera,
         scene.log_focal.exp().numpy(),
         depths,
         [view.confidence for view in canonical],
-        float(torch.cat(errors).median()),
+        error_px,
         float(spread / np.sqrt(len(canonical))),
     )
