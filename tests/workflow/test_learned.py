@@ -1,6 +1,7 @@
 """Learned methods through the real rules, with small random weights: everything but what a network has learned."""
 
 import json
+import shutil
 import sys
 
 import numpy as np
@@ -10,6 +11,7 @@ from running import REPOSITORY, planned
 
 from zeroshop_steps.files import write_json
 from zeroshop_steps.images import write_image
+from zeroshop_steps.meshes import write_ply
 
 sys.path.insert(0, str(REPOSITORY / "tests" / "parity"))
 
@@ -28,12 +30,18 @@ def photos(tmp_path):
     return ["--config", f"objects_table={tmp_path / 'objects.tsv'}"]
 
 
-def test_mast3r_with_random_weights_ends_with_a_record(snakemake, photos, tmp_path):
+@pytest.fixture
+def weights(tmp_path):
+    """Small random weights of MASt3R, their sizes beside them."""
     with torch.device("meta"):
         network = MASt3R(Configuration(**SMALL))
-    weights = tmp_path / "own weights.pth"
-    torch.save({"model": parameters({name: tuple(tensor.shape) for name, tensor in network.state_dict().items()})}, weights)
-    write_json(weights.with_suffix(".json"), SMALL)
+    path = tmp_path / "own weights.pth"
+    torch.save({"model": parameters({name: tuple(tensor.shape) for name, tensor in network.state_dict().items()})}, path)
+    write_json(path.with_suffix(".json"), SMALL)
+    return path
+
+
+def test_mast3r_with_random_weights_ends_with_a_record(snakemake, photos, weights, tmp_path):
     target = "results/photos/cup/video/mast3r/scene"
     assert "lacks the weights" in snakemake("-n", target, *photos).stdout
     own = f"register={{mast3r: {{weights: {weights}, long_side_px: 64, min_confidence: 0.0, min_track: 2}}}}"
@@ -45,3 +53,21 @@ def test_mast3r_with_random_weights_ends_with_a_record(snakemake, photos, tmp_pa
     assert record["method"] == "mast3r" and record["status"] == "failed" and record["images"] == 8
     assert record["matches"] > 0, "a network of noise finds matches; geometry rejects them"
     assert {"encode", "match", "verify"} <= set(record["seconds"])
+
+
+def test_the_height_by_mast3r_with_random_weights_ends_with_its_reason(snakemake, photos, weights, carton, tmp_path):
+    """The cell is there up to its clean mesh; photos of noise stand for the empty scene."""
+    row = f"photos\tcup\t{tmp_path / 'mine'}\t\t\tmast3r\t{tmp_path / 'mine'}\n"
+    (tmp_path / "objects.tsv").write_text("dataset\tobject\timages\tmasks\theight_m\theight_method\tmarker_images\n" + row)
+    scene = tmp_path / "results/photos/cup/video"
+    write_json(scene / "capture" / "capture.json", {})
+    shutil.copytree(carton.cameras, scene / "colmap" / "cameras")
+    write_ply(scene / "colmap" / "2dgs" / "clean.ply", carton.mesh)
+    target = "results/photos/cup/video/colmap/2dgs/height.json"
+    only = ["--rerun-triggers", "mtime", "--allowed-rules", "height", *photos]
+    assert "lacks the weights" in snakemake("-n", target, *only).stdout
+    run = snakemake(target, *only, f"height={{mast3r: {{weights: {weights}, long_side_px: 64}}}}")
+    assert planned(run.stdout) == {"height": 1}
+    log = (tmp_path / target.replace("height.json", "logs/height.log")).read_text()
+    assert run.returncode != 0 and "looking at pairs: 30/30" in log
+    assert "match none of the others" in log and "Traceback" not in log

@@ -62,6 +62,7 @@ def test_the_config_lists_every_demo_object():
         ("nvs.svraster_mesh", ("nvs", "svraster", "mesh")),
         ("height.marker", ("height", "marker")),
         ("height.depth_camera", ("height", "depth_camera")),
+        ("height.mast3r", ("height", "mast3r")),
         ("finish.clean", ("finish", "clean")),
         ("finish.grade", ("finish", "grade")),
         ("bop.test_set", ("bop", "test_set")),

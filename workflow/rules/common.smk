@@ -93,15 +93,15 @@ def usable(what, name, table, remedy):
     return name
 
 
-def with_own_weights(name, method):
-    """A registration, which lacks no weights where the config names some of the user's own."""
-    return replace(method, weights=()) if config["register"].get(name, {}).get("weights") else method
+def with_own_weights(stage, name, method):
+    """A method of a stage, which lacks no weights where the config names some of the user's own."""
+    return replace(method, weights=()) if config[stage].get(name, {}).get("weights") else method
 
 
 def registrations_of(dataset):
     """The registrations that make sense for a dataset: photos have no true cameras."""
     return {
-        name: with_own_weights(name, method) for name, method in methods.REGISTRATIONS.items() if is_virtual(dataset) or not method.truth
+        name: with_own_weights("register", name, method) for name, method in methods.REGISTRATIONS.items() if is_virtual(dataset) or not method.truth
     }
 
 
@@ -143,7 +143,12 @@ def raw_mesh_of(wildcards):
 
 
 def step_options(options):
-    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`; a list its words; null leaves one out."""
+    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`; a list its words; null leaves one out.
+
+    Weights of the user's own lie where the config says, counted from the project's folder.
+    """
+    if options.get("weights"):
+        options = {**options, "weights": shlex.quote(os.path.relpath(ROOT / options["weights"]))}
     words = {key: value if isinstance(value, list) else [value] for key, value in options.items() if value is not None}
     return " ".join(" ".join([f"--{key.replace('_', '-')}", *map(str, values)]) for key, values in words.items())
 
@@ -151,10 +156,7 @@ def step_options(options):
 def registration_options(wildcards):
     """The options of the registration method in the path; the true cameras need none."""
     options = config["register"].get(wildcards.registration)
-    if not options:
-        return ""
-    own = {"weights": shlex.quote(os.path.relpath(ROOT / options["weights"]))} if options.get("weights") else {}
-    return step_options({**options, **own, "seed": config["seed"]})
+    return step_options({**options, "seed": config["seed"]}) if options else ""
 
 
 def registration_needs(wildcards):

@@ -27,6 +27,7 @@ rule height:
     resources:
         mem_mb=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].mem_mb,
         runtime=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].runtime_min,
+        gpu=lambda wildcards: int(bool(methods.HEIGHTS[height_method(wildcards)].weights)),
     params:
         method=height_method,
         options=height_options,

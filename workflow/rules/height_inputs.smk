@@ -12,7 +12,7 @@ def height_method(wildcards):
         return "known"
     row = photos_of(wildcards)
     name = row["height_method"] or ("none" if row["height_m"] is None else "known")
-    return usable("height method", name, methods.HEIGHTS, "")
+    return usable("height method", name, {key: with_own_weights("height", key, method) for key, method in methods.HEIGHTS.items()}, "")
 
 
 def extra_photos(column):
