@@ -21,6 +21,7 @@ class Mesh:
         normals: (V, 3) unit vertex normals, or None.
         uv: (V, 2) texture coordinates, origin at the image's lower left, or None.
         texture: (height, width, 3) uint8 RGB, or None.
+        quality: (V,) how sure the surface is there: 1 measured, 0.5 assumed, 0 never seen; or None.
     """
 
     vertices: np.ndarray
@@ -28,6 +29,7 @@ class Mesh:
     normals: np.ndarray | None = None
     uv: np.ndarray | None = None
     texture: np.ndarray | None = None
+    quality: np.ndarray | None = None
 
     def with_normals(self) -> "Mesh":
         """The same mesh with area-weighted vertex normals computed from its faces; vertices split by a texture seam share theirs."""
@@ -44,8 +46,8 @@ class Mesh:
     def without_loose_vertices(self) -> "Mesh":
         """The same mesh without vertices that no face has."""
         used, index = np.unique(self.faces, return_inverse=True)
-        normals, uv = (None if values is None else values[used] for values in (self.normals, self.uv))
-        return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture)
+        normals, uv, quality = (None if values is None else values[used] for values in (self.normals, self.uv, self.quality))
+        return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture, quality)
 
     def as_trimesh(self) -> trimesh.Trimesh:
         """Geometry only, vertices kept as they are."""
@@ -78,12 +80,14 @@ def read_ply(path: Path) -> Mesh:
     uv = columns("texture_u", "texture_v")
     texture_name = texture_file_of(path)
     texture = read_image(path.parent / texture_name) if texture_name and uv is not None else None
-    return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture)
+    quality = columns("quality")
+    return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture, None if quality is None else quality[:, 0])
 
 
 def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
     """Write a binary PLY: positions, normals, `texture_u`/`texture_v`, and a `TextureFile` comment naming `texture_name`.
 
+    `quality`, where the mesh has it, is a property that MeshLab shows as colours, and other readers pass over.
     The texture image itself is written by the caller: several PLYs may share one.
     """
     columns = {"x": mesh.vertices[:, 0], "y": mesh.vertices[:, 1], "z": mesh.vertices[:, 2]}
@@ -91,6 +95,8 @@ def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
         columns |= {"nx": mesh.normals[:, 0], "ny": mesh.normals[:, 1], "nz": mesh.normals[:, 2]}
     if mesh.uv is not None:
         columns |= {"texture_u": mesh.uv[:, 0], "texture_v": mesh.uv[:, 1]}
+    if mesh.quality is not None:
+        columns |= {"quality": mesh.quality}
     vertex = np.empty(len(mesh.vertices), dtype=[(name, "<f4") for name in columns])
     for name, values in columns.items():
         vertex[name] = values

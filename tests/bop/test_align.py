@@ -13,7 +13,7 @@ from zeroshop_steps.bop.symmetry import symmetry_transforms
 from zeroshop_steps.capture.demo_objects import write_demo_object
 from zeroshop_steps.cli import stage_main
 from zeroshop_steps.failures import Failure, write_failure
-from zeroshop_steps.files import write_json
+from zeroshop_steps.finish.evidence import ASSUMED, MEASURED
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
 
@@ -91,7 +91,9 @@ def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
     turn = similarity(Rotation.from_rotvec([0.1, 0, 0.5]), 0.001, [0, 0, 0.04])
     write_image(cell / "mesh.png", truth.texture)
     write_ply(cell / "mesh.ply", damaged(truth, turn), "mesh.png")
-    write_json(cell / "mesh.json", {"underside": {"first_face": 70, "faces": 20}})
+    evidence = np.full(len(read_ply(cell / "mesh.ply").vertices), MEASURED, np.uint8)
+    evidence[:70] = ASSUMED
+    np.savez(cell / "evidence.npz", evidence=evidence)
     assert run("align", ["--mesh", cell / "mesh.ply", "--model", models / "tomato_can/model.ply", "--out", cell / "aligned.json"]) == 0
     aligned = json.loads((cell / "aligned.json").read_text())
     assert "in metres, where millimetres are expected" in capsys.readouterr().err
@@ -104,7 +106,8 @@ def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
     assert listed_objects(tmp_path / "models_2dgs") == [number] and len(listed_objects(tmp_path / "models")) == 2
     ours, true = (read_models(tmp_path / name, [number])[number] for name in ("models_2dgs", "models"))
     assert ours.mesh.texture is not None and ours.mesh.normals is not None
-    assert ours.first_unseen_face == 70 and true.first_unseen_face == len(true.mesh.faces)
+    np.testing.assert_array_equal(ours.mesh.quality[60:80], np.repeat([0.5, 1.0], 10))
+    assert true.mesh.quality is None
     assert ours.diameter_mm == pytest.approx(true.diameter_mm, rel=0.02)
     np.testing.assert_allclose(ours.mesh.vertices.max(0), true.mesh.vertices.max(0), atol=2.0)
 

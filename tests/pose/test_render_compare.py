@@ -1,7 +1,10 @@
 """A printed box is found again, print side and all, from its depth and colours, half of it hidden or not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.bop.distractors import distractor
@@ -79,15 +82,44 @@ def test_print_that_no_photo_saw_counts_neither_for_a_pose_nor_against_it(model)
     uv = mesh.uv * [0.5, 1.0]
     uv[mesh.faces[last].ravel()] += [0.5, 0.0]
     grey = Mesh(mesh.vertices, faces, mesh.normals, uv, np.concatenate([mesh.texture, np.full_like(mesh.texture, 128)], 1))
+    quality = np.ones(len(mesh.vertices))
+    quality[mesh.faces[last].ravel()] = 0.0
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.align_vectors([[0.3, 0.2, -1.0]], [normal])[0].as_matrix(), [8, -5, 700]
     photo, depth, mask = taken(model, pose, np.random.default_rng(1))
     patch = patch_of(photo, depth, mask, INTRINSICS)
     turned = pose.copy()
     turned[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(np.pi * normal).as_matrix()
-    known, marked = (Comparison(grey, first).scores(np.stack([pose, turned]), patch) for first in (None, 10))
+    known, marked = (Comparison(mesh).scores(np.stack([pose, turned]), patch) for mesh in (grey, replace(grey, quality=quality)))
     assert marked[0] > known[0] + 0.02
     assert marked[0] > marked[1]
+
+
+def test_a_hollow_behind_a_lid_that_was_assumed_is_allowed_for():
+    """The mesh of an open box keeps a lid; the box lies with its opening towards the camera."""
+    box = trimesh.creation.box((120, 80, 60))
+    closed = Mesh(np.array(box.vertices), np.array(box.faces))
+    lid = closed.vertices[closed.faces].mean(1)[:, 2] > 29
+    flat = Mesh(closed.vertices[closed.faces].reshape(-1, 3), np.arange(3 * len(closed.faces)).reshape(-1, 3))
+    lidded = replace(flat, quality=np.where(np.repeat(lid, 3), 0.5, 1.0))
+    open_box = trimesh.creation.box((120, 80, 60)).difference(trimesh.creation.box((112, 72, 60)).apply_translation([0, 0, 4]))
+    true = Mesh(np.array(open_box.vertices), np.array(open_box.faces))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_euler("xyz", [160, 15, 30], degrees=True).as_matrix(), [8, -5, 700]
+    camera = Camera("", 160, 120, INTRINSICS + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]), pose)
+    depth = MeshRenderer(true).hits(camera).depth
+    mask, photo = depth > 0, np.full((120, 160, 3), 128, np.uint8)
+    depth = np.where(mask, depth, 950.0).astype(np.float32)
+    diameter_mm = float(np.linalg.norm((120, 80, 60)))
+    errors_mm, explained = [], []
+    for mesh in (flat, lidded):
+        found = estimate(mask, photo, depth, INTRINSICS, Ready(Model(1, mesh, diameter_mm, np.eye(4)[None], {})))
+        turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+        alike = np.stack([np.eye(4), turned])
+        errors_mm.append(mssd(found.camera_from_model[None], pose[None], ModelPoints.of(true.vertices), alike)[0])
+        explained.append(found.explained)
+    assert errors_mm[1] < 0.08 * diameter_mm < errors_mm[0]
+    assert explained[1] > explained[0] + 0.1
 
 
 def test_steps_bring_a_pose_nearly_there_and_do_not_depend_on_the_others(model, ready):

@@ -58,6 +58,7 @@ rule true_models:
 rule reconstructed_models:
     input:
         parts=alignments_of,
+        evidence=evidence_of,
     output:
         models=directory("results/{dataset}/bop/models_{nvs}"),
     log:

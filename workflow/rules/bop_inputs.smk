@@ -14,10 +14,20 @@ def training_captures_of(wildcards):
 
 def alignments_of(wildcards):
     """How the mesh of the chosen cell of each object lies on its true model."""
+    return in_chosen_cells(wildcards, "aligned.json")
+
+
+def evidence_of(wildcards):
+    """What of these meshes was measured."""
+    return in_chosen_cells(wildcards, "evidence.npz")
+
+
+def in_chosen_cells(wildcards, name):
+    """A file of the chosen cell of each object of a dataset."""
     usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
     chosen = config["chosen"]["virtual"]
     cells = cells_of(wildcards.dataset, objects_of(wildcards.dataset), [chosen["scene"]], [chosen["registration"]], [wildcards.nvs])
-    return [f"{CELL}/aligned.json".format(**cell) for cell in cells]
+    return [f"{CELL}/{name}".format(**cell) for cell in cells]
 
 
 def mesh_or_failure_of(wildcards):

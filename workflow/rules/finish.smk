@@ -134,6 +134,31 @@ rule texture:
         " --record-failure {output} > {log} 2>&1"
 
 
+rule evidence:
+    input:
+        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
+        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
+    output:
+        evidence="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.npz",
+        figures="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.json",
+    log:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/evidence.log",
+    benchmark:
+        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/evidence.tsv"
+    conda:
+        "../envs/zeroshop.yaml"
+    threads: 2
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    message:
+        "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.finish --method evidence --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
+        " --out {output.evidence} --record-failure {output} > {log} 2>&1"
+
+
 rule export:
     input:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",

@@ -1,8 +1,8 @@
 """Gather models of a dataset into a folder in BOP's layout: obj_000001.ply, its texture, ..., and models_info.json.
 
 The parts are true models (folders with model.ply and model_info.json) or alignments (aligned.json with mesh.ply beside it),
-whose meshes are brought into the frames of their true models. Any BOP method takes such a folder as its models. Where a
-mesh ends in faces that no photo saw, its entry says from which on (`first_unseen_face`, our addition to BOP's keys). Objects
+whose meshes are brought into the frames of their true models. Any BOP method takes such a folder as its models. Where
+evidence.npz lies beside an alignment, the vertices have it as `quality`: 1 measured, 0.5 assumed, 0 never seen. Objects
 whose part records a failure are left out, with a warning.
 """
 
@@ -17,6 +17,7 @@ from zeroshop_steps.capture.bop_models import checked_diameter_mm
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.failures import read_failure
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
+from zeroshop_steps.finish.evidence import MEASURED, read_evidence
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
 
@@ -54,9 +55,9 @@ def read_part(part: Path) -> tuple[Mesh, dict]:
     aligned = read_json(part)
     mesh, transform = read_ply(part.with_name("mesh.ply")), np.array(aligned["truth_from_mesh"])
     vertices = mesh.vertices @ transform[:3, :3].T + transform[:3, 3]
-    underside = read_json(part.with_name("mesh.json")).get("underside") or {}
-    unseen = {"first_unseen_face": underside["first_face"]} if underside.get("faces") else {}
-    return Mesh(vertices, mesh.faces, None, mesh.uv, mesh.texture).with_normals(), aligned["model_info"] | unseen
+    evidence = part.with_name("evidence.npz")
+    quality = read_evidence(evidence, mesh) / MEASURED if evidence.is_file() else None
+    return Mesh(vertices, mesh.faces, None, mesh.uv, mesh.texture, quality).with_normals(), aligned["model_info"]
 
 
 def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:
@@ -74,4 +75,4 @@ def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:
     entry = {"name": info.get("name", path.stem), "diameter": checked_diameter_mm(path, mesh, None)}
     entry |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
     entry |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
-    return entry | {key: info[key] for key in ("symmetries_discrete", "symmetries_continuous", "first_unseen_face") if info.get(key)}
+    return entry | {key: info[key] for key in ("symmetries_discrete", "symmetries_continuous") if info.get(key)}

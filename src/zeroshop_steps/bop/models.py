@@ -31,11 +31,6 @@ class Model:
     symmetries: np.ndarray
     info: dict
 
-    @property
-    def first_unseen_face(self) -> int:
-        """From this face on the mesh was closed without a photo; the number of its faces where all is known."""
-        return int(self.info.get("first_unseen_face", len(self.mesh.faces)))
-
 
 def model_file(folder: Path, object_id: int) -> Path:
     """Where BOP keeps a model."""

@@ -4,7 +4,7 @@ import sys
 
 from zeroshop_steps.cli import stage_main
 
-METHODS = ("clean", "underside", "frame", "unwrap", "texture", "outcome", "export", "quality", "grade", "preview", "publish")
+METHODS = ("clean", "underside", "frame", "unwrap", "texture", "evidence", "outcome", "export", "quality", "grade", "preview", "publish")
 
 if __name__ == "__main__":
     sys.exit(stage_main("zeroshop_steps.finish", METHODS))

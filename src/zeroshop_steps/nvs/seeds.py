@@ -11,7 +11,7 @@ import numpy as np
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
 from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.views import CameraSet, ObjectSphere, TrainingView, grid_view, training_views
+from zeroshop_steps.nvs.views import CameraSet, ObjectSphere, TrainingView, grid_view, object_sphere, read_camera_set, training_views
 
 SEED_WIDTH_PX = 1000
 """Width of the images in which seeds are looked for, at most: fine print is all that some hollows have."""
@@ -86,3 +86,24 @@ def read_seeds(path: Path, sphere: ObjectSphere, views: list[TrainingView]) -> S
     if found != expected or not (np.allclose(centre, sphere.centre, rtol=1e-9) and np.isclose(radius, sphere.radius, rtol=1e-9)):
         raise StepError(f"{path} belongs to other images or cameras than those given; run stereo on these")
     return Seeds(positions, colors, normals, depth_maps, VisualHull(occupied, float(half_extent)))
+
+
+def confirmed_points(path: Path, cameras: Path) -> np.ndarray:
+    """(N, 3) the places of all confirmed depths of a seeds.npz, in the frame of the registration in `cameras`.
+
+    Raises:
+        StepError: the file is absent, damaged, or of other images or cameras.
+    """
+    camera_set = read_camera_set(cameras)
+    sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
+    views = seed_views(camera_set, sphere)
+    seeds = read_seeds(path, sphere, views)
+    points = [np.zeros((0, 3))]
+    for view in map(grid_view, views):
+        depth = seeds.depth_maps[view.camera.name]
+        rows, columns = np.nonzero(depth)
+        pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
+        seen = pixels @ np.linalg.inv(view.camera.intrinsics).T * depth[rows, columns, None]
+        pose = view.camera.camera_from_world
+        points.append((seen - pose[:3, 3]) @ pose[:3, :3])
+    return sphere.centre + sphere.radius * np.concatenate(points)

@@ -10,13 +10,15 @@ from zeroshop_steps.bop.surface_points import surface_points
 from zeroshop_steps.finish.render import sample_texture
 from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.o3d import o3d
+from zeroshop_steps.pose.nearest import assumed_faces, seen_faces
 
 COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000
 AGREE_MM = 10.0
 PRINT_WEIGHT = 0.35
 PLAIN_CONTRAST = 10.0  # of 255: a model's colours that vary as little tell hardly anything beside its shading
 LEAST_PRINTED = 20
-UNSEEN_LIKENESS = 0.5  # of faces whose print is unknown, between that of a right pose and that of a wrong one
+UNSEEN_LIKENESS = 0.7  # of faces whose print nobody saw, between that of a right pose and that of a wrong one
+HOLLOW_SHARE = 0.5  # how much depth behind an assumed surface counts
 COARSEST_PX = 64
 SAMPLES = 2000
 
@@ -57,16 +59,15 @@ def patch_of(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsi
 class Comparison:
     """Compares poses of one model with images.
 
-    Args:
-        mesh: the model, mm.
-        first_unseen_face: from which face on its shape and colours were made up: their print counts neither for a pose nor against it.
+    What was not measured of the model may not be there: behind an assumed surface there may be a hollow, so depth between it and
+    the next surface counts half; and print of what was never seen counts neither for a pose nor against it.
     """
 
-    def __init__(self, mesh: Mesh, first_unseen_face: int | None = None) -> None:
+    def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
-        self._first_unseen_face = len(mesh.faces) if first_unseen_face is None else first_unseen_face
-        self._scene = o3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
+        self._seen, self._assumed = seen_faces(mesh), assumed_faces(mesh)
+        self._scene = _casting(mesh.vertices, mesh.faces)
+        self._behind = _casting(mesh.vertices, mesh.faces[~self._assumed]) if self._assumed.any() else None
         samples = surface_points(mesh, SAMPLES, np.random.default_rng(0))
         self._printed = samples.colors is not None
         if self._printed:
@@ -88,18 +89,32 @@ class Comparison:
         depth = hits["t_hit"].numpy()
         there, known = np.isfinite(depth), patch.depth_mm > 0
         off = np.where(there & known, np.abs(depth - patch.depth_mm), 0.0) / AGREE_MM
+        faces = hits["primitive_ids"].numpy()
+        hollow = self._in_hollow(rays, faces, there & known & patch.mask, depth, patch) if self._behind else False
         agree = there & patch.mask & (off < 1.0)
         hidden = there & known & ~patch.mask & (patch.depth_mm < depth - AGREE_MM)
-        shape = (agree * (1.0 - off**2)).sum(1) / np.maximum((patch.mask | (there & ~hidden)).sum(1), 1)
+        explained = np.maximum(agree * (1.0 - off**2), HOLLOW_SHARE * hollow)
+        shape = explained.sum(1) / np.maximum((patch.mask | (there & ~hidden)).sum(1), 1)
         if not self._printed:
             return shape
-        alike = self._likeness(hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy(), agree, depth, patch)
+        alike = self._likeness(faces, hits["primitive_uvs"].numpy(), agree, depth, patch)
         return shape * (1.0 - self._print_weight + self._print_weight * alike)
+
+    def _in_hollow(self, rays: np.ndarray, faces: np.ndarray, known: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
+        """(P, N) bool: the model's surface is assumed, and what was measured lies between it and the next surface that is not."""
+        candidates = known.copy()
+        candidates[known] = self._assumed[faces[known]]
+        candidates &= patch.depth_mm > depth - AGREE_MM
+        next_depth = self._behind.cast_rays(o3d.core.Tensor(rays[candidates]))["t_hit"].numpy()
+        measured = np.broadcast_to(patch.depth_mm, candidates.shape)[candidates]
+        candidates[candidates] = np.isfinite(next_depth) & (measured < next_depth + AGREE_MM)
+        return candidates
 
     def _likeness(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
         """(P,) 0..1: correlation of the colours where depth agrees, the texture as coarse as the pixels."""
         all_that_agree = agree.sum(1)
-        agree = agree & (faces < self._first_unseen_face)
+        agree = agree.copy()
+        agree[agree] = self._seen[faces[agree]]
         unseen = 1.0 - agree.sum(1) / np.maximum(all_that_agree, 1)
         return (1.0 - unseen) * self._likeness_seen(faces, shares, agree, depth, patch) + unseen * UNSEEN_LIKENESS
 
@@ -118,6 +133,12 @@ class Comparison:
             if end - start >= LEAST_PRINTED:
                 alike[index] = max(likeness(colors[start:end].astype(float), patch.colors[agree[index]]), 0.0)
         return alike
+
+
+def _casting(vertices: np.ndarray, faces: np.ndarray) -> o3d.t.geometry.RaycastingScene:
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32)))
+    return scene
 
 
 def _halved(texture: np.ndarray) -> list[np.ndarray]:

@@ -25,6 +25,11 @@ class PoseSearch:
         turns = Rotation.from_euler("z", np.arange(TURNS)[:, None] * 2 * np.pi / TURNS)
         self._rotations = np.concatenate([(turns * Rotation.from_matrix(_towards(view))).as_matrix() for view in view_directions(VIEWS)])
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the model may be hollow and be seen from inside."""
+        return self._surface.is_open
+
     def search(self, points: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
         """(at most KEPT, 4, 4) camera_from_model in mm, all different, the best first, by shape alone.
 
@@ -50,7 +55,7 @@ class PoseSearch:
         """Every rotation, the middle of the surface that then faces the camera put onto the middle of the measured points."""
         middle = np.median(points, axis=0)
         away = middle / np.linalg.norm(middle)
-        facing = self._surface.normals[:START_SAMPLES] @ (away @ self._rotations).T < 0
+        facing = (self._surface.normals[:START_SAMPLES] @ (away @ self._rotations).T < 0) | self._surface.is_open
         sums = self._surface.points[:START_SAMPLES].T @ facing / np.maximum(facing.sum(0), 1)
         poses = np.tile(np.eye(4), (len(self._rotations), 1, 1))
         poses[:, :3, :3] = self._rotations

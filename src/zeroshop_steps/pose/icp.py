@@ -18,10 +18,10 @@ CONFLICT_DIAMETERS = 0.1
 def stepped(poses: np.ndarray, points: np.ndarray, surface: NearestSurface, steps: int) -> np.ndarray:
     """(P, 4, 4) camera_from_model after `steps` steps of point-to-plane ICP (Chen and Medioni 1991) towards (N, 3) points, mm.
 
-    The farthest points count for nothing, nor do those that would lie on a surface which faces away.
+    The farthest points count for nothing, nor do those that would lie on a surface which faces away, unless the model may be hollow.
     """
     moved = np.ascontiguousarray(poses, np.float64).copy()
-    tables = surface.points, surface.normals, surface.low, surface.cell_mm, surface.table
+    tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
     _step_all(moved, np.ascontiguousarray(points, np.float64), *tables, steps)
     return moved
 
@@ -42,7 +42,7 @@ def shape_costs(
         intrinsics: (3, 3) BOP's K.
     """
     poses, points = np.ascontiguousarray(poses, np.float64), np.ascontiguousarray(points, np.float64)
-    tables = surface.points, surface.normals, surface.low, surface.cell_mm, surface.table
+    tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
     focal = np.array([intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]], np.float64)
     return _judge_all(poses, points, *tables, float(diameter_mm), depth_mm, mask, focal)
 
@@ -73,13 +73,13 @@ def _turned(pose, vector, out):
 
 
 @numba.njit(cache=True, parallel=True)
-def _step_all(poses, points, samples, normals, low, cell_mm, table, steps):
+def _step_all(poses, points, samples, normals, is_open, low, cell_mm, table, steps):
     middle = np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
     for index in numba.prange(len(poses)):
         distances, faces = np.empty(len(points)), np.empty(len(points), np.bool_)
         rows, gaps = np.empty((len(points), 6)), np.empty(len(points))
         for _ in range(steps):
-            _equations(poses[index], points, middle, samples, normals, low, cell_mm, table, distances, faces, rows, gaps)
+            _equations(poses[index], points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps)
             limit = np.sort(distances)[int(np.ceil(NEAR_SHARE * (len(points) - 1)))]
             square, right = np.zeros((6, 6)), np.zeros(6)
             for point in range(len(points)):
@@ -94,7 +94,7 @@ def _step_all(poses, points, samples, normals, low, cell_mm, table, steps):
 
 
 @numba.njit(cache=True)
-def _equations(pose, points, middle, samples, normals, low, cell_mm, table, distances, faces, rows, gaps):
+def _equations(pose, points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps):
     """For each point: how far it is off, whether the surface there faces the camera, and its equation of the step."""
     local, normal, target = np.empty(3), np.empty(3), np.empty(3)
     for point in range(len(points)):
@@ -109,7 +109,7 @@ def _equations(pose, points, middle, samples, normals, low, cell_mm, table, dist
             target[axis] += pose[axis, 3]
             gap += (points[point, axis] - target[axis]) * normal[axis]
             rows[point, 3 + axis] = normal[axis]
-        distances[point], faces[point], gaps[point] = np.sqrt(squared), towards < 0, gap
+        distances[point], faces[point], gaps[point] = np.sqrt(squared), is_open or towards < 0, gap
         for axis in range(3):
             after, last = (axis + 1) % 3, (axis + 2) % 3
             rows[point, axis] = (target[after] - middle[after]) * normal[last] - (target[last] - middle[last]) * normal[after]
@@ -130,7 +130,7 @@ def _move(pose, change, middle):
 
 
 @numba.njit(cache=True, parallel=True)
-def _judge_all(poses, points, samples, normals, low, cell_mm, table, diameter_mm, depth_mm, mask, focal):
+def _judge_all(poses, points, samples, normals, is_open, low, cell_mm, table, diameter_mm, depth_mm, mask, focal):
     costs = np.empty(len(poses))
     kept = max(int(JUDGED_SHARE * len(points)), 1)
     for index in numba.prange(len(poses)):
@@ -144,7 +144,7 @@ def _judge_all(poses, points, samples, normals, low, cell_mm, table, diameter_mm
             for axis in range(3):
                 squared += (local[axis] - samples[sample, axis]) ** 2
                 towards += normal[axis] * points[point, axis]
-            off[point] = np.sqrt(squared) + (AWAY_DIAMETERS * diameter_mm if towards >= 0 else 0.0)
+            off[point] = np.sqrt(squared) + (AWAY_DIAMETERS * diameter_mm if towards >= 0 and not is_open else 0.0)
         facing, conflicts = 0, 0
         for sample in range(SEEN_SAMPLES):
             _turned(pose, normals[sample], normal)

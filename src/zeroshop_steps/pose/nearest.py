@@ -15,6 +15,7 @@ from zeroshop_steps.meshes import Mesh
 SAMPLES = 16000
 CELLS = 160_000
 MARGIN_DIAMETERS = 0.25
+OPEN_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class NearestSurface:
 
     Attributes:
         points, normals: (S, 3) samples, mm, model frame; any first part of them is spread as evenly as all.
+        is_open: whether so much of the surface is only assumed that the model may be hollow and be seen from inside; then the assumed
+            part has no samples.
         low: (3,) corner of the table.
         cell_mm: side of its cells.
         table: (nx, ny, nz) int32, the sample nearest to the middle of each cell; what lies outside is looked up at the border.
@@ -30,6 +33,7 @@ class NearestSurface:
 
     points: np.ndarray
     normals: np.ndarray
+    is_open: bool
     low: np.ndarray
     cell_mm: float
     table: np.ndarray
@@ -37,7 +41,11 @@ class NearestSurface:
 
 def nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
     """Make the table of a model."""
-    samples = surface_points(mesh, SAMPLES, np.random.default_rng(0))
+    assumed = assumed_faces(mesh)
+    areas = mesh.as_trimesh().area_faces
+    is_open = bool(areas[assumed].sum() > OPEN_SHARE * areas.sum())
+    measured = Mesh(mesh.vertices, mesh.faces[~assumed]) if is_open else mesh
+    samples = surface_points(measured, SAMPLES, np.random.default_rng(0))
     margin_mm = MARGIN_DIAMETERS * diameter_mm
     low = mesh.vertices.min(0) - margin_mm
     size = mesh.vertices.max(0) + margin_mm - low
@@ -46,4 +54,14 @@ def nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
     _, nearest = cKDTree(samples.points).query(middles.reshape(-1, 3))
     points, normals = (np.ascontiguousarray(values, np.float64) for values in (samples.points, samples.normals))
-    return NearestSurface(points, normals, low, cell_mm, nearest.astype(np.int32).reshape(middles.shape[:3]))
+    return NearestSurface(points, normals, is_open, low, cell_mm, nearest.astype(np.int32).reshape(middles.shape[:3]))
+
+
+def assumed_faces(mesh: Mesh) -> np.ndarray:
+    """(F,) bool, faces that photos see and that nothing measured; none where the mesh does not say."""
+    return np.zeros(len(mesh.faces), bool) if mesh.quality is None else np.abs(mesh.quality[mesh.faces].mean(1) - 0.5) < 0.25
+
+
+def seen_faces(mesh: Mesh) -> np.ndarray:
+    """(F,) bool, faces that photos saw; all where the mesh does not say."""
+    return np.ones(len(mesh.faces), bool) if mesh.quality is None else mesh.quality[mesh.faces].mean(1) >= 0.25

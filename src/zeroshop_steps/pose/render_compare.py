@@ -71,7 +71,7 @@ class Ready:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.search = PoseSearch(model.mesh, model.diameter_mm)
-        self.comparison = Comparison(model.mesh, model.first_unseen_face)
+        self.comparison = Comparison(model.mesh)
         self.points = ModelPoints.of(model.mesh.vertices)
 
 
@@ -91,7 +91,7 @@ def estimate(mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsi
     poses = ready.search.search(points, depth_mm, mask, intrinsics)
     coarse = patch_of(photo, depth_mm, mask, intrinsics, COARSE_RAYS)
     poses = poses[np.argsort(-ready.comparison.scores(poses, coarse), kind="stable")[:NUDGED]]
-    poses, _ = nudged(poses, patch_of(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model)
+    poses, _ = nudged(poses, patch_of(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model, ready.search.is_open)
     poses = np.concatenate([poses, ready.search.refined(poses, points)])
     scores = ready.comparison.scores(poses, patch_of(photo, depth_mm, mask, intrinsics, FINE_RAYS))
     best = int(np.argmax(np.round(scores, 9)))
@@ -110,17 +110,23 @@ def measured_points(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarr
     return points[np.random.default_rng(0).permutation(len(points))]
 
 
-def nudged(poses: np.ndarray, patch: Patch, comparison: Comparison, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 4, 4) poses turned about the model's middle in ever smaller steps as long as the image is explained better; their scores."""
+def nudged(poses: np.ndarray, patch: Patch, comparison: Comparison, model: Model, moved: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 4, 4) poses turned about the model's middle in ever smaller steps as long as the image is explained better; their scores.
+
+    Args:
+        moved: also move them, by as much as the turns move the surface: where the model may be hollow, points on an inner wall,
+            which it lacks, have drawn them to the outer one.
+    """
     middle = (model.mesh.vertices.min(0) + model.mesh.vertices.max(0)) / 2
     poses, scores = poses.copy(), comparison.scores(poses, patch)
     for angle in NUDGES_DEG:
-        turns = np.tile(np.eye(4), (6, 1, 1))
-        turns[:, :3, :3] = Rotation.from_rotvec(np.radians(angle) * np.concatenate([np.eye(3), -np.eye(3)])).as_matrix()
-        turns[:, :3, 3] = middle - turns[:, :3, :3] @ middle
+        turns = np.tile(np.eye(4), (12 if moved else 6, 1, 1))
+        turns[:6, :3, :3] = Rotation.from_rotvec(np.radians(angle) * np.concatenate([np.eye(3), -np.eye(3)])).as_matrix()
+        turns[:6, :3, 3] = middle - turns[:6, :3, :3] @ middle
+        turns[6:, :3, 3] = np.radians(angle) * model.diameter_mm / 2 * np.concatenate([np.eye(3), -np.eye(3)])[: len(turns) - 6]
         for _ in range(ROUNDS):
             others = poses[:, None] @ turns
-            gained = comparison.scores(others.reshape(-1, 4, 4), patch).reshape(len(poses), 6)
+            gained = comparison.scores(others.reshape(-1, 4, 4), patch).reshape(len(poses), len(turns))
             best = gained.argmax(1)
             better = gained[np.arange(len(poses)), best] > scores
             poses[better], scores[better] = others[better, best[better]], gained[better, best[better]]

@@ -1,0 +1,128 @@
+"""Tell for every vertex of a mesh what it rests on: measured, assumed, or never seen.
+
+A surface is measured where it turns away from a photo just at the edge of that photo's mask: there the visual hull touches the
+object (Laurentini 1994), unless it runs along the line of sight there, like a lid seen edge-on: then its rim alone is what the mask
+shows. It is also measured where stereo confirmed it nearby, as far as that hangs together with such an outline: on
+a plain surface single spots are confirmed by chance. Elsewhere a hull is only the largest shape that the masks allow: the
+lid over a plain hollow agrees with every silhouette. Such a surface is assumed. What fewer than two photos see, like a closed underside,
+is unseen.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.files import write_json, written_whole
+from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.surface_fields import neighbour_matrix, smoothed, welded
+from zeroshop_steps.finish.surface_measures import diameter_of
+from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.finish.visibility import sample, visible
+from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.nvs.seeds import confirmed_points
+from zeroshop_steps.o3d import o3d
+
+UNSEEN, ASSUMED, MEASURED = 0, 1, 2
+NAMES = ("unseen", "assumed", "measured")
+NEAR_DIAMETERS = 0.015
+FACING_COSINE = 0.1
+EDGE_COSINE = 0.35
+EDGE_DIAMETERS = 0.02
+ALONG_DIAMETERS, FLAT_DIAMETERS = 0.08, 0.003
+VISIBLE_DIAMETERS = 0.01
+NORMAL_SMOOTHING = 3
+LEAST_VIEWS = 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--stereo", type=Path, required=True, help="seeds.npz, the depths that stereo confirmed")
+    parser.add_argument("--out", type=Path, required=True, help="evidence.npz; its figures go beside it as .json")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the evidence of every vertex."""
+    start_s = time.monotonic()
+    mesh = read_ply(args.mesh)
+    views, _ = read_views(args.cameras)
+    evidence = evidence_of(mesh, views, confirmed_points(args.stereo, args.cameras))
+    shares = area_shares(mesh, evidence)
+    with written_whole(args.out) as temporary:
+        np.savez_compressed(temporary, evidence=evidence)
+    write_json(args.out.with_suffix(".json"), {"area_shares": shares, "seconds": round(time.monotonic() - start_s, 2)})
+    print("evidence: " + ", ".join(f"{share:.1%} {name}" for name, share in shares.items()), file=sys.stderr)
+
+
+def read_evidence(path: Path, mesh: Mesh) -> np.ndarray:
+    """(V,) what `run` wrote for this mesh. Raises StepError for a file that is absent, damaged or of another mesh."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            evidence = archive["evidence"]
+    except (OSError, ValueError, KeyError) as error:
+        raise StepError(f"{path} is not a whole file of evidence ({type(error).__name__}: {error}); delete it and make it again") from None
+    if evidence.shape != (len(mesh.vertices),):
+        raise StepError(f"{path} tells of {len(evidence)} vertices, its mesh has {len(mesh.vertices)}; make it again")
+    return evidence
+
+
+def evidence_of(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.ndarray:
+    """(V,) uint8 UNSEEN, ASSUMED or MEASURED.
+
+    Args:
+        mesh: in the frame of the views' cameras.
+        views: registered photos with masks.
+        confirmed: (N, 3) points that stereo confirmed, same frame.
+    """
+    joined, index = welded(mesh)
+    normals = smoothed(joined.normals, neighbour_matrix(joined), NORMAL_SMOOTHING)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    diameter, points, renderer = diameter_of(joined), joined.vertices, MeshRenderer(joined)
+    outlined, confirmed_near = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    if len(confirmed):
+        confirmed_near = cKDTree(confirmed).query(points)[0] < NEAR_DIAMETERS * diameter
+    surface = o3d.t.geometry.RaycastingScene()
+    surface.add_triangles(o3d.core.Tensor(points.astype(np.float32)), o3d.core.Tensor(joined.faces.astype(np.uint32)))
+    seen = np.zeros(len(points), np.int64)
+    for view in views:
+        camera = view.camera
+        pixels, depth = camera.project(points)
+        towards = camera.centre_in_world - points
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        cosine = np.einsum("ij,ij->i", normals, towards)
+        in_sight = visible(pixels, depth, renderer.hits(camera).depth, VISIBLE_DIAMETERS * diameter)
+        seen += in_sight & (cosine > FACING_COSINE)
+        mask = view.mask().astype(np.uint8)
+        inwards_px = sample(cv2.distanceTransform(mask, cv2.DIST_L2, 5), pixels)
+        edge_px = EDGE_DIAMETERS * diameter * camera.intrinsics[0, 0] / np.maximum(depth, 1e-12)
+        at_edge = np.flatnonzero(in_sight & ~outlined & (np.abs(cosine) < EDGE_COSINE) & (inwards_px < edge_px))
+        step = ALONG_DIAMETERS * diameter * towards[at_edge]
+        off = [surface.compute_distance(o3d.core.Tensor((points[at_edge] + way).astype(np.float32))).numpy() for way in (step, -step)]
+        outlined[at_edge] = np.maximum(*off) > FLAT_DIAMETERS * diameter
+    measured = _reached(outlined, (outlined | confirmed_near) & (seen > 0), joined.faces)
+    return np.where(measured, MEASURED, np.where(seen >= LEAST_VIEWS, ASSUMED, UNSEEN)).astype(np.uint8)[index]
+
+
+def _reached(starts: np.ndarray, within: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(V,) bool, the vertices `within` that hang together with any of `starts` by edges inside of it."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = edges[within[edges].all(1)]
+    _, part = connected_components(coo_matrix((np.ones(len(edges)), edges.T), shape=(len(within),) * 2), directed=False)
+    return within & np.isin(part, part[starts & within])
+
+
+def area_shares(mesh: Mesh, evidence: np.ndarray) -> dict[str, float]:
+    """The share of the surface with each evidence, by name."""
+    corners = mesh.vertices[mesh.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return {name: round(float((area @ (evidence[mesh.faces] == kind).mean(1)) / area.sum()), 5) for kind, name in enumerate(NAMES)}
