@@ -1,9 +1,12 @@
 """The table of own captures: what is accepted, and that every fault names its line."""
 
+import copy
+
 import pytest
+import yaml
 
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.settings import name_error, read_objects
+from zeroshop_steps.settings import config_changes, name_error, read_objects
 
 HEADER = "dataset\tobject\timages\tmasks\theight_m"
 SCHEMA = "workflow/schemas/objects.schema.yaml"
@@ -75,3 +78,15 @@ def test_faults_name_table_and_line(read, text, message):
 def test_an_unknown_name_shows_near_matches():
     assert name_error("scene", "su-h", ["su_l", "su_h"]) == "unknown scene: su-h. Did you mean su_h? Known: su_l, su_h."
     assert name_error("scene", "zzz", []) == "unknown scene: zzz. Known: none."
+
+
+def test_what_a_config_changes_can_be_given_again(pytestconfig):
+    path = pytestconfig.rootpath / "config" / "config.yaml"
+    config = yaml.safe_load(path.read_text())
+    assert config_changes(config, path) == []
+    config["datasets"]["ycbv"]["models_folder"] = "my models/ycbv"
+    config["nvs"]["2dgs"]["train"]["iterations"] = 30
+    config["targets"] = []
+    changes = config_changes(copy.deepcopy(config), path, ignored=["targets"])
+    given = {key: yaml.safe_load(value) for key, value in (change.split("=", 1) for change in changes)}
+    assert given == {"datasets": {"ycbv": {"models_folder": "my models/ycbv"}}, "nvs": {"2dgs": {"train": {"iterations": 30}}}}

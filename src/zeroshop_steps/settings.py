@@ -5,6 +5,7 @@ Schemas say what is allowed; this module turns their verdicts into errors that n
 
 import csv
 import difflib
+import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -36,6 +37,32 @@ def check_config(config: dict[str, Any], schema_path: Path) -> None:
     faults = _faults(config, schema_path)
     if faults:
         raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nEvery key is explained in config/README.md.")
+
+
+def config_changes(config: Mapping[str, Any], defaults_path: Path, ignored: Iterable[str] = ()) -> list[str]:
+    """What a config changes of the file of defaults, as words for Snakemake's `--config`: KEY=VALUE, VALUE in JSON, which is YAML.
+
+    Args:
+        config: as Snakemake merged it.
+        defaults_path: config/config.yaml.
+        ignored: keys that results do not depend on.
+    """
+    changed = _difference(config, _read_yaml(defaults_path))
+    return [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in changed.items() if key not in set(ignored)]
+
+
+def _difference(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """What of `values` is not as in `defaults`, as deep as both are mappings."""
+    changed = {}
+    for key, value in values.items():
+        default = defaults.get(key)
+        if isinstance(value, Mapping) and isinstance(default, Mapping):
+            below = _difference(value, default)
+            if below:
+                changed[key] = below
+        elif value != default:
+            changed[key] = value
+    return changed
 
 
 def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:

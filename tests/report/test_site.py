@@ -1,6 +1,7 @@
 """The report without a browser: what its pages say of whole, half-done, failed and missing runs, and of what users write."""
 
 import hashlib
+import html
 import json
 import re
 import shutil
@@ -108,13 +109,15 @@ def test_names_and_texts_of_users_are_shown_and_never_run(tmp_path, carton):
     grade = read_json(cell / "grade.json")
     write_json(cell / "grade.json", grade | {"reasons": [evil]})
     failed_cell(folder, evil)
-    page = made_page(folder, tmp_path / "report", "--faces", "500")
+    page = made_page(folder, tmp_path / "report", "--faces", "500", "--config", 'objects_table="<mine>.tsv"')
     index = made_gallery(tmp_path / "report", page, dataset=evil)
     for path in (page / "index.html", index, tmp_path / "report/tables.html"):
         assert "alert(2)" in path.read_text(), "the text is shown"
         assert "<script>alert" not in path.read_text() and "<img src=x" not in path.read_text()
         assert broken_links(path) == []
     assert "Grüße" in index.read_text(encoding="utf-8")
+    words = html.unescape((page / "index.html").read_text(encoding="utf-8"))
+    assert """/mesh.ply --config 'objects_table="<mine>.tsv"'""" in words, "what was changed of the config stands in the command"
 
 
 def test_a_dataset_without_objects(tmp_path):

@@ -12,6 +12,7 @@ def test_a_report_waits_for_the_chosen_cell_of_every_object_and_method(snakemake
     assert run.returncode == 0, run.stdout
     assert (jobs["report_index"], jobs["report_object"], jobs["register"], jobs["stereo"]) == (1, 2, 2, 2)
     assert (jobs["train_2dgs"], jobs["train_svraster"]) == (2, 2)
+    assert """--config 'datasets={"demo": {"objects": ["mug", "bowl"]}}' --out""" in run.stdout, "the page says how it was made"
 
 
 def test_a_report_of_what_is_present_makes_nothing_else(snakemake, tmp_path):

@@ -11,7 +11,7 @@ from snakemake.exceptions import WorkflowError
 from zeroshop_steps import methods
 from zeroshop_steps.cache import cache_folder
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.settings import check_config, name_error, read_objects
+from zeroshop_steps.settings import check_config, config_changes, name_error, read_objects
 
 ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]

@@ -136,12 +136,13 @@ rule report_object:
         folder=shown_object,
         chosen=chosen_run,
         options=step_options(config["report"]["page"]),
+        changes=changes_option(),
         others=other_cells,
     message:
         "Writing the report's page of {wildcards.dataset} {wildcards.object}"
     shell:
         "python -m zeroshop_steps.report --method object_page --object {params.folder} --chosen {params.chosen}"
-        " {params.options} --out {output.page} > {log} 2>&1"
+        " {params.options} {params.changes} --out {output.page} > {log} 2>&1"
 
 
 rule report_index:

@@ -48,6 +48,12 @@ def chosen_run(wildcards):
     return f"{chosen['scene']}/{chosen['registration']}"
 
 
+def changes_option():
+    """The option that tells the page with which changes of the config its cells were made."""
+    changes = config_changes(config, ROOT / "config/config.yaml", ignored=("targets", "tables", "report", "chosen"))
+    return f"--config {' '.join(map(shlex.quote, changes))}" if changes else ""
+
+
 def pages_of_report(wildcards):
     """The page of every object of the dataset."""
     return [f"results/{wildcards.dataset}/report/objects/{name}" for name in objects_of(wildcards.dataset)]

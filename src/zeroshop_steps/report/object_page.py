@@ -4,6 +4,7 @@ Whatever the run has left so far is shown; what is missing is shown as missing.
 """
 
 import argparse
+import shlex
 from pathlib import Path
 
 from zeroshop_steps.errors import StepError
@@ -22,6 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--chosen", default="su_h/colmap", help="scene/registration that is shown first (default: %(default)s)")
     parser.add_argument("--faces", type=int, default=20000, help="triangles at most of a mesh in the viewer (default: %(default)s)")
     parser.add_argument("--texture-px", type=int, default=1024, help="side at most of a texture in the viewer (default: %(default)s)")
+    parser.add_argument(
+        "--config", nargs="+", default=[], help="what was changed of the config for these cells, as Snakemake's --config takes it"
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder of the page")
 
 
@@ -42,8 +46,14 @@ def run(args: argparse.Namespace) -> None:
             "cells": [cell_card(cell, f"{run.scene}/{run.registration}" == args.chosen) for run in runs for cell in run.cells],
         }
         write_json(folder / "card.json", card)
-        command = f"snakemake --cores 2 {args.object}/2dgs.ply"
-        write_page(folder / "index.html", "object.html", card=card, sections=run_sections(runs, folder), command=command, root="../../")
+        command, changes = f"snakemake --cores 2 {args.object}/2dgs.ply", changes_words(args.config)
+        sections = run_sections(runs, folder, changes)
+        write_page(folder / "index.html", "object.html", card=card, sections=sections, command=command + changes, root="../../")
+
+
+def changes_words(changes: list[str]) -> str:
+    """Changes of the config as the end of a command line."""
+    return f" --config {' '.join(map(shlex.quote, changes))}" if changes else ""
 
 
 def object_name(folder: Path) -> str:

@@ -16,8 +16,12 @@ from zeroshop_steps.report.site.solids import object_frame
 from zeroshop_steps.report.site.views import write_sheets, write_views
 
 
-def run_sections(runs: list[Run], folder: Path) -> list[dict]:
-    """What the page's template needs of every run; pictures are written into `folder`."""
+def run_sections(runs: list[Run], folder: Path, changes: str = "") -> list[dict]:
+    """What the page's template needs of every run; pictures are written into `folder`.
+
+    Args:
+        changes: the end of the command that makes the cells, which changes the config.
+    """
     return [
         {
             "run": run,
@@ -27,13 +31,13 @@ def run_sections(runs: list[Run], folder: Path) -> list[dict]:
             "plan": _plan(run),
             "camera_errors": _camera_errors(run),
             "warnings": run.captured.get("warnings") or [],
-            "cells": [cell_section(cell, run, folder) for cell in run.cells],
+            "cells": [cell_section(cell, run, folder, changes) for cell in run.cells],
         }
         for run in runs
     ]
 
 
-def cell_section(cell: Cell, run: Run, folder: Path) -> dict:
+def cell_section(cell: Cell, run: Run, folder: Path, changes: str) -> dict:
     """What the page's template needs of a cell."""
     return {
         "cell": cell,
@@ -45,7 +49,7 @@ def cell_section(cell: Cell, run: Run, folder: Path) -> dict:
         "costs": costs(cell, run),
         "provenance": provenance(cell, run),
         "command": f"snakemake --cores 2 results/{cell.folder.parents[3].name}/{cell.folder.parents[2].name}/"
-        f"{cell.scene}/{cell.registration}/{cell.nvs}/mesh.ply",
+        f"{cell.scene}/{cell.registration}/{cell.nvs}/mesh.ply{changes}",
     }
 
 
