@@ -16,6 +16,7 @@ from zeroshop_steps.cameras import Camera, SparseModel
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.segment.ground import equalized, picture_ground
 from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record
+from zeroshop_steps.segment.moved import check_unmoved
 from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
 from zeroshop_steps.segment.refine import refine
 from zeroshop_steps.segment.stand import find_stand
@@ -59,6 +60,7 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
     images = equalized(stand, cameras, images)
     ground = picture_ground(stand, cameras, images)
     evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
+    check_unmoved(stand, cameras, evidence)
     subject = find_subject(stand, cameras, evidence)
     refined = refine(stand, subject, cameras, images)
     tidied = [tidy(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]

@@ -1,0 +1,46 @@
+"""What a film may show that it should not, and what the user is told: nothing, two things, a thing that moved or that is gone."""
+
+import pytest
+from table_scene import COUNT, table_views
+
+from zeroshop_steps.errors import StepError
+from zeroshop_steps.segment.support_plane import find_masks
+
+BALL = (0.0, 0.0, 0.5)
+
+
+def told(folder, balls_in):
+    """The error of a scene, or the record where there is none."""
+    views, model = table_views(folder, balls_in)
+    try:
+        return find_masks(views, model, 240, seed=0)[1]
+    except StepError as error:
+        return str(error)
+
+
+@pytest.mark.slow
+def test_a_ball_on_a_table_is_found(tmp_path):
+    record = told(tmp_path, [[BALL]] * COUNT)
+    assert not isinstance(record, str), record
+    assert record["good_masks"] == COUNT and record["median_disagreement"] < 0.05
+
+
+def test_nothing_on_the_table(tmp_path):
+    assert "nothing stands on the ground" in told(tmp_path, [[]] * COUNT)
+
+
+def test_two_things_beside_the_middle(tmp_path):
+    assert "2 objects stand equally near" in told(tmp_path, [[(0.7, 0, 0.35), (-0.7, 0, 0.35)]] * COUNT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("to", [(0.3, 0.1, 0.5), (0.8, -0.5, 0.5)], ids=["a little", "far"])
+def test_a_thing_that_moved_during_the_film(tmp_path, to):
+    error = told(tmp_path, [[BALL]] * (COUNT // 2) + [[to]] * (COUNT // 2))
+    assert isinstance(error, str) and "moved" in error, error
+
+
+@pytest.mark.slow
+def test_a_thing_that_is_gone_in_half_of_the_photos(tmp_path):
+    error = told(tmp_path, [[BALL] if index % 2 else [] for index in range(COUNT)])
+    assert isinstance(error, str) and ("moved" in error or "masks are good" in error), error
