@@ -1,11 +1,13 @@
 import csv
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import damage
 import numpy as np
 import pytest
 import trimesh
-from carton_scene import camera_at
+from carton_scene import SIZE_MM, camera_at
 
 from zeroshop_steps.capture.demo_objects import write_demo_object
 from zeroshop_steps.capture.raycast import capture
@@ -14,6 +16,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish import photo_measures, surface_error
 from zeroshop_steps.finish.__main__ import METHODS
+from zeroshop_steps.finish.evidence import ASSUMED, MEASURED, UNSEEN
 from zeroshop_steps.finish.judge import GRADES, judge
 from zeroshop_steps.finish.photo_measures import photo_agreement
 from zeroshop_steps.finish.surface_measures import largest_part_share, open_boundary, roughness_deg
@@ -172,3 +175,30 @@ def test_an_empty_mask_is_named(carton, tmp_path):
     views[3] = type(views[3])(views[3].camera, views[3].image_path, tmp_path / "empty.png")
     with pytest.raises(StepError, match=r"empty\.png: the mask shows no object"):
         photo_agreement(carton.mesh, views)
+
+
+def test_a_surface_that_nothing_measured_is_not_good(carton, tmp_path):
+    """The same mesh, once measured all over and once assumed but for a few sides; its underside counts for neither."""
+    views, _ = read_views(carton.cameras)
+    mesh = carton.mesh
+    lower = mesh.vertices[mesh.faces].mean(1)[:, 2] < -0.49 * SIZE_MM[2]
+    faces = np.concatenate([mesh.faces[~lower], mesh.faces[lower]])
+    write_image(tmp_path / "mesh.png", mesh.texture)
+    write_ply(tmp_path / "mesh.ply", replace(mesh, faces=faces), "mesh.png")
+    frame = {"object_from_registration": np.eye(4).tolist(), "bottom_z": -SIZE_MM[2] / 2}
+    underside = {"first_face": int((~lower).sum()), "faces": int(lower.sum())}
+    write_json(tmp_path / "mesh.json", {"frame_facts": frame, "underside": underside})
+    cameras = shutil.copytree(carton.cameras, tmp_path / "cameras")
+    write_json(cameras / "registration.json", {"status": "ok", "images": len(views)})
+    shares = []
+    for kind in (MEASURED, ASSUMED):
+        evidence = np.where(mesh.vertices[:, 0] > 0, kind, MEASURED).astype(np.uint8)
+        evidence[mesh.vertices[:, 2] < -0.49 * SIZE_MM[2]] = UNSEEN
+        np.savez(tmp_path / "evidence.npz", evidence=evidence)
+        words = ["--mesh", tmp_path / "mesh.ply", "--cameras", cameras, "--evidence", tmp_path / "evidence.npz"]
+        words += ["--out", tmp_path / "grade.json"]
+        assert stage_main("zeroshop_steps.finish", METHODS, ["--method", "grade", *map(str, words)]) == 0
+        photos = read_json(tmp_path / "grade.json")["photos"]
+        shares.append(photos["measures"]["assumed_share"])
+    assert shares[0] == 0.0 and 0.4 < shares[1] < 0.6
+    assert photos["grade"] != "good" and any("assumed_share" in reason for reason in photos["reasons"])

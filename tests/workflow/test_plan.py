@@ -7,7 +7,7 @@ from running import REPOSITORY, planned
 
 from zeroshop_steps import methods
 
-FINISH = ["clean", "height", "underside", "frame", "unwrap", "texture", "export", "grade", "preview", "publish"]
+FINISH = ["clean", "height", "underside", "frame", "unwrap", "texture", "evidence", "export", "grade", "preview", "publish"]
 CELL = ["stereo", "train_2dgs", "fuse_2dgs", *FINISH]
 
 

@@ -11,10 +11,10 @@ TARGETS = (CHOSEN, CELL, PHOTO)
 VOXELS = CHOSEN.replace("2dgs", "svraster")
 STAGES = ["register", "stereo", "train_2dgs", "fuse_2dgs", "clean", "height", "underside", "frame", "unwrap", "texture"]
 ENDS = {
-    "chosen": ["export", "preview", "quality", "grade", "publish"],
+    "chosen": ["evidence", "export", "preview", "quality", "grade", "publish"],
     # What comes after a stale outcome is not known before it.
     "cell": ["outcome", "cell"],
-    "photo": ["export", "preview", "grade", "publish"],
+    "photo": ["evidence", "export", "preview", "grade", "publish"],
 }
 
 

@@ -223,6 +223,7 @@ rule grade:
     input:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        evidence="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.npz",
         quality=quality_of,
     output:
         grade="results/{dataset}/{object}/{scene}/{registration}/{nvs}/grade.json",
@@ -243,7 +244,7 @@ rule grade:
     message:
         "Grading {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method grade --mesh {input.mesh} --cameras {input.cameras}"
+        "python -m zeroshop_steps.finish --method grade --mesh {input.mesh} --cameras {input.cameras} --evidence {input.evidence}"
         " {params.quality} {params.options} --out {output.grade}"
         " --record-failure {output} > {log} 2>&1"
 

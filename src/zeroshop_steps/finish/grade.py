@@ -1,9 +1,9 @@
 """Grade a finished mesh none, sparse or good, from measurements.
 
 Two judgements are made, each by its worst measure. One needs no truth, so that own photos are graded too: registered
-photos, silhouettes, parts, open borders, backs, roughness, and the agreement of the photos with one another on the
-surface. Where quality.json is given, the other judges the distances to the true surface, and its grade is the cell's. An
-underside that was closed without being seen counts for neither.
+photos, silhouettes, parts, open borders, backs, roughness, the agreement of the photos with one another on the
+surface, and how much of it was measured at all. Where quality.json is given, the other judges the distances to the true
+surface, and its grade is the cell's. An underside that was closed without being seen counts for neither.
 Silhouettes and colours are judged in the registered photos, for rendered captures as for own ones, so that the limits
 mean the same for both; quality.json has the same two figures in photos that were held out.
 """
@@ -19,6 +19,7 @@ import numpy as np
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole
+from zeroshop_steps.finish.evidence import MEASURED, area_shares, read_evidence
 from zeroshop_steps.finish.judge import MEASURES, Verdict, judge
 from zeroshop_steps.finish.photo_measures import photo_agreement
 from zeroshop_steps.finish.preview import seen_from
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, how much was measured does not count")
     parser.add_argument("--quality", type=Path, help="quality.json, where there is a truth")
     for measure in MEASURES:
         default = [measure.good, measure.sparse]
@@ -51,7 +53,11 @@ def run(args: argparse.Namespace) -> None:
     object_from_registration = np.array(facts["object_from_registration"])
     views = [replace(view, camera=seen_from(view.camera, object_from_registration)) for view in views]
     record = read_json(args.cameras / "registration.json")
-    values = measured(without_underside(read_ply(args.mesh), notes), views, record["images"], facts["bottom_z"])
+    mesh = read_ply(args.mesh)
+    values = measured(without_underside(mesh, notes), views, record["images"], facts["bottom_z"])
+    if args.evidence:
+        seen = without_underside(replace(mesh, quality=read_evidence(args.evidence, mesh) / MEASURED), notes)
+        values["assumed_share"] = area_shares(seen, seen.quality * MEASURED)["assumed"]
     true_values = None
     if args.quality:
         quality = read_json(args.quality)

@@ -117,7 +117,7 @@ def closed(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Underside]:
 def without_underside(mesh: Mesh, notes: dict[str, Any]) -> Mesh:
     """The mesh without the faces that the product's JSON marks as an unseen underside."""
     first = (notes.get("underside") or {}).get("first_face", len(mesh.faces))
-    return Mesh(mesh.vertices, mesh.faces[:first], mesh.normals, mesh.uv, mesh.texture).without_loose_vertices()
+    return Mesh(mesh.vertices, mesh.faces[:first], mesh.normals, mesh.uv, mesh.texture, mesh.quality).without_loose_vertices()
 
 
 def open_borders(faces: np.ndarray) -> list[np.ndarray]:

@@ -17,6 +17,8 @@ BY_MEASURE = {
     "photometric_error": "Photos disagree about colours: avoid shine, shadows of your own and automatic exposure.",
     "displaced_share": "The surface lies off what the photos show, most often a lid over a hollow: film steeper from above into it; "
     "a hollow without any print needs specks, such as a few dots of marker or powder.",
+    "assumed_share": "Part of the surface is only a guess, most often a lid over a hollow or a plain flat side: put some print on it, "
+    "such as a few dots of marker or powder, and film it from more sides.",
     "f_score_1_percent": "Too much of the surface lies off the true one: look at the distances in the viewer for where.",
     "recall_1_percent": "A part of the true surface is missing or covered: look at the distances on the true model for where. "
     "Plain or hollow parts need pictures from steeper above, and some print on them.",
