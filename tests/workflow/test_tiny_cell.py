@@ -75,10 +75,10 @@ def test_a_second_run_does_nothing(cell):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ("finish={texture_size_px: 128}", {"unwrap", "texture", "export", "preview", "quality", "grade", "publish"}),
+        ("finish={texture_size_px: 128}", {"unwrap", "texture", "evidence", "export", "preview", "quality", "grade", "publish"}),
         (
             "finish={clean: {smooth: 2}}",
-            {"clean", "height", "underside", "frame", "unwrap", "texture", "export", "preview", "quality", "grade", "publish"},
+            {"clean", "height", "underside", "frame", "unwrap", "texture", "evidence", "export", "preview", "quality", "grade", "publish"},
         ),
         ("finish={grade: {back_share: [0.03, 0.2]}}", {"grade", "publish"}),
         ("register={colmap: {max_features: 900}}", set()),
