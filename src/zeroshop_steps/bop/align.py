@@ -1,6 +1,7 @@
 """Align a reconstructed mesh with its true model: a similarity, found from shape and print alone.
 
-A search from all sides, then iterated closest points over the surface that the mesh has. Where shape decides nothing (a can
+A search from all sides, then iterated closest points over the surface that the mesh has, but for an underside that was closed without
+a photo: turned upside down, it would pass for a plain top. Where shape decides nothing (a can
 turned about its axis), print does; where the model is symmetric, the symmetry that turns the mesh least is taken. Writes
 the transform and how far the two surfaces then lie apart.
 """
@@ -19,6 +20,7 @@ from zeroshop_steps.bop.symmetry import symmetry_transforms
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish.surface_error import distances_to
+from zeroshop_steps.finish.underside import without_underside
 from zeroshop_steps.meshes import Mesh, read_ply
 
 SOURCE_SAMPLES, TARGET_SAMPLES = 8000, 40000
@@ -38,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Align one mesh."""
     start_s = time.monotonic()
-    mesh, truth = read_ply(args.mesh), read_ply(args.model)
+    notes = args.mesh.with_suffix(".json")
+    mesh, truth = without_underside(read_ply(args.mesh), read_json(notes) if notes.is_file() else {}), read_ply(args.model)
     info = read_json(args.model.with_name("model_info.json"))
     fit = align(mesh, truth, symmetry_transforms(info), args.seed)
     figures = residuals(mesh, truth, fit, info["diameter"], args.seed)

@@ -51,10 +51,13 @@ class Refinement:
         """Refined alignments, the best first, by shape and print; only those that begin with about the best shape are tried."""
         limit = candidates.residuals[0] + ALIKE_DIAMETERS * self._size
         alike = candidates.transforms[candidates.residuals <= limit]
-        likeness = np.array([self.fit(transform).likeness for transform in alike])
-        tried = alike[np.argsort(-likeness, kind="stable")[:TRIED]]
-        fits = [self.refined(transform) for transform in tried]
-        return sorted(fits, key=lambda fit: fit.distance / self._size + PRINT_DIAMETERS * (1.0 - fit.likeness))
+        costs = np.array([self._cost(self.fit(transform)) for transform in alike])
+        tried = alike[np.argsort(costs, kind="stable")[:TRIED]]
+        return sorted((self.refined(transform) for transform in tried), key=self._cost)
+
+    def _cost(self, fit: Fit) -> float:
+        """By which fits are compared: shape and print."""
+        return fit.distance / self._size + PRINT_DIAMETERS * (1.0 - fit.likeness)
 
     def refined(self, transform: np.ndarray) -> Fit:
         """The alignment after `STEPS` steps."""
