@@ -13,7 +13,6 @@ from zeroshop_steps.bop.symmetry import symmetry_transforms
 from zeroshop_steps.capture.demo_objects import write_demo_object
 from zeroshop_steps.cli import stage_main
 from zeroshop_steps.failures import Failure, write_failure
-from zeroshop_steps.files import write_json
 from zeroshop_steps.finish.evidence import ASSUMED, MEASURED
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
@@ -113,23 +112,23 @@ def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
     np.testing.assert_allclose(ours.mesh.vertices.max(0), true.mesh.vertices.max(0), atol=2.0)
 
 
-def test_an_underside_that_nobody_saw_does_not_count(models, tmp_path):
-    """Faces that mesh.json marks as closed without a photo: here a plate across the can's top, which would turn it over."""
+def test_what_was_not_measured_does_not_count(models, tmp_path):
+    """A plate across the can's top, which would spoil the alignment: a lid, or an underside that was closed without a photo."""
     truth = read_ply(models / "tomato_can" / "model.ply")
     plate = trimesh.creation.cylinder(60.0, 1.0)
     plate.apply_translation([0, 0, float(truth.vertices[:, 2].max()) + 40])
     vertices = np.concatenate([truth.vertices, plate.vertices])
     faces = np.concatenate([truth.faces, np.array(plate.faces) + len(truth.vertices)])
     write_ply(tmp_path / "mesh.ply", Mesh(vertices, faces))
-    scales = []
-    for first_face in (len(truth.faces), len(faces)):
-        write_json(tmp_path / "mesh.json", {"underside": {"first_face": first_face}})
-        words = ["--mesh", tmp_path / "mesh.ply", "--model", models / "tomato_can/model.ply", "--out", tmp_path / "aligned.json"]
-        assert run("align", words) == 0
+    found = []
+    for kind in (ASSUMED, MEASURED):
+        np.savez(tmp_path / "evidence.npz", evidence=np.repeat([MEASURED, kind], [len(truth.vertices), len(plate.vertices)]))
+        words = ["--mesh", tmp_path / "mesh.ply", "--evidence", tmp_path / "evidence.npz", "--model", models / "tomato_can/model.ply"]
+        assert run("align", [*words, "--out", tmp_path / "aligned.json"]) == 0
         aligned = json.loads((tmp_path / "aligned.json").read_text())
-        scales.append((aligned["scale"], aligned["mesh_to_truth_95_percent_mm"]))
-    assert scales[0][0] == pytest.approx(1.0, abs=0.003) and scales[0][1] < 0.5
-    assert scales[1][1] > 5.0, "the plate would count"
+        found.append((aligned["scale"], aligned["mesh_to_truth_95_percent_mm"]))
+    assert found[0][0] == pytest.approx(1.0, abs=0.003) and found[0][1] < 0.5
+    assert found[1][1] > 5.0, "the plate would count"
 
 
 def test_what_cannot_be_aligned_is_refused(models, tmp_path, capsys):

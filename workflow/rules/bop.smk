@@ -10,6 +10,7 @@ results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside i
 rule align:
     input:
         mesh=mesh_or_failure_of,
+        evidence="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.npz",
         model="results/{dataset}/{object}/model",
     output:
         aligned="results/{dataset}/{object}/{scene}/{registration}/{nvs}/aligned.json",
@@ -30,7 +31,7 @@ rule align:
     message:
         "Aligning with the true model: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.bop --method align --mesh {input.mesh} --model {input.model}/model.ply --seed {params.seed}"
+        "python -m zeroshop_steps.bop --method align --mesh {input.mesh} --evidence {input.evidence} --model {input.model}/model.ply --seed {params.seed}"
         " --out {output.aligned} --record-failure {output} > {log} 2>&1"
 
 

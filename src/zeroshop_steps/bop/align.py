@@ -1,7 +1,7 @@
 """Align a reconstructed mesh with its true model: a similarity, found from shape and print alone.
 
-A search from all sides, then iterated closest points over the surface that the mesh has, but for an underside that was closed without
-a photo: turned upside down, it would pass for a plain top. Where shape decides nothing (a can
+A search from all sides, then iterated closest points over the surface that was measured: a closed underside, turned upside down, would
+pass for a plain top, and a lid for the floor of its hollow. Where shape decides nothing (a can
 turned about its axis), print does; where the model is symmetric, the symmetry that turns the mesh least is taken. Writes
 the transform and how far the two surfaces then lie apart.
 """
@@ -9,6 +9,7 @@ the transform and how far the two surfaces then lie apart.
 import argparse
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ from zeroshop_steps.bop.surface_points import surface_points
 from zeroshop_steps.bop.symmetry import symmetry_transforms
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.finish.evidence import MEASURED, read_evidence
 from zeroshop_steps.finish.surface_error import distances_to
-from zeroshop_steps.finish.underside import without_underside
 from zeroshop_steps.meshes import Mesh, read_ply
 
 SOURCE_SAMPLES, TARGET_SAMPLES = 8000, 40000
@@ -32,6 +33,7 @@ DIGITS = 7
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="reconstructed mesh.ply")
+    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, all of it counts")
     parser.add_argument("--model", type=Path, required=True, help="true model.ply; model_info.json beside it gives its symmetries")
     parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="aligned.json")
@@ -40,8 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Align one mesh."""
     start_s = time.monotonic()
-    notes = args.mesh.with_suffix(".json")
-    mesh, truth = without_underside(read_ply(args.mesh), read_json(notes) if notes.is_file() else {}), read_ply(args.model)
+    mesh, truth = read_ply(args.mesh), read_ply(args.model)
+    if args.evidence:
+        measured = read_evidence(args.evidence, mesh)[mesh.faces] == MEASURED
+        mesh = replace(mesh, faces=mesh.faces[measured.sum(1) >= 2]).without_loose_vertices()
+        if len(mesh.faces) == 0:
+            raise StepError(f"{args.evidence} says that nothing of {args.mesh} was measured; it cannot be aligned")
     info = read_json(args.model.with_name("model_info.json"))
     fit = align(mesh, truth, symmetry_transforms(info), args.seed)
     figures = residuals(mesh, truth, fit, info["diameter"], args.seed)
