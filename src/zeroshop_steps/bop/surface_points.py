@@ -20,19 +20,15 @@ class SurfacePoints:
         points: (N, 3) positions.
         normals: (N, 3) unit, outwards.
         colors: (N, 3) 0..1 in the texture's encoding, or None without a texture.
-        faces: (N,) which face each lies on.
     """
 
     points: np.ndarray
     normals: np.ndarray
     colors: np.ndarray | None
-    faces: np.ndarray
 
     def part(self, count: int) -> "SurfacePoints":
         """The first `count` samples, which are spread as evenly as all."""
-        return SurfacePoints(
-            self.points[:count], self.normals[:count], None if self.colors is None else self.colors[:count], self.faces[:count]
-        )
+        return SurfacePoints(self.points[:count], self.normals[:count], None if self.colors is None else self.colors[:count])
 
 
 def surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfacePoints:
@@ -44,7 +40,7 @@ def surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfaceP
         uv = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.uv[corners])
         blurred = cv2.GaussianBlur(mesh.texture, (0, 0), max(BLUR_SHARE * mesh.texture.shape[1], 0.5))
         colors = sample_texture(blurred, uv).astype(np.float64) / 255.0
-    return SurfacePoints(points, face_normals(mesh)[faces], colors, faces)
+    return SurfacePoints(points, face_normals(mesh)[faces], colors)
 
 
 def _barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
