@@ -101,7 +101,9 @@ def with_own_weights(stage, name, method):
 def registrations_of(dataset):
     """The registrations that make sense for a dataset: photos have no true cameras."""
     return {
-        name: with_own_weights("register", name, method) for name, method in methods.REGISTRATIONS.items() if is_virtual(dataset) or not method.truth
+        name: with_own_weights("register", name, method)
+        for name, method in methods.REGISTRATIONS.items()
+        if is_virtual(dataset) or not method.truth
     }
 
 
