@@ -49,6 +49,21 @@ class Mesh:
         normals, uv, quality = (None if values is None else values[used] for values in (self.normals, self.uv, self.quality))
         return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture, quality)
 
+    def seen_faces(self) -> np.ndarray:
+        """(F,) bool, faces that photos saw; all where the mesh does not say."""
+        return self._face_quality() >= 0.25
+
+    def assumed_faces(self) -> np.ndarray:
+        """(F,) bool, faces that photos saw and that nothing measured; none where the mesh does not say."""
+        return self.seen_faces() & ~self.measured_faces()
+
+    def measured_faces(self) -> np.ndarray:
+        """(F,) bool, faces whose place something measured; all where the mesh does not say."""
+        return self._face_quality() >= 0.75
+
+    def _face_quality(self) -> np.ndarray:
+        return np.ones(len(self.faces)) if self.quality is None else self.quality[self.faces].mean(1)
+
     def as_trimesh(self) -> trimesh.Trimesh:
         """Geometry only, vertices kept as they are."""
         return trimesh.Trimesh(self.vertices, self.faces, process=False)

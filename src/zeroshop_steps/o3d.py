@@ -8,6 +8,8 @@ Everything here imports Open3D as `from zeroshop_steps.o3d import o3d`.
 import ctypes
 import ctypes.util
 
+import numpy as np
+
 if ctypes.util.find_library("usb-1.0") is None:
     import libusb_package
 
@@ -17,4 +19,14 @@ import open3d as o3d  # noqa: E402
 
 o3d.utility.set_verbosity_level(o3d.utility.VerbosityLevel.Error)
 
-__all__ = ["o3d"]
+__all__ = ["o3d", "ray_caster"]
+
+
+def ray_caster(*surfaces: tuple[np.ndarray, np.ndarray]) -> o3d.t.geometry.RaycastingScene:
+    """A search tree for rays and nearest points over surfaces, each (V, 3) vertices and (F, 3) faces; their geometry ids count from 0."""
+    scene = o3d.t.geometry.RaycastingScene()
+    for vertices, faces in surfaces:
+        scene.add_triangles(
+            o3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)), o3d.core.Tensor(np.ascontiguousarray(faces, np.uint32))
+        )
+    return scene

@@ -1,5 +1,7 @@
 """What of a mesh was measured: outlines and confirmed print are, the lid over a plain hollow and an underside are not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,7 +10,7 @@ from carton_scene import camera_at
 from zeroshop_steps.cli import stage_main
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.__main__ import METHODS
-from zeroshop_steps.finish.evidence import ASSUMED, MEASURED, UNSEEN, area_shares, evidence_of, read_evidence
+from zeroshop_steps.finish.evidence import ASSUMED, MEASURED, UNSEEN, area_shares, evidence_of, with_evidence
 from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.images import write_mask
@@ -65,17 +67,17 @@ def test_stereo_measures_what_hangs_together_with_an_outline(cup):
 def test_shares_are_of_the_area(cup):
     mesh, _ = cup
     evidence = np.where(mesh.vertices[:, 2] > 0, MEASURED, UNSEEN)
-    shares = area_shares(mesh, evidence)
+    shares = area_shares(replace(mesh, quality=evidence / MEASURED))
     assert shares["measured"] == pytest.approx(0.5, abs=0.05) and sum(shares.values()) == pytest.approx(1.0, abs=1e-4)
 
 
 def test_a_file_of_another_mesh_is_refused(cup, tmp_path):
     np.savez(tmp_path / "evidence.npz", evidence=np.zeros(7, np.uint8))
     with pytest.raises(StepError, match="tells of 7 vertices"):
-        read_evidence(tmp_path / "evidence.npz", cup[0])
+        with_evidence(cup[0], tmp_path / "evidence.npz")
     (tmp_path / "evidence.npz").write_bytes(b"PK half of it")
     with pytest.raises(StepError, match="not a whole file"):
-        read_evidence(tmp_path / "evidence.npz", cup[0])
+        with_evidence(cup[0], tmp_path / "evidence.npz")
 
 
 def test_a_stereo_of_other_cameras_is_refused(carton, tmp_path, capsys):

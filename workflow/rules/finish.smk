@@ -1,4 +1,4 @@
-"""Finish: a raw mesh becomes a product: clean, textured, in the object frame, in millimetres, graded against the truth."""
+"""Finish: a raw mesh becomes a product: clean, textured, in the object frame, in millimetres."""
 
 
 rule clean:
@@ -134,31 +134,6 @@ rule texture:
         " --record-failure {output} > {log} 2>&1"
 
 
-rule evidence:
-    input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
-        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
-    output:
-        evidence="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.npz",
-        figures="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.json",
-    log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/evidence.log",
-    benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/evidence.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 2
-    resources:
-        mem_mb=3000,
-        runtime=10,
-    message:
-        "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method evidence --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
-        " --out {output.evidence} --record-failure {output} > {log} 2>&1"
-
-
 rule export:
     input:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
@@ -188,65 +163,6 @@ rule export:
         "python -m zeroshop_steps.finish --method export --mesh {input.mesh} --texture {input.texture} --frame {input.frame}"
         " --stages {input.capture}/capture.json {input.cameras}/registration.json {input.facts}"
         " --out {output.mesh} > {log} 2>&1"
-
-
-rule quality:
-    input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
-        capture="results/{dataset}/{object}/{scene}/capture",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
-        model="results/{dataset}/{object}/model",
-    output:
-        figures="results/{dataset}/{object}/{scene}/{registration}/{nvs}/quality.json",
-        table="results/{dataset}/{object}/{scene}/{registration}/{nvs}/quality.csv",
-    log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/quality.log",
-    benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/quality.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=3000,
-        runtime=10,
-    message:
-        "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
-        " --model {input.model}/model.ply --out {output.figures}"
-        " --record-failure {output} > {log} 2>&1"
-
-
-rule grade:
-    input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
-        evidence="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.npz",
-        quality=quality_of,
-    output:
-        grade="results/{dataset}/{object}/{scene}/{registration}/{nvs}/grade.json",
-        table="results/{dataset}/{object}/{scene}/{registration}/{nvs}/grade.csv",
-    log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/grade.log",
-    benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/grade.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=3000,
-        runtime=10,
-    params:
-        options=step_options(config["finish"]["grade"]),
-        quality=quality_option,
-    message:
-        "Grading {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
-    shell:
-        "python -m zeroshop_steps.finish --method grade --mesh {input.mesh} --cameras {input.cameras} --evidence {input.evidence}"
-        " {params.quality} {params.options} --out {output.grade}"
-        " --record-failure {output} > {log} 2>&1"
 
 
 rule preview:

@@ -20,7 +20,7 @@ from zeroshop_steps.bop.surface_points import surface_points
 from zeroshop_steps.bop.symmetry import symmetry_transforms
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.evidence import MEASURED, read_evidence
+from zeroshop_steps.finish.evidence import with_evidence
 from zeroshop_steps.finish.surface_error import distances_to
 from zeroshop_steps.meshes import Mesh, read_ply
 
@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh, truth = read_ply(args.mesh), read_ply(args.model)
     if args.evidence:
-        measured = read_evidence(args.evidence, mesh)[mesh.faces] == MEASURED
-        mesh = replace(mesh, faces=mesh.faces[measured.sum(1) >= 2]).without_loose_vertices()
+        mesh = with_evidence(mesh, args.evidence)
+        mesh = replace(mesh, faces=mesh.faces[mesh.measured_faces()]).without_loose_vertices()
         if len(mesh.faces) == 0:
             raise StepError(f"{args.evidence} says that nothing of {args.mesh} was measured; it cannot be aligned")
     info = read_json(args.model.with_name("model_info.json"))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.o3d import o3d, ray_caster
 
 NEAREST_MM = 1e-3
 
@@ -40,8 +40,7 @@ class DepthRenderer:
     """Renders one model; building its search tree once makes many poses cheap."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self._scene = o3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
+        self._scene = ray_caster((mesh.vertices, mesh.faces))
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
         self._corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 

@@ -8,6 +8,7 @@ whose part records a failure are left out, with a warning.
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from zeroshop_steps.capture.bop_models import checked_diameter_mm
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.failures import read_failure
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
-from zeroshop_steps.finish.evidence import MEASURED, read_evidence
+from zeroshop_steps.finish.evidence import with_evidence
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
 
@@ -54,10 +55,10 @@ def read_part(part: Path) -> tuple[Mesh, dict]:
         return read_ply(part / "model.ply"), read_json(part / "model_info.json")
     aligned = read_json(part)
     mesh, transform = read_ply(part.with_name("mesh.ply")), np.array(aligned["truth_from_mesh"])
-    vertices = mesh.vertices @ transform[:3, :3].T + transform[:3, 3]
     evidence = part.with_name("evidence.npz")
-    quality = read_evidence(evidence, mesh) / MEASURED if evidence.is_file() else None
-    return Mesh(vertices, mesh.faces, None, mesh.uv, mesh.texture, quality).with_normals(), aligned["model_info"]
+    if evidence.is_file():
+        mesh = with_evidence(mesh, evidence)
+    return replace(mesh, vertices=mesh.vertices @ transform[:3, :3].T + transform[:3, 3]).with_normals(), aligned["model_info"]
 
 
 def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:

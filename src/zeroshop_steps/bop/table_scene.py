@@ -14,7 +14,7 @@ from zeroshop_steps.capture.renderer import Renderer, expose
 from zeroshop_steps.capture.rings import Subject, look_at
 from zeroshop_steps.capture.scenes import object_part, surface_part
 from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.o3d import o3d, ray_caster
 
 TILE_PX, MARGIN_PX = 768, 8
 MERGED_MM = 1.5
@@ -62,9 +62,7 @@ class TableScene:
         self.seed = int(rng.integers(2**31))
         self.table = surface_part("su_l" if plain else "su_h", self.subject, self.seed)
         self.lights = changed_lights(self.subject, rng)
-        self._scene = o3d.t.geometry.RaycastingScene()
-        for vertices, faces in ((self.world.vertices, self.world.faces), (self.table.vertices, self.table.faces)):
-            self._scene.add_triangles(o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32)))
+        self._scene = ray_caster((self.world.vertices, self.world.faces), (self.table.vertices, self.table.faces))
 
     def shoot(self, camera: Camera, linear: np.ndarray, rng: np.random.Generator) -> Shot:
         """The photo of (height, width, 3) linear light, its exposure and white balance off a little, and the depth."""

@@ -10,7 +10,7 @@ from zeroshop_steps.capture import lighting, shading
 from zeroshop_steps.capture.rings import Subject
 from zeroshop_steps.capture.scenes import Part
 from zeroshop_steps.capture.textures import LINEAR_OF_BYTE, encode
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.o3d import o3d, ray_caster
 
 EDGE_SAMPLES_A_SIDE = 4
 BACKGROUND = 0.45
@@ -42,9 +42,7 @@ class Renderer:
     def __init__(
         self, parts: list[Part], subject: Subject, seed: int, lights: lighting.Lights | None = None, merged_mm: float | None = None
     ) -> None:
-        self.scene = o3d.t.geometry.RaycastingScene()
-        for part in parts:
-            self.scene.add_triangles(o3d.core.Tensor(part.vertices), o3d.core.Tensor(part.faces))
+        self.scene = ray_caster(*((part.vertices, part.faces) for part in parts))
         lights = lights or lighting.place_lights(subject, on_surface=len(parts) > 1)
         light = lighting.bake(self.scene, parts, subject, lights, seed, merged_mm)
         self._arrays = [

@@ -12,6 +12,7 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -57,15 +58,15 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
     evidence = evidence_of(mesh, views, confirmed_points(args.stereo, args.cameras))
-    shares = area_shares(mesh, evidence)
+    shares = area_shares(replace(mesh, quality=evidence / MEASURED))
     with written_whole(args.out) as temporary:
         np.savez_compressed(temporary, evidence=evidence)
     write_json(args.out.with_suffix(".json"), {"area_shares": shares, "seconds": round(time.monotonic() - start_s, 2)})
     print("evidence: " + ", ".join(f"{share:.1%} {name}" for name, share in shares.items()), file=sys.stderr)
 
 
-def read_evidence(path: Path, mesh: Mesh) -> np.ndarray:
-    """(V,) what `run` wrote for this mesh. Raises StepError for a file that is absent, damaged or of another mesh."""
+def with_evidence(mesh: Mesh, path: Path) -> Mesh:
+    """The mesh with what `run` wrote of it as its quality. Raises StepError for a file that is absent, damaged or of another mesh."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             evidence = archive["evidence"]
@@ -73,7 +74,7 @@ def read_evidence(path: Path, mesh: Mesh) -> np.ndarray:
         raise StepError(f"{path} is not a whole file of evidence ({type(error).__name__}: {error}); delete it and make it again") from None
     if evidence.shape != (len(mesh.vertices),):
         raise StepError(f"{path} tells of {len(evidence)} vertices, its mesh has {len(mesh.vertices)}; make it again")
-    return evidence
+    return replace(mesh, quality=evidence / MEASURED)
 
 
 def evidence_of(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.ndarray:
@@ -91,8 +92,7 @@ def evidence_of(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.
     outlined, confirmed_near = np.zeros(len(points), bool), np.zeros(len(points), bool)
     if len(confirmed):
         confirmed_near = cKDTree(confirmed).query(points)[0] < NEAR_DIAMETERS * diameter
-    surface = o3d.t.geometry.RaycastingScene()
-    surface.add_triangles(o3d.core.Tensor(points.astype(np.float32)), o3d.core.Tensor(joined.faces.astype(np.uint32)))
+    surface = renderer.scene
     seen = np.zeros(len(points), np.int64)
     for view in views:
         camera = view.camera
@@ -121,8 +121,7 @@ def _reached(starts: np.ndarray, within: np.ndarray, faces: np.ndarray) -> np.nd
     return within & np.isin(part, part[starts & within])
 
 
-def area_shares(mesh: Mesh, evidence: np.ndarray) -> dict[str, float]:
-    """The share of the surface with each evidence, by name."""
-    corners = mesh.vertices[mesh.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return {name: round(float((area @ (evidence[mesh.faces] == kind).mean(1)) / area.sum()), 5) for kind, name in enumerate(NAMES)}
+def area_shares(mesh: Mesh) -> dict[str, float]:
+    """The share of the surface with each evidence, by name, of a mesh with quality."""
+    area, quality = mesh.as_trimesh().area_faces, mesh.quality[mesh.faces]
+    return {name: round(float(area @ (quality * MEASURED == kind).mean(1) / area.sum()), 5) for kind, name in enumerate(NAMES)}

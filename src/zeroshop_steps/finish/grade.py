@@ -19,7 +19,7 @@ import numpy as np
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole
-from zeroshop_steps.finish.evidence import MEASURED, area_shares, read_evidence
+from zeroshop_steps.finish.evidence import area_shares, with_evidence
 from zeroshop_steps.finish.judge import MEASURES, Verdict, judge
 from zeroshop_steps.finish.photo_measures import photo_agreement
 from zeroshop_steps.finish.preview import seen_from
@@ -56,8 +56,7 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     values = measured(without_underside(mesh, notes), views, record["images"], facts["bottom_z"])
     if args.evidence:
-        seen = without_underside(replace(mesh, quality=read_evidence(args.evidence, mesh) / MEASURED), notes)
-        values["assumed_share"] = area_shares(seen, seen.quality * MEASURED)["assumed"]
+        values["assumed_share"] = area_shares(without_underside(with_evidence(mesh, args.evidence), notes))["assumed"]
     true_values = None
     if args.quality:
         quality = read_json(args.quality)

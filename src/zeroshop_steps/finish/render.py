@@ -7,7 +7,7 @@ import numpy as np
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.o3d import o3d, ray_caster
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,7 @@ class MeshRenderer:
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
-        self.scene = o3d.t.geometry.RaycastingScene()
-        self.scene.add_triangles(
-            o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)), o3d.core.Tensor(np.ascontiguousarray(mesh.faces, np.uint32))
-        )
+        self.scene = ray_caster((mesh.vertices, mesh.faces))
 
     def hits(self, camera: Camera) -> Hits:
         """Cast one ray through each pixel centre of `camera`."""

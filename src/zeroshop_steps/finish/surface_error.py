@@ -6,7 +6,7 @@ import numpy as np
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.o3d import o3d, ray_caster
 
 SAMPLES = 100_000
 SEEN_BY = 2
@@ -67,7 +67,7 @@ def sampled(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarra
 
 def seen_count(points: np.ndarray, normals: np.ndarray, truth: Mesh, cameras: list[Camera], support_z_mm: float | None) -> np.ndarray:
     """(N,) number of cameras that see each surface point: in the image, facing, and not hidden by the object or its support."""
-    scene = _scene(truth)
+    scene = ray_caster((truth.vertices, truth.faces))
     count = np.zeros(len(points), int)
     for camera in cameras:
         if support_z_mm is not None and camera.centre_in_world[2] <= support_z_mm:
@@ -88,14 +88,8 @@ def distances_to(mesh: Mesh, points: np.ndarray) -> np.ndarray:
 
 
 def _nearest(mesh: Mesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    answer = _scene(mesh).compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
+    answer = ray_caster((mesh.vertices, mesh.faces)).compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
     return np.linalg.norm(answer["points"].numpy() - points, axis=1), answer["primitive_ids"].numpy().astype(np.int64)
-
-
-def _scene(mesh: Mesh):
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
-    return scene
 
 
 def face_normals(mesh: Mesh) -> np.ndarray:

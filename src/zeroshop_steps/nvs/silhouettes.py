@@ -10,7 +10,7 @@ from scipy.stats import trim_mean
 
 from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.nvs.views import TrainingView
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.o3d import o3d, ray_caster
 
 ROUNDS = 2
 TRIM = 0.25
@@ -22,8 +22,7 @@ def gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
 
     The trimmed mean, over the contours in all views, of the distance in pixels to the mask's edge, times depth by focal length.
     """
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    scene = ray_caster((mesh.vertices, mesh.faces))
     gaps = []
     for view in views:
         camera = view.camera

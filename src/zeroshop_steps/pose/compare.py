@@ -9,8 +9,7 @@ from zeroshop_steps.bop.similarity_icp import likeness
 from zeroshop_steps.bop.surface_points import surface_points
 from zeroshop_steps.finish.render import sample_texture
 from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.o3d import o3d
-from zeroshop_steps.pose.nearest import assumed_faces, seen_faces
+from zeroshop_steps.o3d import o3d, ray_caster
 
 COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000
 AGREE_MM = 10.0
@@ -65,9 +64,9 @@ class Comparison:
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
-        self._seen, self._assumed = seen_faces(mesh), assumed_faces(mesh)
-        self._scene = _casting(mesh.vertices, mesh.faces)
-        self._behind = _casting(mesh.vertices, mesh.faces[~self._assumed]) if self._assumed.any() else None
+        self._seen, self._assumed = mesh.seen_faces(), mesh.assumed_faces()
+        self._scene = ray_caster((mesh.vertices, mesh.faces))
+        self._behind = ray_caster((mesh.vertices, mesh.faces[~self._assumed])) if self._assumed.any() else None
         samples = surface_points(mesh, SAMPLES, np.random.default_rng(0))
         self._printed = samples.colors is not None
         if self._printed:
@@ -133,12 +132,6 @@ class Comparison:
             if end - start >= LEAST_PRINTED:
                 alike[index] = max(likeness(colors[start:end].astype(float), patch.colors[agree[index]]), 0.0)
         return alike
-
-
-def _casting(vertices: np.ndarray, faces: np.ndarray) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32)))
-    return scene
 
 
 def _halved(texture: np.ndarray) -> list[np.ndarray]:

@@ -41,7 +41,7 @@ class NearestSurface:
 
 def nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
     """Make the table of a model."""
-    assumed = assumed_faces(mesh)
+    assumed = mesh.assumed_faces()
     areas = mesh.as_trimesh().area_faces
     is_open = bool(areas[assumed].sum() > OPEN_SHARE * areas.sum())
     measured = Mesh(mesh.vertices, mesh.faces[~assumed]) if is_open else mesh
@@ -55,13 +55,3 @@ def nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
     _, nearest = cKDTree(samples.points).query(middles.reshape(-1, 3))
     points, normals = (np.ascontiguousarray(values, np.float64) for values in (samples.points, samples.normals))
     return NearestSurface(points, normals, is_open, low, cell_mm, nearest.astype(np.int32).reshape(middles.shape[:3]))
-
-
-def assumed_faces(mesh: Mesh) -> np.ndarray:
-    """(F,) bool, faces that photos see and that nothing measured; none where the mesh does not say."""
-    return np.zeros(len(mesh.faces), bool) if mesh.quality is None else np.abs(mesh.quality[mesh.faces].mean(1) - 0.5) < 0.25
-
-
-def seen_faces(mesh: Mesh) -> np.ndarray:
-    """(F,) bool, faces that photos saw; all where the mesh does not say."""
-    return np.ones(len(mesh.faces), bool) if mesh.quality is None else mesh.quality[mesh.faces].mean(1) >= 0.25

@@ -12,7 +12,7 @@ from zeroshop_steps.files import read_json
 from zeroshop_steps.finish.quality import similarity_to_truth
 from zeroshop_steps.finish.surface_error import distances_to, seen_count
 from zeroshop_steps.meshes import Mesh, read_ply
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.o3d import o3d, ray_caster
 from zeroshop_steps.report.site.found import Cell, Run
 from zeroshop_steps.report.site.reduced import Reduced, reduced
 from zeroshop_steps.report.site.viewer_data import encoded, levels, mesh_content, scene_content, write_data
@@ -110,9 +110,7 @@ def _never_seen(small: Reduced, mesh: Mesh, underside: dict) -> np.ndarray:
     first = underside.get("first_face")
     if first is None or underside.get("seen", True):
         return np.zeros(len(small.mesh.vertices), bool)
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
-    answer = scene.compute_closest_points(o3d.core.Tensor(small.mesh.vertices.astype(np.float32)))
+    answer = ray_caster((mesh.vertices, mesh.faces)).compute_closest_points(o3d.core.Tensor(small.mesh.vertices.astype(np.float32)))
     return answer["primitive_ids"].numpy().astype(np.int64) >= first
 
 
