@@ -22,6 +22,7 @@ class Method:
         gpu: whether it runs on a CUDA device only.
         truth: whether it needs true cameras, which photos lack.
         mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
+        masks: of a detector, the file that poses are estimated from: all that it found, or masks.json, the sure ones without overlap.
     """
 
     step: str
@@ -30,6 +31,7 @@ class Method:
     truth: bool = False
     mem_mb: int = 4000
     runtime_min: int = 30
+    masks: str = "detections.json"
 
 
 REGISTRATIONS = {
@@ -70,6 +72,7 @@ DETECTORS = {
     "cnos": Method(
         "detect.cnos",
         weights=tuple(f"{model}/{file}" for model in ("sam-vit-huge", "dinov2-large") for file in ("model.safetensors", "config.json")),
+        masks="masks.json",
     ),
     "sam6d_ism": Method("detect.sam6d_ism", weights=("dinov2-large/model.safetensors", "sam-vit-huge/model.safetensors")),
 }

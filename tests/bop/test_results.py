@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_dataset import true_estimates
 
-from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, read_detections, write_detections
+from zeroshop_steps.bop.detections import Detection, _compressed, decode_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.estimates import HEADER, read_estimates, write_estimates
 from zeroshop_steps.errors import StepError
 
@@ -89,7 +90,9 @@ def test_real_submissions_are_read(shared_data):
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 2**32 - 1))
 def test_masks_read_back_exactly(height, width, seed):
     mask = np.random.default_rng(seed).uniform(size=(height, width)) < 0.5
-    np.testing.assert_array_equal(decode_mask(encode_mask(mask)), mask)
+    encoded = encode_mask(mask)
+    np.testing.assert_array_equal(decode_mask(encoded), mask)
+    assert _compressed(Path("found.json"), 0, {"size": [height, width], "counts": encoded["counts"].decode()}) == encoded
 
 
 def test_detections_read_back(tmp_path):
@@ -121,6 +124,9 @@ def test_detections_read_back(tmp_path):
         ({"bbox": [], "segmentation": {}}, "neither bbox nor segmentation"),
         ({"segmentation": {"size": [4, 4], "counts": [3, 4]}}, "add up to 7, its size is 4 x 4"),
         ({"segmentation": {"counts": [3, 4]}}, "lacks size or counts"),
+        ({"segmentation": {"size": [4, 4], "counts": ""}}, "add up to 0, its size is 4 x 4"),
+        ({"segmentation": {"size": [4, 4], "counts": "0"}}, "add up to 0, its size is 4 x 4"),
+        ({"segmentation": {"size": [4, 4], "counts": "abc"}}, "end within a number"),
         ({"image_id": -1}, "at 0 / image_id"),
     ],
 )

@@ -4,15 +4,18 @@ import csv
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from small_dataset import BOX, CAN, true_estimates
 
-from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, write_detections
+from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.estimates import write_estimates
+from zeroshop_steps.bop.precision import average_precision
 from zeroshop_steps.cli import stage_main
+from zeroshop_steps.errors import StepError
 
 METHODS = ("score_poses", "score_detections")
 
@@ -77,8 +80,10 @@ def test_only_as_many_estimates_count_as_instances_are_asked_for(dataset):
 def test_without_estimates_everything_is_missed(dataset):
     estimates = true_estimates(dataset)
     none = replace(estimates, **{name: getattr(estimates, name)[:0] for name in vars(estimates)})
-    scores = score(dataset, none)
+    scores = score(dataset, none, "--errors-out", str(dataset.folder / "errors.csv"))
     assert scores["ar", ""] == 0.0 and scores["seconds_per_image", ""] == -1.0
+    head, *rows = (dataset.folder / "errors.csv").read_text().splitlines()
+    assert head == "scene_id,im_id,obj_id,estimate,score,instance,vsd,mssd,mspd" and not rows
 
 
 def test_unknown_objects_are_refused(dataset, capsys):
@@ -115,6 +120,13 @@ def test_true_detections_score_one_and_shifted_ones_less(dataset, of, ap):
     write_detections(dataset.folder / "detections.json", [])
     both = run(dataset, [*words, "masks"])
     assert both["ap", ""] == both[ap, ""] == 0.0
+
+
+def test_a_mask_of_another_size_is_refused(dataset):
+    first, *others = true_detections(dataset)
+    write_detections(dataset.folder / "detections.json", [replace(first, mask=encode_mask(np.ones((5, 4), bool))), *others])
+    with pytest.raises(StepError, match="is 4 x 5 px, image"):
+        average_precision(read_detections(dataset.folder / "detections.json"), dataset.frames, "segm", True, Path("detections.json"))
 
 
 def test_a_real_submission_scores_as_bop_toolkit_says(shared_data, tmp_path):

@@ -150,6 +150,15 @@ def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_s
     assert named.returncode != 0 and "detector cnos cannot run here" in named.stdout
 
 
+def test_poses_after_cnos_take_its_sure_masks_alone(snakemake, tmp_path):
+    for name in methods.DETECTORS["cnos"].weights:
+        (tmp_path / methods.WEIGHTS_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / methods.WEIGHTS_FOLDER / name).touch()
+    run = snakemake("-n", "results/demo/bop/render_compare-cnos-models/poses.csv")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout)["filter_masks"] == 1 and "--detections results/demo/bop/cnos-models/masks.json" in run.stdout
+
+
 def test_every_cell_of_the_matrix_has_a_path(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/se/truth/2dgs/mesh.ply", "results/demo/mustard_bottle/su_l/colmap/2dgs/quality.csv")
     assert run.returncode == 0, run.stdout

@@ -42,7 +42,7 @@ def detections_of(wildcards):
     if wildcards.masks == "truth":
         return []
     usable("detector", wildcards.masks, methods.DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
-    return f"results/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/detections.json"
+    return f"results/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{methods.DETECTORS[wildcards.masks].masks}"
 
 
 def detections_option(wildcards, input):

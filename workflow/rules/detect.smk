@@ -2,7 +2,7 @@
 
 results/DATASET/bop/templates/MODELS/VIEWS           MODELS: models or models_NVS (bop.smk); VIEWS: 42 or 642
 results/DATASET/bop/DETECTOR-MODELS/detections.json  DETECTOR: contour or cnos; precision.csv beside it scores it (bop.smk)
-results/DATASET/bop/DETECTOR-MODELS/masks.json       those of them that poses are estimated from: sure ones, without overlap
+results/DATASET/bop/DETECTOR-MODELS/masks.json       the sure ones, without overlap: what poses are estimated from after CNOS
 """
 
 
@@ -79,6 +79,7 @@ rule cnos:
     resources:
         mem_mb=12000,
         runtime=240,
+        gpu=1,
     message:
         "Looking for the {wildcards.models} of {wildcards.dataset} by CNOS"
     shell:

@@ -109,11 +109,29 @@ def _compressed(path: Path, index: int, mask: dict) -> dict:
     if "size" not in mask or "counts" not in mask:
         raise StepError(f"{path}: entry {index}: segmentation lacks size or counts; expected run lengths")
     height, width = mask["size"]
-    if isinstance(mask["counts"], str):
-        return {"size": [height, width], "counts": mask["counts"].encode()}
     counts = mask["counts"]
+    if isinstance(counts, str):
+        try:
+            counts = _counts_in(counts)
+        except IndexError:
+            raise StepError(f"{path}: entry {index}: the run lengths of its segmentation end within a number; is the file whole?") from None
     if any(not isinstance(count, int) or count < 0 for count in counts) or sum(counts) != height * width:
         raise StepError(
             f"{path}: entry {index}: the run lengths of its segmentation add up to {sum(counts)}, its size is {height} x {width}"
         )
-    return coco_masks.frPyObjects(mask, height, width)
+    return coco_masks.frPyObjects({"size": [height, width], "counts": counts}, height, width)
+
+
+def _counts_in(text: str) -> list[int]:
+    """The run lengths in COCO's text: five bits a character, from the third on less the last but one. Raises IndexError where it is cut."""
+    counts, place = [], 0
+    while place < len(text):
+        value, bits, more = 0, 0, True
+        while more:
+            code = ord(text[place]) - 48
+            value |= (code & 31) << bits
+            place, bits, more = place + 1, bits + 5, bool(code & 32)
+        if code & 16:
+            value -= 1 << bits
+        counts.append(value + (counts[-2] if len(counts) > 2 else 0))
+    return counts

@@ -59,14 +59,16 @@ def run(args: argparse.Namespace) -> None:
     with written_whole_dir(args.out) as folder:
         for (scene_id, image_id), frame in frames.items():
             panels, here = [], [target for target in targets if (target.scene_id, target.im_id) == (scene_id, image_id)]
-            photo = read_image(frame.picture("rgb"))
+            photo = read_image(frame.photo())
             if args.detections:
                 panels.append(with_detections(photo, surest_detections(detections, here)))
             if estimates is not None:
                 panels.append(with_poses(photo, frame, surest_estimates(estimates, here, models), models, renderers))
             write_image(folder / f"{scene_id:06d}_{image_id:06d}.png", np.concatenate(panels, 1))
         if args.errors:
-            write_image(folder / "worst.png", worst(args.errors, estimates, frames, models, renderers))
+            tiles = worst(args.errors, estimates, frames, models, renderers)
+            if tiles is not None:
+                write_image(folder / "worst.png", tiles)
 
 
 def surest_detections(detections: Sequence[Detection], targets: Sequence[Target]) -> list[Detection]:
@@ -97,6 +99,8 @@ def with_detections(photo: np.ndarray, detections: Sequence[Detection]) -> np.nd
         mask, color = decode_mask(one.mask), color_of(one.object_id)
         image[mask] = (0.5 * image[mask] + 0.5 * np.array(color)).astype(np.uint8)
         _outline(image, mask, color)
+        if not mask.any():
+            continue
         rows, columns = np.nonzero(mask)
         labels.append((f"{one.object_id}: {one.score:.2f}", (int(columns.mean()), int(rows.mean()))))
     for text, place in labels:
@@ -126,17 +130,23 @@ def with_poses(
 
 def worst(
     errors: Path, estimates: Estimates, frames: Frames, models: dict[int, Model], renderers: dict[int, DepthRenderer], count: int = WORST
-) -> np.ndarray:  # fmt: skip
-    """Tiles of the estimates with the largest MSSD: cut out, the true outline green, the estimated one red, the errors below."""
+) -> np.ndarray | None:  # fmt: skip
+    """Tiles of the estimates with the largest MSSD: cut out, the true outline green, the estimated one red, the errors below.
+
+    None where no object was estimated.
+    """
     with errors.open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if int(row["obj_id"]) in models]
-    if not rows or "mssd" not in rows[0]:
-        raise StepError(f"{errors} has no MSSD of these models; score the estimates with --errors mssd and others")
+        table = csv.DictReader(file)
+        rows = [row for row in table if int(row["obj_id"]) in models]
+        if "mssd" not in (table.fieldnames or []):
+            raise StepError(f"{errors} has no MSSD; score the estimates with --errors mssd and others")
+    if not rows:
+        return None
     poses, tiles = as_transform(estimates.rotations, estimates.translations_mm), []
     for row in sorted(rows, key=lambda row: -float(row["mssd"]))[:count]:
         number, frame = int(row["obj_id"]), frames[int(row["scene_id"]), int(row["im_id"])]
         instance = frame.instances[int(row["instance"])]
-        image = read_image(frame.picture("rgb"))
+        image = read_image(frame.photo())
         height, width = image.shape[:2]
         silhouettes = [
             renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0

@@ -75,7 +75,7 @@ def average_precision(detections: Sequence[Detection], frames: Frames, kind: str
         path: of the detections, for messages.
 
     Raises:
-        StepError: detections lack what is to be evaluated.
+        StepError: detections lack what is to be evaluated, or a mask is not of its image's size.
     """
     truth = annotations_of(frames, amodal and kind == "bbox", kind == "segm")
     numbers = {key: number for number, key in enumerate(frames, start=1)}
@@ -86,6 +86,8 @@ def average_precision(detections: Sequence[Detection], frames: Frames, kind: str
         if given is None:
             raise StepError(f"{path}: a detection of object {detection.object_id} has no {'segmentation' if kind == 'segm' else 'bbox'}")
         if number is not None:
+            if kind == "segm":
+                _check_size(detection, truth.imgs[number], path)
             entry = {"image_id": number, "category_id": detection.object_id, "score": detection.score}
             results.append(entry | ({"segmentation": given} if kind == "segm" else {"bbox": list(given)}))
     objects = truth.getCatIds()
@@ -102,6 +104,16 @@ def average_precision(detections: Sequence[Detection], frames: Frames, kind: str
         valid = means[:, :, index][means[:, :, index] > -1]
         scores[f"ap_object_{number}"] = float(valid.mean()) if len(valid) else float(np.nan)
     return scores
+
+
+def _check_size(detection: Detection, image: dict, path: Path) -> None:
+    """pycocotools would count a mask of another size as a miss."""
+    height, width = detection.mask["size"]
+    if "height" in image and (height, width) != (image["height"], image["width"]):
+        raise StepError(
+            f"{path}: a mask of object {detection.object_id} is {width} x {height} px, image {detection.image_id} of scene"
+            f" {detection.scene_id} is {image['width']} x {image['height']} px; masks must be of the whole image"
+        )
 
 
 def _coco(content: dict) -> COCO:

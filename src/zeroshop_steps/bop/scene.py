@@ -67,6 +67,13 @@ class Frame:
         found = (self.folder / kind / f"{stem}{suffix}" for suffix in (".png", ".jpg", ".tif"))
         return next((path for path in found if path.is_file()), None)
 
+    def photo(self) -> Path:
+        """The path of its colour image, or of the gray one. Raises StepError where there is neither."""
+        path = self.picture("rgb") or self.picture("gray")
+        if path is None:
+            raise StepError(f"{self.folder} has no picture {self.image_id:06d} ({self.name}) in rgb or gray")
+        return path
+
     def depth_mm(self) -> np.ndarray:
         """(height, width) float32 measured depth along the optical axis in mm, 0 where nothing was measured.
 
@@ -82,7 +89,7 @@ class Frame:
         if self.depth_scale is None:
             raise StepError(f"{self.folder / 'scene_camera.json'}: image {self.image_id} has depth but no depth_scale; add it")
         raw = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-        if raw is None or raw.ndim != 2:
+        if raw is None or raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
             raise StepError(f"depth image {path} cannot be read as one channel of whole numbers; export it again as 16-bit PNG")
         return raw.astype(np.float32) * np.float32(self.depth_scale)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from zeroshop_steps.bop.detections import read_detections
 from zeroshop_steps.bop.precision import average_precision
-from zeroshop_steps.bop.score_poses import write_rows
+from zeroshop_steps.bop.score_poses import ROW, write_rows
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
 
 KINDS = {"masks": ("segm", ""), "boxes": ("bbox", "box_")}
@@ -39,5 +39,5 @@ def run(args: argparse.Namespace) -> None:
         said += [f"{prefix}{name} {scores[name]:.4f}" for name in ("ap", "ap_50", "ap_75")]
     rows.append({"measure": "instances", "object": "", "value": sum(target.inst_count for target in targets)})
     rows.append({"measure": "detections", "object": "", "value": len(detections)})
-    write_rows(args.out, rows)
+    write_rows(args.out, ROW, rows)
     print(", ".join(said))

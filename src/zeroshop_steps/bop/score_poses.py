@@ -16,6 +16,9 @@ from zeroshop_steps.bop.targets import Target, read_target_frames, read_targets
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
 
+ROW = ("measure", "object", "value")
+ERROR_ROW = ("scene_id", "im_id", "obj_id", "estimate", "score", "instance")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
@@ -49,9 +52,9 @@ def run(args: argparse.Namespace) -> None:
     for number, measures in recall.by_object.items():
         measures = {**measures, "instances": recall.targets[number]}
         rows += [{"measure": measure, "object": number, "value": value} for measure, value in measures.items()]
-    write_rows(args.out, rows)
+    write_rows(args.out, ROW, rows)
     if args.errors_out:
-        write_rows(args.errors_out, error_rows(pairs, errors, estimates, targets))
+        write_rows(args.errors_out, [*ERROR_ROW, *errors], error_rows(pairs, errors, estimates, targets))
     print(", ".join(f"{name} {value:.4f}" for name, value in recall.overall.items()))
 
 
@@ -78,11 +81,9 @@ def error_rows(pairs: Pairs, errors: dict, estimates: Estimates, targets: Sequen
     return rows
 
 
-def write_rows(out: Path, rows: Sequence[dict]) -> None:
-    """Write rows as CSV. Raises StepError where there is none."""
-    if not rows:
-        raise StepError(f"there is nothing to write into {out}: no estimate belongs to a target")
+def write_rows(out: Path, columns: Sequence[str], rows: Sequence[dict]) -> None:
+    """Write rows as CSV; without rows, its head alone."""
     with written_whole(out) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
+        writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)
