@@ -10,6 +10,7 @@ from zeroshop_steps import cache
 from zeroshop_steps.cache import Cached, cache_folder, content_digest, entry_name, run_cached
 from zeroshop_steps.code_version import code_version
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.register import mast3r, vggt
 
 STEP = "report.table"  # any step that exists: its code counts
 
@@ -178,3 +179,19 @@ def test_the_real_steps_know_their_inputs():
         assert inputs | set(module.CACHED.ignored) <= set(actions), step
         assert {name for name, action in actions.items() if action.type is Path} == inputs | {"out"}, step
         assert len(code_version(step)) == 64
+
+
+@pytest.mark.parametrize("module", [mast3r, vggt])
+def test_weights_of_ones_own_count_by_their_content(module, tmp_path):
+    parser = argparse.ArgumentParser()
+    module.add_arguments(parser)
+    (tmp_path / "images").mkdir()
+    weights = tmp_path / "own.pth"
+    words = ["--capture", tmp_path, "--out", tmp_path / "out", "--scene", "su_h", "--weights", weights]
+    names = set()
+    for content in (b"one", b"other"):
+        weights.write_bytes(content)
+        names.add(entry_name("register", module.CACHED, parser.parse_args(map(str, words))))
+    weights.with_name("own.pth.sha256").touch()
+    names.add(entry_name("register", module.CACHED, parser.parse_args(map(str, words))))
+    assert len(names) == 2, "other weights are another result, the record of their check is not"

@@ -105,10 +105,13 @@ def entry_name(step: str, cached: Cached, args: argparse.Namespace) -> str:
 
 
 def content_digest(path: Path) -> str:
-    """A digest of a folder's names and bytes, or of a file and those beside it that begin with its stem. Hidden files do not count."""
+    """A digest of a folder's names and bytes, or of a file and those beside it that begin with its stem.
+
+    Hidden files do not count, nor do records of checks (.sha256).
+    """
     base = path if path.is_dir() else path.parent
     found = base.rglob("*") if path.is_dir() else base.glob(f"{path.stem}*")
-    files = {str(file.relative_to(base)): file for file in found if file.is_file()}
+    files = {str(file.relative_to(base)): file for file in found if file.is_file() and file.suffix != ".sha256"}
     digest = hashlib.sha256()
     for name in sorted(name for name in files if not Path(name).name.startswith(".")):
         digest.update(f"{name} {_sha256(files[name])}\n".encode())

@@ -64,7 +64,9 @@ def failure_among(words: Sequence[str]) -> Failure | None:
 def is_result(error: BaseException) -> bool:
     """Whether an error says something about the cell, and not about the machine."""
     machine = (OSError, MemoryError)
-    return isinstance(error, Exception) and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
+    # PyTorch's own is a RuntimeError; by its name, since steps without networks do not load PyTorch.
+    no_memory = type(error).__name__ == "OutOfMemoryError"
+    return isinstance(error, Exception) and not no_memory and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
 
 
 def reason_of(error: BaseException) -> str:

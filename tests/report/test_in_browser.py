@@ -154,6 +154,24 @@ def test_the_gallery_finds_and_looks(tab, report):
     assert tab.value("document.querySelectorAll('dialog .pane').length") == 2
 
 
+def test_looks_give_their_graphics_back(tab, report):
+    """Browsers keep some sixteen contexts of WebGL, and complain of more."""
+    tab.open(report / "index.html")
+    for _ in range(20):
+        tab.value("document.querySelector('[data-look-at]').click()")
+        tab.wait_for("document.querySelector('dialog .viewer')?.dataset.ready")
+        tab.value("document.querySelector('dialog').close()")
+        tab.wait_for("!document.querySelector('dialog .viewer')")
+    assert tab.value("document.querySelectorAll('canvas').length") == 0
+
+
+def test_keys_lead_to_the_neighbours_of_an_object_with_a_name(tab, report):
+    ready(tab, report)
+    assert tab.value("document.querySelectorAll('[data-neighbours] a').length") == 2
+    tab.value("dispatchEvent(new KeyboardEvent('keydown', {key: ']'}))")
+    tab.wait_for("document.querySelector('[data-neighbours] a') && location.pathname.includes('/objects/glass/')")
+
+
 def test_day_and_night(tab, report, tmp_path):
     tab.open(report / "index.html", dark=True)
     tab.picture(tmp_path / "dark.png")

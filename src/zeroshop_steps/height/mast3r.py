@@ -20,9 +20,9 @@ from zeroshop_steps.images import list_images
 from zeroshop_steps.networks.devices import DEVICES, chosen_device
 from zeroshop_steps.networks.mast3r.alignment import Alignment, align
 from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
-from zeroshop_steps.networks.mast3r.model import load_mast3r
+from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
-from zeroshop_steps.networks.weights import require
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, published_or_own
 
 OBJECT_VIEWS, SCENE_VIEWS = 2, 4
 APART_DEG = 36.0
@@ -43,13 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="length of the network's pictures along the longer side (default: %(default)s)",
     )
     parser.add_argument("--device", choices=DEVICES, default="auto", help="where the network runs (default: %(default)s)")
-    parser.add_argument("--weights", type=Path, help=f"the network's weights (default: resources/weights/{NAME})")
+    parser.add_argument("--weights", type=Path, default=WEIGHTS_FOLDER / NAME, help="the network's weights (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:
     """Write height.json."""
     device = torch.device(chosen_device(args.device))
-    weights = args.weights or require(NAME)
+    weights = published_or_own(args.weights, NAME, SIZES)
     scene = _spread(list_images(args.marker_images), SCENE_VIEWS) if args.marker_images else []
 
     def predictor(paths: Sequence[Path]) -> Predictor:

@@ -95,6 +95,24 @@ def require(name: str, root: Path = Path()) -> Path:
     return path
 
 
+def published_or_own(path: Path, name: str, sizes: str) -> Path:
+    """The weights at `path`: the published ones, checked as `require` does, or one's own, which only have to fit.
+
+    Args:
+        path: where they are.
+        name: of the published file, below resources/weights.
+        sizes: suffix of the file beside it that tells the sizes of a network of one's own.
+
+    Raises:
+        StepError: they are not there, or not what was published.
+    """
+    if path == WEIGHTS_FOLDER / name and not path.with_suffix(sizes).is_file():
+        return require(name)
+    if not path.is_file():
+        raise StepError(f"the weights {path} do not exist; check the path, or leave the option out for the published ones")
+    return path
+
+
 def fetch(name: str, path: Path) -> None:
     """Download a file of weights to `path` and check it.
 

@@ -20,9 +20,9 @@ from zeroshop_steps.cache import Cached
 from zeroshop_steps.networks.devices import DEVICES, chosen_device
 from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match
-from zeroshop_steps.networks.mast3r.model import load_mast3r
+from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
-from zeroshop_steps.networks.weights import require
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, published_or_own
 from zeroshop_steps.progress import track
 from zeroshop_steps.register.found_matches import PairMatches, write_matches
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
@@ -30,7 +30,7 @@ from zeroshop_steps.register.pairs import chosen_pairs
 from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, add_common_arguments, write_registration
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 
-CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads", "device"))
+CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
 ANCHORS_WITHOUT_SURFACE = 30
 CONFIDENCE_WITHOUT_SURFACE = 0.01
 
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
     parser.add_argument("--seed", type=int, default=structure.seed, help="seed of all RANSAC loops (default: %(default)s)")
     parser.add_argument("--device", choices=DEVICES, default="auto", help="where the network runs (default: %(default)s)")
-    parser.add_argument("--weights", type=Path, help=f"the network's weights (default: resources/weights/{NAME})")
+    parser.add_argument("--weights", type=Path, default=WEIGHTS_FOLDER / NAME, help="the network's weights (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> None:
         structure=StructureOptions(min_share=args.min_share, min_images=args.min_images, seed=args.seed, object_only=bare),
     )
     device = torch.device(chosen_device(args.device))
-    weights = args.weights or require(NAME)
+    weights = published_or_own(args.weights, NAME, SIZES)
     image_set = read_image_set(args.capture)
     torch.set_num_threads(args.threads)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR

@@ -55,9 +55,9 @@ class PairPredictor:
         largest = max(self.framings, key=lambda framing: framing.width_px * framing.height_px)
         self.what = f"MASt3R on {len(paths)} pictures of {largest.width_px} x {largest.height_px} px"
         self._check_memory(network, paths, device, long_side_px)
-        self.network, self.device = network.to(device), device
-        self.tokens = []
+        self.device, self.tokens = device, []
         with running(device, self.what):
+            self.network = network.to(device)
             for path in track(paths, "encoding pictures", len(paths)):
                 picture, _ = load_picture(path, long_side_px)
                 self.tokens.append(network.encode(picture[None].to(device)))

@@ -14,6 +14,8 @@ from zeroshop_steps.networks.mast3r.transformer import NORM_EPSILON, DecoderBloc
 from zeroshop_steps.networks.weights import strict_load
 
 PATCH_PX = 16
+SIZES = ".json"
+"""Suffix of the file beside weights that tells the sizes of a network of one's own."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ def load_mast3r(path: Path) -> MASt3R:
         StepError: the weights are damaged or of another network.
     """
     path = Path(path)
-    beside = path.with_suffix(".json")
+    beside = path.with_suffix(SIZES)
     try:
         configuration = Configuration(**json.loads(beside.read_text())) if beside.is_file() else Configuration()
     except (TypeError, ValueError) as error:

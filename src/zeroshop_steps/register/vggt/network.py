@@ -12,7 +12,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import Settings
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, require, strict_load
+from zeroshop_steps.networks.weights import strict_load
 from zeroshop_steps.progress import ProgressReport
 
 FILE = "VGGT-1B/model.safetensors"
@@ -43,15 +43,6 @@ def read_settings(weights: Path) -> Settings:
         return Settings(**values)
     except TypeError as error:
         raise StepError(f"{path} does not fit the network ({error}); delete it to use the published VGGT-1B") from None
-
-
-def checked(weights: Path) -> Path:
-    """The file of weights: the published one, checked; one of other sizes is the user's own and only has to fit."""
-    if weights == WEIGHTS_FOLDER / FILE and not weights.with_suffix(SIZES).is_file():
-        return require(FILE)
-    if not weights.is_file():
-        raise StepError(f"the weights {weights} do not exist; check the path, or leave the option out for the published ones")
-    return weights
 
 
 class Network:

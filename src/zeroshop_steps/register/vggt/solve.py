@@ -15,6 +15,7 @@ import torch
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.networks.devices import chosen_device, chosen_precision, free_bytes
+from zeroshop_steps.networks.weights import published_or_own
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, lens_figures, model_figures, write_registration
 from zeroshop_steps.register.repair import without_images
@@ -24,7 +25,7 @@ from zeroshop_steps.register.vggt.bundle import adjusted, refined, write_databas
 from zeroshop_steps.register.vggt.feed_forward import feed_forward_model, feed_forward_verdict
 from zeroshop_steps.register.vggt.frames import Frames, fitted_size, read_frames, usable_pixels
 from zeroshop_steps.register.vggt.memory import check_fits
-from zeroshop_steps.register.vggt.network import Network, Predicted, checked, read_settings
+from zeroshop_steps.register.vggt.network import FILE, SIZES, Network, Predicted, read_settings
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.points import observations, query_points, query_views
 from zeroshop_steps.register.vggt.predicted import confirmed_points, decode
@@ -63,7 +64,7 @@ def solve(args: argparse.Namespace) -> None:
         object_only=args.scene in OBJECT_ONLY,
     )
     image_set = read_image_set(args.capture)
-    weights = checked(args.weights)
+    weights = published_or_own(args.weights, FILE, SIZES)
     settings = read_settings(weights)
     (width, height), left = fitted_size(image_set.size_px, settings.image_px, settings.patch_px)
     points = options.tracked_points if options.refine == "tracks" else 0

@@ -36,8 +36,14 @@ class Truth:
 
 
 def read_truth(folder: Path, max_faces: int, texture_px: int) -> Truth | None:
-    """The true model in `folder`; None where there is none, as for photos."""
-    return Truth(folder, max_faces, texture_px) if (folder / "model.ply").is_file() else None
+    """The true model in `folder`; None where there is none, as for photos, or where it is damaged, which is said."""
+    if not (folder / "model.ply").is_file():
+        return None
+    try:
+        return Truth(folder, max_faces, texture_px)
+    except (StepError, KeyError, ValueError) as error:
+        print(f"warning: the true model in {folder} is left out: {error}", file=sys.stderr)
+        return None
 
 
 def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int, texture_px: int) -> dict:
@@ -53,17 +59,18 @@ def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int
             except StepError as error:
                 print(f"warning: {cell.key} is left out of the viewer: {error}", file=sys.stderr)
         if panes:
-            first = next(cell for cell in run.cells if cell.key == panes[0]["key"])
-            write_data(out / f"scene-{run.key}.js", scene_content(read_sparse_model(run.folder / "cameras/sparse"), object_frame(first)))
-            manifest["runs"].append(entry | {"panes": panes, "scene_file": f"scene-{run.key}.js"})
+            manifest["runs"].append(entry | {"panes": panes, "scene_file": _write_scene(run, panes, out)})
     manifest["truth"] = "truth.js" if truth else None
     write_data(out / "viewer.js", manifest)
     return manifest
 
 
 def object_frame(cell: Cell) -> np.ndarray:
-    """(4, 4) object_from_registration of a finished cell."""
-    return np.array(cell.facts["mesh"]["frame_facts"]["object_from_registration"])
+    """(4, 4) object_from_registration of a finished cell. Raises StepError where mesh.json does not say it."""
+    try:
+        return np.array(cell.facts["mesh"]["frame_facts"]["object_from_registration"], np.float64).reshape(4, 4)
+    except (KeyError, TypeError, ValueError):
+        raise StepError(f"{cell.folder / 'mesh.json'} has no frame; delete it and make the mesh again") from None
 
 
 def truth_from_object(cell: Cell, run: Run) -> np.ndarray:
@@ -73,11 +80,26 @@ def truth_from_object(cell: Cell, run: Run) -> np.ndarray:
     return similarity_to_truth(registered, true_cameras) @ np.linalg.inv(object_frame(cell))
 
 
+def _write_scene(run: Run, panes: list[dict], out: Path) -> str | None:
+    """Write a run's cameras and points in the frame of its first pane, and tell every pane how they lie in its own; returns the file."""
+    frames = {cell.key: object_frame(cell) for cell in run.cells if cell.key in {pane["key"] for pane in panes}}
+    first = frames[panes[0]["key"]]
+    try:
+        write_data(out / f"scene-{run.key}.js", scene_content(read_sparse_model(run.folder / "cameras/sparse"), first))
+    except StepError as error:
+        print(f"warning: the cameras of {run.key} are left out of the viewer: {error}", file=sys.stderr)
+        return None
+    for pane in panes:
+        pane["object_from_scene"] = (frames[pane["key"]] @ np.linalg.inv(first)).round(6).tolist()
+    return f"scene-{run.key}.js"
+
+
 def _write_cell(cell: Cell, run: Run, truth: Truth | None, out: Path, max_faces: int, texture_px: int) -> dict:
     mesh = read_ply(cell.folder / "mesh.ply")
     small = reduced(mesh, max_faces, texture_px)
     pane = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": f"mesh-{cell.key}.js", "faces": len(mesh.faces)}
     pane["known_scale"] = cell.facts["mesh"].get("scale") == "known"
+    object_frame(cell)
     if truth is None:
         write_data(out / pane["file"], mesh_content(small))
         return pane

@@ -74,6 +74,11 @@ function quickLook() {
       if (window.zeroshop?.mount) return resolve();
       document.head.append(Object.assign(document.createElement("script"), { src: source, onload: resolve, onerror: reject }));
     });
+  let viewer = null;
+  const put = (made) => {
+    viewer?.dispose();
+    viewer = made;
+  };
   document.querySelectorAll("[data-look-at]").forEach((button) =>
     button.addEventListener("click", async () => {
       dialog.querySelector("h2").textContent = button.dataset.name;
@@ -84,11 +89,16 @@ function quickLook() {
       dialog.querySelector("[data-place]").replaceChildren(place);
       dialog.showModal();
       await script(dialog.dataset.look);
-      await window.zeroshop.mount(place, button.dataset.lookAt);
+      const made = await window.zeroshop.mount(place, button.dataset.lookAt);
+      if (place.isConnected) put(made);
+      else made?.dispose();
     }),
   );
   dialog?.querySelector("[data-close]").addEventListener("click", () => dialog.close());
-  dialog?.addEventListener("close", () => dialog.querySelector("[data-place]").replaceChildren());
+  dialog?.addEventListener("close", () => {
+    put(null);
+    dialog.querySelector("[data-place]").replaceChildren();
+  });
 }
 
 function neighbours() {

@@ -66,4 +66,10 @@ export class Solid {
     this.group.clear();
     this.group.add(...parts[mode].map((material) => new Mesh(this.geometry, material)));
   }
+
+  dispose() {
+    this.geometry.dispose();
+    this.materials.textured.map?.dispose();
+    Object.values(this.materials).forEach((material) => material.dispose());
+  }
 }

@@ -20,13 +20,14 @@ export class Stage {
     this.panes = [];
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.draw());
-    new ResizeObserver(() => this.resize()).observe(canvas);
+    this.resizing = new ResizeObserver(() => this.resize());
+    this.resizing.observe(canvas);
   }
 
   /** Show these meshes: [{data, matrix, element}]; `element` is the part of the page that the pane covers. */
   setPanes(panes) {
-    this.panes.forEach((pane) => pane.solid.geometry.dispose());
-    this.panes = panes.map(({ data, matrix, element }) => {
+    this.#freePanes();
+    this.panes = panes.map(({ data, matrix, sceneMatrix, element }) => {
       const scene = new Scene();
       const solid = new Solid(data, () => this.draw());
       if (matrix) {
@@ -34,8 +35,23 @@ export class Stage {
         solid.group.matrix.copy(new Matrix4().set(...matrix.flat()));
       }
       scene.add(solid.group, new AmbientLight(0xffffff, 1.1));
-      return { scene, solid, element, overlays: [] };
+      return { scene, solid, element, sceneMatrix, overlays: [] };
     });
+  }
+
+  #freePanes() {
+    this.panes.forEach((pane) => pane.solid.dispose());
+  }
+
+  /** Give back what the graphics card holds: browsers keep few WebGL contexts. */
+  dispose() {
+    cancelAnimationFrame(this.waiting);
+    this.waiting = true;
+    this.resizing.disconnect();
+    this.controls.dispose();
+    this.#freePanes();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
   }
 
   /** Put the camera where all of every mesh is seen, from the front and a little from above. */

@@ -1,5 +1,6 @@
 // The viewer: panes side by side, buttons, keys, scale bar and colour scale. Every element with data-viewer="FILE" becomes one.
 
+import { Matrix4 } from "three";
 import { gradient } from "./colors.js";
 import { decoded, load } from "./load.js";
 import { axes, cameras, points } from "./overlays.js";
@@ -24,8 +25,17 @@ class Viewer {
     root.replaceChildren(this.#bar(), this.#view());
     root.addEventListener("keydown", (event) => this.#key(event));
     this.stage = new Stage(this.canvas, () => this.#afterDrawing());
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.stage.draw());
-    document.addEventListener("zeroshop-theme", () => this.stage.draw());
+    this.ended = new AbortController();
+    const { signal } = this.ended;
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.stage.draw(), { signal });
+    document.addEventListener("zeroshop-theme", () => this.stage.draw(), { signal });
+  }
+
+  /** Take it off the page for good. */
+  dispose() {
+    this.ended.abort();
+    this.stage.dispose();
+    this.root.remove();
   }
 
   #bar() {
@@ -75,14 +85,14 @@ class Viewer {
     if (this.manifest.truth) wanted.push({ title: "true model", file: this.manifest.truth, matrix: run.panes[0]?.object_from_truth });
     const data = await Promise.all(wanted.map((pane) => load(this.base + pane.file)));
     this.scene = run.scene_file ? await load(this.base + run.scene_file) : null;
-    if (this.run !== run) return;
+    if (this.run !== run || this.ended.signal.aborted) return;
     const elements = wanted.map((pane, k) => {
       const faces = (data[k].original_faces ?? 0).toLocaleString("en").replaceAll(",", "\u202f");
       return element("div", { className: "pane" }, element("strong", {}, pane.title), element("span", {}, `${faces} faces`));
     });
     this.panes.replaceChildren(...elements);
     this.panes.parentElement.style.setProperty("--panes", wanted.length);
-    this.stage.setPanes(wanted.map((pane, k) => ({ data: data[k], matrix: pane.matrix, element: elements[k] })));
+    this.stage.setPanes(wanted.map((pane, k) => ({ data: data[k], matrix: pane.matrix, sceneMatrix: pane.object_from_scene, element: elements[k] })));
     this.limit_mm = data[0].limit_mm;
     if (this.manifest.truth && data[0].truth_distances) this.stage.panes.at(-1).solid.setDistances(decoded(data[0].truth_distances, Uint8Array));
     this.unit = run.panes.length && !run.panes[0].known_scale ? "units" : "mm";
@@ -124,8 +134,11 @@ class Viewer {
       pane.scene.remove(...pane.overlays);
       pane.overlays = [];
       if (this.shown.has("axes")) pane.overlays.push(axes(this.stage.half, size * 0.25));
-      if (this.shown.has("cameras") && this.scene) pane.overlays.push(cameras(this.scene, size * 0.35));
-      if (this.shown.has("points") && this.scene) pane.overlays.push(points(this.scene, size * 0.02));
+      const found = [];
+      if (this.shown.has("cameras") && this.scene) found.push(cameras(this.scene, size * 0.35));
+      if (this.shown.has("points") && this.scene) found.push(points(this.scene, size * 0.02));
+      if (pane.sceneMatrix) found.forEach((overlay) => overlay.applyMatrix4(new Matrix4().set(...pane.sceneMatrix.flat())));
+      pane.overlays.push(...found);
       if (pane.overlays.length) pane.scene.add(...pane.overlays);
     }
     this.stage.draw();
