@@ -17,6 +17,7 @@ from small_report import failed_cell, finished_cell, half_done_cell, made_galler
 
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.report.site.advice import advice_on_failure
 from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.reduced import TEXTURED_FACES, reduced
 from zeroshop_steps.report.site.viewer_data import UNSEEN, levels
@@ -100,6 +101,24 @@ def test_cells_say_what_helps(report):
     assert "contradict the masks" in (report / "index.html").read_text()
 
 
+@pytest.mark.parametrize(
+    ("step", "reason", "help"),
+    [
+        ("segment", "the object moved during the film: until a.jpg it stands elsewhere than from b.jpg on", "without touching it"),
+        (
+            "segment",
+            "no support plane: no plane holds 30; put the object on a flat surface; nothing stands there",
+            "leave one object alone",
+        ),
+        ("register", "the network finds no matches between the images", "matched no pictures"),
+        ("register", "the network found no camera for a.jpg", "register by colmap"),
+        ("register", "other views confirm only 3 % of the depth", "sharper pictures"),
+    ],
+)
+def test_each_failure_has_its_advice(step, reason, help):
+    assert help in advice_on_failure(step, reason)
+
+
 def test_names_and_texts_of_users_are_shown_and_never_run(tmp_path, carton):
     evil = '<script>alert("1")</script><img src=x onerror=alert(2)>'
     name = "Grüße & Küche 100%#1?"
@@ -132,6 +151,22 @@ def test_a_damaged_mesh_costs_its_view_and_no_more(tmp_path, carton, capsys):
     page = made_page(tmp_path / "demo/carton", tmp_path / "report", "--faces", "500")
     assert "left out" in capsys.readouterr().err
     assert [cell["state"] for cell in read_json(page / "card.json")["cells"]] == ["done"]
+    made_gallery(tmp_path / "report", page)
+    assert broken_links(page / "index.html") == []
+
+
+@pytest.mark.parametrize(
+    "damaged", ["model/model.ply", "model/model_info.json", "su_h/colmap/2dgs/mesh.json", "su_h/colmap/cameras/sparse"]
+)
+def test_what_is_damaged_is_left_out_and_said(tmp_path, carton, capsys, damaged):
+    finished_cell(tmp_path / "demo/carton", carton)
+    place = tmp_path / "demo/carton" / damaged
+    if place.is_dir():
+        shutil.rmtree(place)
+    else:
+        place.write_text("{}" if damaged.endswith("mesh.json") else "half of")
+    page = made_page(tmp_path / "demo/carton", tmp_path / "report", "--faces", "500")
+    assert "warning: " in capsys.readouterr().err
     made_gallery(tmp_path / "report", page)
     assert broken_links(page / "index.html") == []
 
@@ -180,9 +215,23 @@ def test_the_benchmark_has_a_row_for_each_set_of_models(tmp_path):
     made_gallery(tmp_path / "report", tables=tmp_path / "tables")
     page = (tmp_path / "report/tables.html").read_text()
     assert "render_compare, true masks, AR" in page and "contour, AP" in page
-    assert all(f">{value}</td>" in page for value in ("0.910", "0.870", "0.420")) and ">0.500</td>" not in page
+    overall, by_object = page.split("<summary>By object</summary>")
+    assert all(f">{value}</td>" in overall for value in ("0.910", "0.870", "0.420")) and ">0.500</td>" not in overall
+    assert ">0.500</td>" in by_object
     assert ">lost with 2dgs</th>" in page and ">0.040</td>" in page
     assert (tmp_path / "report/downloads/bop.csv").read_text().count("\n") == 5
+
+
+def test_scores_by_object_lead_to_their_pages(tmp_path, carton):
+    finished_cell(tmp_path / "demo/carton", carton)
+    write_json(tmp_path / "demo/carton/model/model_info.json", {"obj_id": 3, "name": "carton", "diameter": 115.3})
+    page = made_page(tmp_path / "demo/carton", tmp_path / "report", "--faces", "500")
+    rows = ["demo,models,pose,render_compare,truth,ar,3,0.5,measured", "demo,models,pose,render_compare,truth,ar,4,0.25,measured"]
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables/bop.csv").write_text("\n".join(["dataset,models,task,method,masks,measure,object,value,source", *rows]) + "\n")
+    text = made_gallery(tmp_path / "report", page, tables=tmp_path / "tables").with_name("tables.html").read_text()
+    assert re.search(r'<a href="objects/carton/index.html">carton[^<]*</a></th><td class="figure">0.500', text)
+    assert '<th scope="row">4</th><td class="figure">0.250' in text
 
 
 def test_published_tables_stand_beside_ours(tmp_path, carton):

@@ -97,7 +97,13 @@ rule bop_table:
         scores=scores_of_table,
     output:
         table="results/{dataset}/tables/bop.csv",
-        page="results/{dataset}/tables/bop.md",
+        page=report(
+            "results/{dataset}/tables/bop.md",
+            caption="../report/bop.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "detection and poses"},
+        ),
     log:
         "results/{dataset}/tables/logs/bop.log",
     benchmark:

@@ -84,9 +84,7 @@ def page_of(rows: Sequence[dict[str, str]]) -> str:
 def summary(rows: Sequence[dict[str, str]]) -> list[list[str]]:
     """One row a set of models, one column a method and its masks, after a row of titles; below, what each set loses."""
     shown = [row for row in rows if not row["object"] and row["measure"] == SHOWN[row["task"]]]
-    columns = sorted(
-        dict.fromkeys(_column(row) for row in shown), key=lambda key: (key[0] == THESIS, key[1] == "pose", key[3] != TRUE_MASKS)
-    )
+    columns = _columns(shown)
     values = {(row["models"], _column(row)): float(row["value"]) for row in shown}
     models = list(dict.fromkeys(row["models"] for row in shown))
     table = [["", *(_title(*column) for column in columns)]]
@@ -98,6 +96,21 @@ def summary(rows: Sequence[dict[str, str]]) -> list[list[str]]:
             losses = {column: values[TRUE_MODELS, column] - values[name, column] for column in compared}
             table.append([f"{LOST} {_words(name)}", *(_number(losses.get(column)) for column in columns)])
     return table
+
+
+def by_object(rows: Sequence[dict[str, str]]) -> list[list[str]]:
+    """One row an object of BOP's number, one column a set of models, a method and its masks, after a row of titles."""
+    shown = [row for row in rows if row["object"] and row["measure"] == SHOWN[row["task"]]]
+    columns = [(models, column) for models in dict.fromkeys(row["models"] for row in shown) for column in _columns(shown)]
+    values = {(row["object"], row["models"], _column(row)): float(row["value"]) for row in shown}
+    table = [["", *(f"{_words(models)}: {_title(*column)}" for models, column in columns)]]
+    for number in sorted({row["object"] for row in shown}, key=int):
+        table.append([number, *(_number(values.get((number, *column))) for column in columns)])
+    return table
+
+
+def _columns(rows: Sequence[dict[str, str]]) -> list[tuple[str, str, str, str]]:
+    return sorted(dict.fromkeys(_column(row) for row in rows), key=lambda key: (key[0] == THESIS, key[1] == "pose", key[3] != TRUE_MASKS))
 
 
 def _column(row: dict[str, str]) -> tuple[str, str, str, str]:

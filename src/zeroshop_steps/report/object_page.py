@@ -5,6 +5,7 @@ Whatever the run has left so far is shown; what is missing is shown as missing.
 
 import argparse
 import shlex
+import sys
 from pathlib import Path
 
 from zeroshop_steps.errors import StepError
@@ -35,12 +36,14 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"--faces is {args.faces}, --texture-px {args.texture_px}; at least 100 triangles and 16 pixels are needed")
     runs = chosen_first(find_runs(args.object), args.chosen)
     truth = read_truth(args.object / "model", args.faces, args.texture_px)
+    info = model_info(args.object)
     with written_whole_dir(args.out) as folder:
         manifest = write_solids(runs, truth, folder, args.faces, args.texture_px)
         card = {
             "dataset": args.object.absolute().parent.name,
             "object": args.object.name,
-            "name": object_name(args.object),
+            "name": object_name(args.object, info),
+            "number": info.get("obj_id"),
             "viewer": bool(manifest["runs"] or truth),
             "thumbnail": write_thumbnail(runs, truth, folder),
             "cells": [cell_card(cell, f"{run.scene}/{run.registration}" == args.chosen) for run in runs for cell in run.cells],
@@ -56,10 +59,19 @@ def changes_words(changes: list[str]) -> str:
     return f" --config {' '.join(map(shlex.quote, changes))}" if changes else ""
 
 
-def object_name(folder: Path) -> str:
-    """The name of an object for people: its model's, where that says more than the folder."""
+def model_info(folder: Path) -> dict:
+    """What the true model of an object says of itself; nothing where there is none, or where it is damaged."""
     info = folder / "model/model_info.json"
-    name = str(read_json(info).get("name") or "") if info.is_file() else ""
+    try:
+        return read_json(info) if info.is_file() else {}
+    except StepError as error:
+        print(f"warning: {error}", file=sys.stderr)
+        return {}
+
+
+def object_name(folder: Path, info: dict) -> str:
+    """The name of an object for people: its model's, where that says more than the folder."""
+    name = str(info.get("name") or "")
     return f"{name} ({folder.name})" if name and name != folder.name else folder.name
 
 

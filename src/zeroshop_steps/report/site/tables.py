@@ -47,6 +47,8 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
         "figure_4_8": height_plot(found.get("height", [])),
         "plots": plots(cards),
         "bop": bop.summary([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
+        "bop_objects": bop.by_object([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
+        "bop_links": {str(card["number"]): {"name": card["name"], "link": card["page"]} for card in cards if card["number"]},
         "published_bop": bop.summary(bop.published()),
     }
     rows = {"grades": grade_csv(cards, thesis), "figures": figure_csv(cards), "heights": content["heights"]}
