@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 
 from zeroshop_steps.code_version import code_version
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import written_whole_dir
 
 LOCATION = "SNAKEMAKE_OUTPUT_CACHE"
@@ -83,13 +83,13 @@ def run_cached(step: str, module: ModuleType, args: argparse.Namespace) -> None:
             print(f"taken from the cache: {entry}", file=sys.stderr)
             return
         except (Damaged, OSError) as fault:
-            print(f"warning: cache entry {entry} is damaged ({fault}); it is removed and made again", file=sys.stderr)
+            warn(f"cache entry {entry} is damaged ({fault}); it is removed and made again")
             _remove(entry)
     module.run(args)
     try:
         _put(entry, Path(args.out), cached)
     except OSError as error:
-        print(f"warning: the result could not be put into the cache {folder}: {error}", file=sys.stderr)
+        warn(f"the result could not be put into the cache {folder}: {error}")
 
 
 def entry_name(step: str, cached: Cached, args: argparse.Namespace) -> str:

@@ -188,3 +188,10 @@ def test_a_blurred_photo_is_told(shoot, capsys):
     write_image(shoot.image(5), cv2.GaussianBlur(cv2.imread(str(shoot.image(5))), (0, 0), 6))
     take_photos(shoot.images, None, None, 8, shoot.out)
     assert "blurred, much more than the others: IMG_0005.jpg" in capsys.readouterr().err
+
+
+def test_photos_that_are_all_blurred_are_told(shoot, capsys):
+    for index in range(9):
+        write_image(shoot.image(index), cv2.GaussianBlur(cv2.imread(str(shoot.image(index))), (0, 0), 3))
+    take_photos(shoot.images, None, None, 8, shoot.out)
+    assert "blurred throughout" in capsys.readouterr().err

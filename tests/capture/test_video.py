@@ -18,11 +18,11 @@ def picture(seed: int = 0) -> np.ndarray:
     """A wide picture that the camera passes along."""
     rng = np.random.default_rng(seed)
     coarse = cv2.resize(rng.integers(0, 255, (16, 160, 3), dtype=np.uint8), (2400, HEIGHT), interpolation=cv2.INTER_CUBIC)
-    fine = cv2.resize(rng.integers(0, 90, (16, 160, 3), dtype=np.uint8), (2400, HEIGHT), interpolation=cv2.INTER_LINEAR)
+    fine = cv2.resize(rng.integers(0, 90, (16, 160, 3), dtype=np.uint8), (2400, HEIGHT), interpolation=cv2.INTER_NEAREST)
     return cv2.add(coarse // 2, fine)
 
 
-def film(path: Path, offsets, blurred=(), light=1.0) -> Path:
+def film(path: Path, offsets, blurred=(), light=1.0, smear_px=(25, 1)) -> Path:
     """Write a film that shows `picture` from these offsets."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*("MJPG" if path.suffix == ".avi" else "mp4v")), 30, (WIDTH, HEIGHT))
     assert writer.isOpened()
@@ -30,7 +30,7 @@ def film(path: Path, offsets, blurred=(), light=1.0) -> Path:
     for number, offset in enumerate(offsets):
         frame = whole[:, int(offset) : int(offset) + WIDTH]
         if number in blurred:
-            frame = cv2.blur(frame, (25, 1))
+            frame = cv2.blur(frame, smear_px)
         writer.write(np.clip(frame * light, 0, 255).astype(np.uint8))
     writer.release()
     return path
@@ -48,6 +48,13 @@ def test_frames_are_spread_over_the_way_not_over_time(tmp_path):
     assert len(list_images(tmp_path / "capture/images")) == 12
     assert read_image(tmp_path / "capture/contact_sheet.png").shape[1] == 5 * 320
     assert facts["warnings"] == []
+
+
+def test_a_film_that_is_blurred_throughout_is_said(tmp_path):
+    path = film(tmp_path / "film.mp4", np.linspace(0, 1800, 120), set(range(120)), smear_px=(9, 9))
+    take_frames(path, 10, 1920, None, tmp_path / "capture")
+    facts = read_json(tmp_path / "capture/capture.json")
+    assert any("blurred throughout" in warning for warning in facts["warnings"]) and min(facts["edge_blur_px"]) > 1.5
 
 
 def test_sharp_frames_are_preferred(tmp_path):

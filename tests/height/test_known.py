@@ -43,7 +43,7 @@ def test_without_a_height_the_scale_is_unknown_and_that_is_said(height, capsys):
     assert status == 0 and record["scale"] == record["scale_source"] == "unknown"
     assert record["height_m"] is None and record["metres_per_unit"] is None
     message = capsys.readouterr().err
-    assert "WARNING: the scale is unknown" in message and "height_m" in message
+    assert "warning: the scale is unknown" in message and "height_m" in message
 
 
 def test_a_known_height_that_is_missing_is_an_error(height, capsys):

@@ -76,7 +76,10 @@ def mask_method(wildcards):
 
 def segmentation_options(wildcards):
     """The options of this method."""
-    return options_of_segmentation(wildcards, segmentation_method(wildcards))
+    name = segmentation_method(wildcards)
+    if name == "given":
+        return step_options({"capture": "results/{dataset}/{object}/{scene}/capture".format(**wildcards)})
+    return options_of_segmentation(wildcards, name)
 
 
 def options_of_segmentation(wildcards, name):

@@ -110,7 +110,7 @@ def registrations_of(dataset):
 def check_object(wildcards):
     """Raise an error that lists what exists where a path names an unknown dataset or object."""
     names = objects_of(wildcards.dataset)
-    where = "config/config.yaml" if is_virtual(wildcards.dataset) else config["objects_table"]
+    where = config["objects_table"] if config["datasets"][wildcards.dataset]["kind"] == "photos" else "config/config.yaml"
     known(f"object of dataset {wildcards.dataset}", wildcards.object, names, f"Objects of this dataset are listed in {where}.")
 
 

@@ -38,6 +38,11 @@ def height_options(wildcards):
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: height_method depth_camera needs the folder of the "
             "depth images in the column depth"
         )
+    if name == "depth_camera" and capture_method(wildcards) == "video":
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: depth images belong to photos, images names a video; export "
+            "the colour images as photos, too"
+        )
     if name == "depth_camera" and wildcards.scene == OBJECT_SCENE and mask_method(wildcards) == "support_plane":
         raise WorkflowError(
             f"{wildcards.dataset} {wildcards.object}: scene {OBJECT_SCENE} is made of photos that have been undistorted to find the masks, "

@@ -15,7 +15,7 @@ rule capture_object:
     benchmark:
         "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
     wildcard_constraints:
-        dataset=datasets_of("photos"),
+        dataset=datasets_of("photos", "films"),
         scene=OBJECT_SCENE,
     conda:
         "../envs/zeroshop.yaml"
@@ -35,6 +35,7 @@ rule capture_object:
 rule segment:
     input:
         scene="results/{dataset}/{object}/{scene}/{registration}/scene",
+        capture="results/{dataset}/{object}/{scene}/capture",
     output:
         cameras=directory("results/{dataset}/{object}/{scene}/{registration}/cameras"),
     log:

@@ -18,7 +18,7 @@ from zeroshop_steps.bop.similarity_icp import Fit, Refinement
 from zeroshop_steps.bop.similarity_search import search
 from zeroshop_steps.bop.surface_points import surface_points
 from zeroshop_steps.bop.symmetry import symmetry_transforms
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish.evidence import with_evidence
 from zeroshop_steps.finish.surface_error import distances_to
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
         )
     notice = scale_notice(figures["scale"])
     if notice:
-        print(f"warning: {args.mesh}: {notice}", file=sys.stderr)
+        warn(f"{args.mesh}: {notice}")
     content = {"truth_from_mesh": np.round(fit.transform, DIGITS).tolist(), **figures, "notice": notice, "model_info": info}
     write_json(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"aligned: {figures['mesh_to_truth_mm']:.2f} mm from the truth, scale {figures['scale']:.4f}", file=sys.stderr)

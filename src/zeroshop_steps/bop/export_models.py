@@ -15,7 +15,7 @@ import numpy as np
 
 from zeroshop_steps.bop.models import model_file
 from zeroshop_steps.capture.bop_models import checked_diameter_mm
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.failures import read_failure
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.finish.evidence import with_evidence
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
         for part in args.parts:
             failure = read_failure(part)
             if failure:
-                print(f"warning: {part} is left out of {args.out}: {failure}", file=sys.stderr)
+                warn(f"{part} is left out of {args.out}: {failure}")
                 continue
             mesh, info = read_part(part)
             number = info["obj_id"]

@@ -7,7 +7,6 @@ problems of all files are reported at once.
 import argparse
 import math
 import shutil
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, thumbnail, write_record
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.capture.frames import alike, contact_sheet, edge_blur_px, picture_warnings, sharpness, thumbnail, write_record
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import written_whole_dir
 from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
 
@@ -37,7 +36,7 @@ class Photo:
         size_px: (width, height).
         mask: (height, width) bool; None where the capture has no masks.
         thumbnail: small float32 grey picture, for comparing photos.
-        sharpness, level: as `frames.picture_warnings` wants them.
+        sharpness, level, blur_px: as `frames.picture_warnings` wants them.
         turned: whether the file records a rotation, which is applied unless there are masks.
     """
 
@@ -47,6 +46,7 @@ class Photo:
     thumbnail: np.ndarray
     sharpness: float
     level: float
+    blur_px: float
     turned: bool
 
 
@@ -75,7 +75,7 @@ def take_photos(images: Path, masks: Path | None, height_m: float | None, min_im
         StepError: with a line for every problem found.
     """
     start_s = time.monotonic()
-    odd = _format_problems(images)
+    odd = format_problems(images)
     problems = height_problems(height_m) + odd
     paths = [] if odd else list_images(images)
     if masks is not None and not Path(masks).is_dir():
@@ -95,7 +95,7 @@ def take_photos(images: Path, masks: Path | None, height_m: float | None, min_im
     if problems:
         raise StepError(_report(problems))
     for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        warn(warning)
     with written_whole_dir(out) as folder:
         (folder / "images").mkdir()
         for index, photo in enumerate(photos):
@@ -110,8 +110,8 @@ def take_photos(images: Path, masks: Path | None, height_m: float | None, min_im
             "warnings": warnings,
             "seconds": round(time.monotonic() - start_s, 2),
         }
-        sharpnesses, levels = [photo.sharpness for photo in photos], [photo.level for photo in photos]
-        write_record(folder, photos[0].size_px, height_m, sharpnesses, levels, facts)
+        measured = ([getattr(photo, name) for photo in photos] for name in ("sharpness", "level", "blur_px"))
+        write_record(folder, photos[0].size_px, height_m, *measured, facts)
 
 
 def height_problems(height_m: float | None) -> list[str]:
@@ -123,7 +123,8 @@ def height_problems(height_m: float | None) -> list[str]:
     return [f"height {height_m:g} m is out of range{hint}; give the height in metres, {low:g} to {high:g}, or none"]
 
 
-def _format_problems(images: Path) -> list[str]:
+def format_problems(images: Path) -> list[str]:
+    """Photos in formats that nothing here reads, in words."""
     if not Path(images).is_dir():
         return []
     odd = sorted(path.name for path in Path(images).iterdir() if path.suffix.lower() in UNREADABLE_SUFFIXES)
@@ -153,19 +154,20 @@ def _upright_size_px(path: Path) -> tuple[int, int]:
 def _read(path: Path, masks: Path | None) -> Photo:
     image = read_image(path)
     height, width = image.shape[:2]
-    facts = (thumbnail(image), sharpness(image), float(image.mean()), _is_turned(path))
+    turned = _is_turned(path)
+    facts = (thumbnail(image), sharpness(image), float(image.mean()), edge_blur_px(image), turned)
     if masks is None:
-        return Photo(path, _upright_size_px(path) if facts[3] else (width, height), None, *facts)
+        return Photo(path, _upright_size_px(path) if turned else (width, height), None, *facts)
     candidates = [masks / f"{path.stem}.png", masks / f"{path.name}.png"]
     mask_path = next((candidate for candidate in candidates if candidate.is_file()), None)
     if mask_path is None:
         raise StepError(f"image {path} has no mask: {candidates[0]} does not exist; draw one, 255 on the object and 0 elsewhere")
     mask = read_mask(mask_path)
     if mask.shape != (height, width):
-        turned = " (the photo is stored turned: remove its EXIF rotation by exporting it again)" if mask.shape == (width, height) else ""
+        hint = " (the photo is stored turned: remove its EXIF rotation by exporting it again)" if mask.shape == (width, height) else ""
         raise StepError(
             f"mask {mask_path} is {mask.shape[1]} x {mask.shape[0]} px, its image {path.name} is {width} x {height} px;"
-            f" they must be equal{turned}"
+            f" they must be equal{hint}"
         )
     share = float(mask.mean())
     if share < SMALLEST_SHARE:
@@ -204,7 +206,8 @@ def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], lis
         )
     elif copies:
         warnings.append(f"images that add nothing: {_list(copies)}")
-    warnings += picture_warnings([p.path.name for p in photos], [p.sharpness for p in photos], [p.level for p in photos])
+    names, sharpnesses = [photo.path.name for photo in photos], [photo.sharpness for photo in photos]
+    warnings += picture_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
     cut = [photo.path.name for photo in photos if photo.mask is not None and _touches_border(photo.mask)]
     if len(photos) - len(cut) < min_images:
         problems.append(

@@ -13,9 +13,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.capture.frames import alike, contact_sheet, picture_warnings, sharpness, small_grey, thumbnail, write_record
+from zeroshop_steps.capture.frames import (
+    alike,
+    contact_sheet,
+    edge_blur_px,
+    picture_warnings,
+    sharpness,
+    small_grey,
+    thumbnail,
+    write_record,
+)
 from zeroshop_steps.capture.photos import height_problems
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import written_whole_dir
 from zeroshop_steps.images import write_image
 
@@ -77,7 +86,8 @@ def take_frames(video: Path, count: int, max_side_px: int, height_m: float | Non
     wanted = set(chosen)
     images = {number: frame for number, frame in enumerate(read_frames(video)) if number in wanted}
     names = [f"{index:06d}" for index in range(len(chosen))]
-    warnings = picture_warnings(names, film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist())
+    blurs_px = [edge_blur_px(images[number]) for number in chosen]
+    warnings = picture_warnings(names, film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist(), blurs_px)
     moving = int((film.changes > STILL_CHANGE).sum())
     if moving < MOVING_FRAMES * count:
         warnings.append(f"the camera moved too fast: only {moving} frames show its way; take twice the time for it")
@@ -98,9 +108,9 @@ def take_frames(video: Path, count: int, max_side_px: int, height_m: float | Non
             "seconds": round(time.monotonic() - start_s, 2),
         }
         height_px, width_px = scaled[0].shape[:2]
-        write_record(folder, (width_px, height_px), height_m, film.sharpnesses[chosen], film.levels[chosen], facts)
+        write_record(folder, (width_px, height_px), height_m, film.sharpnesses[chosen], film.levels[chosen], blurs_px, facts)
     for warning in warnings:
-        print(f"warning: {warning}")
+        warn(warning)
 
 
 def watch(video: Path) -> Film:

@@ -6,13 +6,13 @@ scale is unknown.
 """
 
 import argparse
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from zeroshop_steps.errors import warn
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.images import IMAGE_SUFFIXES
@@ -36,9 +36,12 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
     frame = object_frame(mesh, views, read_json(args.height))
-    frame |= _first_camera_note(args.capture, views)
-    if frame["warnings"]:
-        print("WARNING: " + "; ".join(frame["warnings"]), file=sys.stderr)
+    first = first_photo(args.capture) or views[0].camera.name
+    frame["first_photo"] = Path(first).stem
+    if Path(first).stem != Path(views[0].camera.name).stem:
+        frame["warnings"].append(f"the first photo {first} has no camera; x points to {views[0].camera.name} instead")
+    for warning in frame["warnings"]:
+        warn(warning)
     write_json(args.out, frame | {"seconds": round(time.monotonic() - start_s, 2)})
 
 
@@ -55,6 +58,10 @@ def object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[
     """
     z, metric = np.array(height["up"]), height["scale"] == "known"
     rotation, middle, warnings = _rotation(z, mesh, views[0])
+    if height["up_source"] == "camera_roll":
+        warnings.append(
+            "no ground was found to stand on, so z follows how the camera was held, which may lean; print under the object helps"
+        )
     scale = height["metres_per_unit"] * 1000.0 if metric else 1.0
     similarity = np.eye(4)
     similarity[:3, :3] = scale * rotation
@@ -98,10 +105,8 @@ def _towards_camera(z: np.ndarray, centre: np.ndarray, view: View) -> tuple[np.n
     return horizontal / np.linalg.norm(horizontal), warnings
 
 
-def _first_camera_note(capture: Path, views: list[View]) -> dict:
+def first_photo(capture: Path) -> str | None:
+    """The name of a capture's first picture; None without any."""
     folder = capture / "images"
-    names = sorted(path.stem for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES) if folder.is_dir() else []
-    registered = Path(views[0].camera.name).stem
-    if names and names[0] != registered:
-        print(f"WARNING: the first photo {names[0]} is not registered; x points to {registered} instead", file=sys.stderr)
-    return {"first_photo": names[0] if names else registered}
+    names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES) if folder.is_dir() else []
+    return names[0] if names else None

@@ -22,7 +22,7 @@ from zeroshop_steps.register.undistort import undistortion_map
 LEAST_IMAGES = 3
 LEAST_PIXELS = 100  # on the object, in an image
 RIM_PX = 3  # at the silhouette, depth cameras mix object and background
-NEAREST_MM = 50.0  # no depth camera sees nearer
+NEAREST_MM, FARTHEST_MM = 50.0, 5000.0  # no depth camera sees nearer, and none is held so far from what it is to measure
 OFF_DIAGONALS = 0.15  # a pixel whose depth is this far off, in diagonals of the object, shows something else
 MOST_OFF = 0.15
 
@@ -40,7 +40,10 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"--step-mm is {args.step_mm:g}; a step of a depth image is 0.001 to 100 mm, most often 1")
     mesh = read_ply(args.mesh)
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    write_height(args, "depth_camera", lambda subject: scale_of(subject, MeshRenderer(mesh), diagonal, args.depth, args.step_mm))
+    else_wrong = "the depth images have another unit (height.depth_camera.step_mm)"
+    write_height(
+        args, "depth_camera", lambda subject: scale_of(subject, MeshRenderer(mesh), diagonal, args.depth, args.step_mm), else_wrong
+    )
 
 
 def scale_of(subject: Subject, renderer: MeshRenderer, diagonal: float, folder: Path, step_mm: float) -> Scale:
@@ -94,14 +97,16 @@ def scale_of(subject: Subject, renderer: MeshRenderer, diagonal: float, folder: 
 
 
 def depth_files(subject: Subject, folder: Path) -> list[tuple[View, Path]]:
-    """Each view's depth image, where there is one; photos may have been renamed when they were taken into the capture."""
-    names = read_json(subject.capture / "capture.json").get("source_names")
+    """Each view's depth image, where there is one, named like the user's photo. Raises StepError for a video."""
+    facts = read_json(subject.capture / "capture.json")
+    if "source_frames" in facts:
+        raise StepError(f"depth images belong to photos, and {subject.capture} comes from a video: export the colour images as photos, too")
+    names = facts.get("source_names")
     found = []
     for view in subject.views:
         stem = Path(view.camera.name).stem
-        own = [Path(names[int(stem)]).stem] if names and stem.isdigit() and int(stem) < len(names) else []
-        path = next((folder / f"{name}.png" for name in [*own, stem] if (folder / f"{name}.png").is_file()), None)
-        if path:
+        path = folder / f"{Path(names[int(stem)]).stem if names else stem}.png"
+        if path.is_file():
             found.append((view, path))
     return found
 
@@ -123,10 +128,10 @@ def read_depth(path: Path, view: View) -> np.ndarray:
 
 
 def _check_unit(path: Path, median_mm: float, step_mm: float) -> None:
-    if median_mm < NEAREST_MM:
+    if not NEAREST_MM <= median_mm <= FARTHEST_MM:
         raise StepError(
-            f"depth image {path} puts the object {median_mm:g} mm away: it looks like metres or another unit than the {step_mm:g} mm a "
-            "step that are expected; export millimetres, or give the unit as height.depth_camera.step_mm"
+            f"depth image {path} puts the object {median_mm:g} mm away: it looks like another unit (metres, tenths of millimetres) than the"
+            f" {step_mm:g} mm a step that are expected; export millimetres, or give the unit as height.depth_camera.step_mm"
         )
 
 

@@ -55,7 +55,8 @@ def run(args: argparse.Namespace) -> None:
     def predictor(paths: Sequence[Path]) -> Predictor:
         return PairPredictor(load_mast3r(weights), paths, device, args.long_side_px)
 
-    write_height(args, "mast3r", partial(scale_of, scene_photos=scene, predictor=predictor))
+    measure = partial(scale_of, scene_photos=scene, predictor=predictor)
+    write_height(args, "mast3r", measure, "the network takes the object for another one of another size")
 
 
 def scale_of(subject: Subject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], Predictor]) -> Scale:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.height.standing import Standing, standing_of
@@ -20,6 +20,8 @@ UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
     "metres as height_m in config/objects.tsv, or measure it with a printed board (config/README.md)."
 )
+CONTRADICTION = 0.05
+"""A known height that differs from the measured one by more than this, and by three deviations, contradicts it."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,24 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="height.json")
 
 
-def write_height(args: argparse.Namespace, method: str, measure: Callable[[Subject], Scale | None]) -> None:
-    """Measure with `measure`, which gives the scale or None where it stays unknown, and write height.json."""
+def write_height(
+    args: argparse.Namespace, method: str, measure: Callable[[Subject], Scale | None], else_wrong: str | None = None
+) -> None:  # fmt: skip
+    """Measure with `measure`, which gives the scale or None where it stays unknown, and write height.json.
+
+    Args:
+        args: with `add_common_arguments`.
+        method: its name.
+        measure: the method.
+        else_wrong: what else than the known height may be wrong where both differ; None where they are not compared.
+    """
     start_s = time.monotonic()
     views, model = read_views(args.cameras)
     standing = standing_of(read_ply(args.mesh), views, model)
     subject = Subject(standing, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json"))
     scale = measure(subject)
+    if scale and else_wrong:
+        check_known(scale, subject, else_wrong)
     content = {
         "method": method,
         **height_record(standing, scale),
@@ -72,7 +85,24 @@ def write_height(args: argparse.Namespace, method: str, measure: Callable[[Subje
         "seconds": round(time.monotonic() - start_s, 2),
     }
     write_json(args.out, content)
-    print(height_line(content), file=sys.stderr)
+    if content["scale"] == "unknown":
+        warn(UNKNOWN)
+    else:
+        print(height_line(content), file=sys.stderr)
+
+
+def check_known(scale: Scale, subject: Subject, else_wrong: str) -> None:
+    """Raise StepError where a height that is known as well differs: a wrong unit or a wrong print shows nowhere else."""
+    if subject.known_height_m is None:
+        return
+    measured_m = subject.standing.extent * scale.metres_per_unit
+    deviation = np.hypot(scale.deviation, subject.standing.deviation / subject.standing.extent)
+    difference = measured_m / subject.known_height_m - 1.0
+    if abs(difference) > max(CONTRADICTION, 3.0 * deviation):
+        raise StepError(
+            f"by {scale.source} the object is {measured_m:.4f} m high, by its known height {subject.known_height_m:.4f} m: {else_wrong},"
+            " or height_m is wrong"
+        )
 
 
 def height_record(standing: Standing, scale: Scale | None) -> dict[str, Any]:
@@ -105,9 +135,7 @@ def height_record(standing: Standing, scale: Scale | None) -> dict[str, Any]:
 
 
 def height_line(content: dict[str, Any]) -> str:
-    """One line for people."""
-    if content["scale"] == "unknown":
-        return f"WARNING: {UNKNOWN}"
+    """One line for people, of a known scale."""
     return f"height: {content['height_m'] * 1000:.1f} mm +- {content['height_deviation_m'] * 1000:.1f} mm, from {content['scale_source']}"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.cameras import Camera
+from zeroshop_steps.capture.photos import format_problems
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.images import list_images, read_image
@@ -53,6 +54,9 @@ def place(folder: Path, views: list[View], options: SiftOptions) -> list[PlacedP
     Raises:
         StepError: fewer than two could be placed.
     """
+    odd = format_problems(folder)
+    if odd:
+        raise StepError("; ".join(odd))
     photos = list_images(folder)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     with tempfile.TemporaryDirectory(prefix="scene_photos.") as scratch_name:

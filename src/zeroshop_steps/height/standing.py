@@ -58,7 +58,10 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
     low_deviation, high_deviation = np.abs(np.diff(bounds, axis=0))[0] / 2
     bottom = plane.offset if plane else low
     if high - bottom <= 0:
-        raise StepError("the mesh has no height above its support plane: the reconstruction is flat or stands on its head")
+        raise StepError(
+            "the mesh has no height above its support plane: the reconstruction is flat or stands on its head. Look at"
+            " raw_mesh.ply and at the masks; take more pictures from all around, some from above, with more print under the object"
+        )
     if plane:
         half_width = np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / 2
         low_deviation = np.hypot(plane.residual / np.sqrt(plane.inliers), np.radians(plane.normal_deviation_deg) * half_width)

@@ -1,7 +1,6 @@
 """What pose estimators share: detections to look at, image by image, and the result file."""
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from zeroshop_steps.bop.models import Model, listed_objects, read_models
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
 from zeroshop_steps.detect.pictures import depth_of, photo_of
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.progress import track
 
 SPARE_DETECTIONS = 2
@@ -42,7 +41,7 @@ def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, Model]]
     if len(lacking) == len({target.obj_id for target in targets}):
         raise StepError(f"{args.targets} asks for the objects {lacking}, of which {args.models} has none; it has {known}")
     if lacking:
-        print(f"warning: {args.models} has no model of the objects {lacking}; their poses are not estimated", file=sys.stderr)
+        warn(f"{args.models} has no model of the objects {lacking}; their poses are not estimated")
     found = read_detections(args.detections) if args.detections else true_masks(frames)
     found = looked_at(found, targets, known, SPARE_DETECTIONS if args.detections else 0, args.detections)
     estimator = prepare(read_models(args.models, {one.object_id for one in found}))

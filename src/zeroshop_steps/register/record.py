@@ -14,7 +14,7 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.register.directions import directions_record
 
@@ -63,7 +63,7 @@ def write_registration(out: Path, keep_going: bool, register: Callable[[Path], d
         print(f"registration failed, recorded in {out / 'registration.json'}: {failure}", file=sys.stderr)
     else:
         for line in record["advice"]:
-            print(f"advice: {line}", file=sys.stderr)
+            warn(line)
 
 
 def read_registration(cameras: Path) -> dict[str, Any]:

@@ -5,10 +5,9 @@ Whatever the run has left so far is shown; what is missing is shown as missing.
 
 import argparse
 import shlex
-import sys
 from pathlib import Path
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.report.site.advice import advice_for
 from zeroshop_steps.report.site.found import Cell, Run, find_runs
@@ -65,7 +64,7 @@ def model_info(folder: Path) -> dict:
     try:
         return read_json(info) if info.is_file() else {}
     except StepError as error:
-        print(f"warning: {error}", file=sys.stderr)
+        warn(str(error))
         return {}
 
 

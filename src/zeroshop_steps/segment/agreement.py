@@ -3,15 +3,18 @@
 No plane and no points are needed. Masks that show something else than most do are found first, and have no part in it.
 """
 
+import cv2
 import numpy as np
 
 from zeroshop_steps.cameras import Camera
+from zeroshop_steps.segment.mask_quality import MaskQuality, judge_masks, judge_masks_alone
 from zeroshop_steps.segment.space import Space, silhouette, votes
 
 ROOM = 1.5  # half the block's edge, in the radius that the masks have
 ROUNDS = 20  # of the point that all masks look at
 ROUNDS_MISSES_VOXELS = ((0.34, 48), (0.2, 48), (0.05, 72))
 """Share of the masks that a voxel may miss: many while masks of other things are among them; voxels along the block's edges."""
+JUDGED_WIDTH_PX = 480
 LEAST_OVERLAP = 0.5
 """A mask that overlaps its silhouette less than this share of what the median mask does has no part in the next round."""
 
@@ -34,6 +37,26 @@ def common_hulls(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndar
         least = LEAST_OVERLAP * float(np.median(list(overlaps.values())))
         chosen = [index for index in chosen if overlaps[index] >= least > 0]
     return hulls
+
+
+def judged(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[np.ndarray], list[MaskQuality]]:
+    """Silhouettes of what (H, W) bool masks have in common, of their size, and how well each mask agrees with its own.
+
+    Without cameras nobody knows what they have in common, and silhouettes are empty.
+    """
+    height, full_width = masks[0].shape
+    width = min(JUDGED_WIDTH_PX, full_width)
+    size_px = (width, round(height * width / full_width))
+    small = [_resized(mask, size_px) for mask in masks]
+    if cameras is None:
+        return [np.zeros_like(mask) for mask in masks], judge_masks_alone(small)
+    hulls = common_hulls([camera.resized(*size_px) for camera in cameras], small)
+    return [_resized(hull, (full_width, height)) for hull in hulls], judge_masks(small, hulls)
+
+
+def _resized(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+    interpolation = cv2.INTER_AREA if size_px[0] < mask.shape[1] else cv2.INTER_LINEAR
+    return cv2.resize(mask.astype(np.float32), size_px, interpolation=interpolation) > 0.5
 
 
 def overlap(one: np.ndarray, other: np.ndarray) -> float:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 
@@ -22,9 +21,9 @@ from zeroshop_steps.images import read_image
 from zeroshop_steps.methods import DETECTOR, DETECTOR_FILES, TRACKER, TRACKER_FILES
 from zeroshop_steps.networks.devices import chosen_device, free_bytes
 from zeroshop_steps.networks.pretrained import require_model
-from zeroshop_steps.segment.agreement import common_hulls, corners_of, overlap
+from zeroshop_steps.segment.agreement import corners_of, judged, overlap
 from zeroshop_steps.segment.detector import Box, Detector, choose_box, nothing_found
-from zeroshop_steps.segment.mask_quality import MaskQuality, check_enough, judge_masks, judge_masks_alone, quality_record
+from zeroshop_steps.segment.mask_quality import check_enough, quality_record
 from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
 from zeroshop_steps.segment.support_plane import tidy
 from zeroshop_steps.segment.tracker import Tracked, Tracker
@@ -33,7 +32,6 @@ PROMPT = "object in the middle."
 MIN_SCORE = 0.25
 FIRST_PICTURES = 8
 """In so many pictures, evenly spread from the first one on, the object is looked for before giving up."""
-JUDGED_WIDTH_PX = 480
 THREADS = 2
 """Always the same number: sums in another order would move single pixels of the masks."""
 MEMORY_MB, MEMORY_PICTURE_MB = 3000, 4
@@ -143,7 +141,7 @@ def find_masks(
     names = pictures.names
     boxes = dict([_first_box(pictures, detect, prompt, min_score)])
     masks = [tracked.mask for tracked in follow(boxes)]
-    hulls, qualities = _judged(pictures, masks)
+    hulls, qualities = judged(masks, pictures.cameras)
     lost = [index for index, quality in enumerate(qualities) if quality.fault]
     again = {}
     for index in lost:
@@ -154,7 +152,7 @@ def find_masks(
         print(f"looked for the object again in {len(again)} of {len(lost)} pictures where it was lost")
         boxes |= again
         masks = [_better(old, new.mask, hull) for old, new, hull in zip(masks, follow(boxes), hulls, strict=True)]
-        hulls, qualities = _judged(pictures, masks)
+        hulls, qualities = judged(masks, pictures.cameras)
     masks = [tidy(mask.astype(np.float32), hull) > 0.5 if hull.any() else mask for mask, hull in zip(masks, hulls, strict=True)]
     check_enough(qualities, names, masks)
     seen = {names[i]: {"corners_px": [round(x, 1) for x in box.corners_px], "score": round(box.score, 3)} for i, box in boxes.items()}
@@ -178,25 +176,6 @@ def _first_box(pictures: Pictures, detect: Detect, prompt: str, min_score: float
             return index, box
         seen[pictures.names[index]] = boxes
     raise nothing_found(seen, prompt, min_score, pictures.size_px)
-
-
-def _judged(pictures: Pictures, masks: list[np.ndarray]) -> tuple[list[np.ndarray], list[MaskQuality]]:
-    """Silhouettes, of the masks' size, of what the masks have in common, and how well each mask agrees with its own.
-
-    Without cameras nobody knows what they have in common, and silhouettes are empty.
-    """
-    width = min(JUDGED_WIDTH_PX, pictures.size_px[0])
-    size_px = (width, round(pictures.size_px[1] * width / pictures.size_px[0]))
-    small = [_resized(mask, size_px) for mask in masks]
-    if pictures.cameras is None:
-        return [np.zeros_like(mask) for mask in masks], judge_masks_alone(small)
-    hulls = common_hulls([camera.resized(*size_px) for camera in pictures.cameras], small)
-    return [_resized(hull, pictures.size_px) for hull in hulls], judge_masks(small, hulls)
-
-
-def _resized(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
-    interpolation = cv2.INTER_AREA if size_px[0] < mask.shape[1] else cv2.INTER_LINEAR
-    return cv2.resize(mask.astype(np.float32), size_px, interpolation=interpolation) > 0.5
 
 
 def _better(old: np.ndarray, new: np.ndarray, hull: np.ndarray) -> np.ndarray:

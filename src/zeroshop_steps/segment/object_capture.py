@@ -15,7 +15,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.segment.grounded_sam import Pictures, add_network_arguments, find_by_networks
-from zeroshop_steps.segment.record import add_rejected_argument, contact_sheet, link_or_copy, say_dropped, shown_if_rejected
+from zeroshop_steps.segment.record import RECORD, add_rejected_argument, contact_sheet, link_or_copy, say_dropped, shown_if_rejected
 
 SCENE = "video_segmented"
 
@@ -40,7 +40,8 @@ def run(args: argparse.Namespace) -> None:
     height_px, width_px = read_image(paths[0]).shape[:2]
     if (args.pictures / "masks").is_dir():
         masks = [read_mask(args.pictures / "masks" / f"{path.stem}.png", (width_px, height_px)) for path in paths]
-        record: dict[str, Any] = {"method": "given", "dropped": {}}
+        found = args.pictures / RECORD
+        record: dict[str, Any] = (read_json(found) if found.is_file() else {"method": "given"}) | {"dropped": {}, "cut_off": []}
     else:
         with shown_if_rejected(paths, args.rejected):
             masks, record = find_by_networks(Pictures(paths, (width_px, height_px)), args)
@@ -66,7 +67,7 @@ def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record:
                 link_or_copy(path, folder / "images" / path.name)
                 write_mask(folder / "masks" / f"{path.stem}.png", mask)
         write_json(folder / "capture.json", {**facts, "scene": SCENE, "images": len(paths) - len(dropped), "seconds": record["seconds"]})
-        write_json(folder / "segmentation.json", record)
+        write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", contact_sheet(paths, masks, dropped))
     say_dropped(record)
 

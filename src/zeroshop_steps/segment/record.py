@@ -18,13 +18,16 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.frames import TILE_WIDTH_PX, rows_of
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.failures import is_result
 from zeroshop_steps.files import write_json, written_whole_dir
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.images import read_image, write_image, write_mask
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.segment.mask_quality import MasksRejected
+
+RECORD = "segmentation.json"
+"""How the masks were found, and how good they are, beside images/ and masks/."""
 
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,15 +99,17 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         model.write_binary(str(folder / "sparse"))
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
-        write_json(folder / "segmentation.json", record)
+        write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", contact_sheet([view.image_path for view in views], masks, dropped))
     say_dropped(record)
 
 
 def say_dropped(record: dict[str, Any]) -> None:
-    """Say in the log which pictures are left out and why."""
+    """Say which pictures are left out and why, and which cut the object off."""
     for name, fault in record.get("dropped", {}).items():
-        print(f"warning: {name} is left out: {fault}", file=sys.stderr)
+        warn(f"{name} is left out: {fault}")
+    if record.get("cut_off"):
+        warn(f"the object is cut off at the border in {', '.join(record['cut_off'])}; step back and keep it whole in the picture")
 
 
 def contact_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:

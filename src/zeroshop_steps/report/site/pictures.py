@@ -1,13 +1,12 @@
 """Pictures of the way from input to mesh, small enough for a page."""
 
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from zeroshop_steps.cameras import Camera
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import written_whole
 from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.meshes import Mesh, read_ply
@@ -57,7 +56,7 @@ def _first_whole(paths: list[Path]) -> Mesh | None:
         try:
             return read_ply(path)
         except StepError as error:
-            print(f"warning: no picture of a damaged mesh: {error}", file=sys.stderr)
+            warn(f"no picture of a damaged mesh: {error}")
     return None
 
 

@@ -1,12 +1,11 @@
 """The sections of an object's page: for each run its pictures and cameras, for each of its cells the way to the mesh."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.report.site.account import costs, measures, provenance, training_curves
 from zeroshop_steps.report.site.advice import advice_for, advice_on_failure
 from zeroshop_steps.report.site.charts import line_chart
@@ -80,5 +79,5 @@ def _careful(write, *arguments) -> dict[str, str]:
     try:
         return write(*arguments)
     except StepError as error:
-        print(f"warning: pictures are left out: {error}", file=sys.stderr)
+        warn(f"pictures are left out: {error}")
         return {}

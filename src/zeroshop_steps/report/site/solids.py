@@ -1,13 +1,12 @@
 """The 3D content of an object's page: its meshes with their distances to the truth, the true model, cameras and points."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json
 from zeroshop_steps.finish.quality import similarity_to_truth
 from zeroshop_steps.finish.surface_error import distances_to, seen_count
@@ -42,7 +41,7 @@ def read_truth(folder: Path, max_faces: int, texture_px: int) -> Truth | None:
     try:
         return Truth(folder, max_faces, texture_px)
     except (StepError, KeyError, ValueError) as error:
-        print(f"warning: the true model in {folder} is left out: {error}", file=sys.stderr)
+        warn(f"the true model in {folder} is left out: {error}")
         return None
 
 
@@ -57,7 +56,7 @@ def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int
             try:
                 panes.append(_write_cell(cell, run, truth, out, max_faces, texture_px))
             except StepError as error:
-                print(f"warning: {cell.key} is left out of the viewer: {error}", file=sys.stderr)
+                warn(f"{cell.key} is left out of the viewer: {error}")
         if panes:
             manifest["runs"].append(entry | {"panes": panes, "scene_file": _write_scene(run, panes, out)})
     manifest["truth"] = "truth.js" if truth else None
@@ -87,7 +86,7 @@ def _write_scene(run: Run, panes: list[dict], out: Path) -> str | None:
     try:
         write_data(out / f"scene-{run.key}.js", scene_content(read_sparse_model(run.folder / "cameras/sparse"), first))
     except StepError as error:
-        print(f"warning: the cameras of {run.key} are left out of the viewer: {error}", file=sys.stderr)
+        warn(f"the cameras of {run.key} are left out of the viewer: {error}")
         return None
     for pane in panes:
         pane["object_from_scene"] = (frames[pane["key"]] @ np.linalg.inv(first)).round(6).tolist()

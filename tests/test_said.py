@@ -1,0 +1,32 @@
+"""Warnings of a run's logs are repeated at its end; those of earlier runs are not."""
+
+import os
+
+from zeroshop_steps.errors import warn
+from zeroshop_steps.said import SHOWN, say_warnings, warnings_since
+
+
+def log_of(folder, name, *lines, age_s=0.0):
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines) + "\n")
+    os.utime(path, (1e9 - age_s,) * 2)
+
+
+def test_warnings_of_this_run_are_found(tmp_path):
+    log_of(tmp_path, "photos/cup/video/logs/capture.log", "one", "warning: blurred: a.jpg", "two warning: no")
+    log_of(tmp_path, "photos/cup/logs/old.log", "warning: of yesterday", age_s=60.0)
+    log_of(tmp_path, "photos/cup/video/capture/images/logs/x.log", "warning: a picture")
+    assert warnings_since(tmp_path, 1e9 - 1) == [f"{tmp_path}/photos/cup/video/logs/capture.log: blurred: a.jpg"]
+    assert warnings_since(tmp_path / "absent", 0.0) == []
+
+
+def test_they_are_said_as_steps_say_them(tmp_path, capsys):
+    say_warnings(tmp_path, 0.0)
+    assert capsys.readouterr().err == ""
+    for number in range(SHOWN + 2):
+        warn(f"w{number}.")
+    log_of(tmp_path, "a/logs/b.log", *capsys.readouterr().err.splitlines())
+    say_warnings(tmp_path, 0.0)
+    said = capsys.readouterr().err
+    assert f"Warnings ({SHOWN + 2})" in said and "b.log: w0." in said and "and 2 more" in said and "w31." not in said
