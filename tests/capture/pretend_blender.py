@@ -1,5 +1,7 @@
 """Stands in for the Python of BlenderProc's environment: writes grey frames as blender/render.py would, or fails as it is told.
 
+Things fall straight down, as blender/settle.py would let them where nothing is in their way.
+
 `prepare` writes an executable that is called like a Python. What it is told lies in a file beside it: {"fault": words} for an
 environment that does not start, {"killed_after": n} to be killed after n frames, {"fails": words} to end with an error.
 """
@@ -23,6 +25,13 @@ def prepare(folder: Path, **told: object) -> Path:
     return folder / "environment.json"
 
 
+def fallen(thing: dict) -> list:
+    """(4, 4) pose of a thing once it lies on the table, not turned."""
+    pose = np.array(thing["world_from_thing"])
+    pose[2, 3] -= (np.array(thing["hull_mm"]) @ pose[2, :3] + pose[2, 3]).min()
+    return pose.tolist()
+
+
 def main(told: dict, folder: Path) -> None:
     """What the process does."""
     print("Fra:0 Mem:10M | as Blender talks")
@@ -32,6 +41,11 @@ def main(told: dict, folder: Path) -> None:
     if "fails" in told:
         print(told["fails"], flush=True)
         sys.exit(3)
+    if (folder / "settle.json").is_file():
+        things = json.loads((folder / "settle.json").read_text())["things"]
+        (folder / "settled.json").write_text(json.dumps({"world_from_things": [fallen(thing) for thing in things], "moved_mm": 0.0}))
+        print("@ready")
+        return
     scene = json.loads((folder / "scene.json").read_text())
     done = 0
     for frame in range(len(scene["world_from_cameras"])):
@@ -52,4 +66,5 @@ def main(told: dict, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[-2]))
+    # render.py is given a folder and a number of threads, settle.py a folder alone.
+    main(json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[-1] if sys.argv[-2].endswith("settle") else sys.argv[-2]))

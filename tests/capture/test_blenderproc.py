@@ -10,9 +10,10 @@ from zeroshop_steps.cameras import read_sparse_model
 from zeroshop_steps.capture import blenderproc, raycast
 from zeroshop_steps.capture.blender_environment import SYSTEM_PACKAGES, fault
 from zeroshop_steps.capture.demo_objects import write_demo_object
+from zeroshop_steps.cli import stage_main
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import read_depth_mm, read_image, read_mask
+from zeroshop_steps.files import read_json, write_json
+from zeroshop_steps.images import read_depth_mm, read_image, read_mask, write_image
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
 
 WIDTH, HEIGHT = 64, 48
@@ -54,6 +55,36 @@ def test_a_killed_render_is_taken_up_at_the_first_missing_frame(box, tmp_path, c
     progress = capfd.readouterr().err
     assert "(2 of 32 were there): 1/30" in progress and "30/30, 0 s left" in progress
     assert len(list((out / "images").iterdir())) == 30
+
+
+def test_a_test_set_goes_on_after_a_kill(box, tmp_path, capsys):
+    """Tables of the box alone: fallen, rendered, and annotated as a BOP dataset."""
+    mesh, models = read_ply(box), tmp_path / "models"
+    models.mkdir()
+    write_image(models / "obj_000001.png", mesh.texture)
+    write_ply(models / "obj_000001.ply", mesh, "obj_000001.png")
+    write_json(models / "models_info.json", {"1": {"diameter": float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))}})
+    words = ["--method", "test_set", "--models", models, "--scenes", 1, "--images", 3, "--width-px", WIDTH, "--height-px", HEIGHT]
+    words += [
+        "--renderer",
+        "blenderproc",
+        "--samples",
+        1,
+        "--environment",
+        tmp_path / "environment.json",
+        "--camera",
+        tmp_path / "camera.json",
+    ]
+    words += ["--targets", tmp_path / "targets.json", "--out", tmp_path / "test"]
+    prepare(tmp_path, killed_after=2)
+    assert stage_main("zeroshop_steps.bop", ("test_set",), list(map(str, words))) == 1
+    assert "Blender was killed" in capsys.readouterr().err and not (tmp_path / "test").exists()
+    prepare(tmp_path)
+    assert stage_main("zeroshop_steps.bop", ("test_set",), list(map(str, words))) == 0
+    assert "(2 of 3 were there)" in capsys.readouterr().err
+    poses = read_json(tmp_path / "test/000001/scene_gt.json")
+    assert len(poses) == 3 and all(pose["obj_id"] == 1 for pose in poses["0"])
+    assert len(list((tmp_path / "test/000001/rgb").iterdir())) == len(list((tmp_path / "test/000001/depth").iterdir())) == 3
 
 
 @pytest.mark.parametrize("change", [{"seed": 1}, {"samples": 3}, {"width_px": 128}])
