@@ -63,7 +63,10 @@ def write_mask(path: Path, mask: np.ndarray) -> None:
 
 def write_depth_mm(path: Path, depth_mm: np.ndarray) -> None:
     """Write (height, width) depth in mm as 16-bit PNG in 0.1 mm steps; 0 where nothing was hit."""
-    write_image(path, np.clip(np.rint(depth_mm * 10.0), 0, 65535).astype(np.uint16))
+    steps = np.rint(depth_mm * 10.0)
+    if steps.max(initial=0) > 65535:
+        raise StepError(f"{path}: a depth of {steps.max() / 10:.0f} mm is too far for 16 bits of 0.1 mm, which end at 6553 mm")
+    write_image(path, np.clip(steps, 0, None).astype(np.uint16))
 
 
 def _decode(path: Path, flags: int) -> np.ndarray:

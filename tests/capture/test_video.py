@@ -1,12 +1,13 @@
 """Frames from a film: spread over the camera's way, sharp, upright; films that cannot be used are refused with a remedy."""
 
+import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.capture.video import choose_frames, take_frames, watch
+from zeroshop_steps.capture.video import choose_frames, read_frames, take_frames, watch
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json
 from zeroshop_steps.images import list_images, read_image
@@ -120,3 +121,34 @@ def test_dark_and_fast_films_are_told(tmp_path):
     assert any("dark" in line for line in read_json(tmp_path / "dark/capture.json")["warnings"])
     take_frames(film(tmp_path / "fast.mp4", np.linspace(0, 1900, 13)), 8, 1920, None, tmp_path / "fast")
     assert any("too fast" in line for line in read_json(tmp_path / "fast/capture.json")["warnings"])
+
+
+@pytest.mark.parametrize("suffix", [".mov", ".mkv", ".avi"])
+def test_other_containers_are_read(tmp_path, suffix):
+    found = watch(film(tmp_path / f"film{suffix}", np.linspace(0, 900, 20)))
+    assert len(found.changes) == 20
+
+
+def test_a_phone_held_upright_is_turned_as_the_file_says(tmp_path):
+    """An mp4 turns by the matrix in its track header (ISO 14496-12, 8.3.2): here a quarter turn clockwise."""
+    path = film(tmp_path / "film.mp4", np.linspace(0, 900, 20))
+    lying = next(read_frames(path))
+    content = bytearray(path.read_bytes())
+    header = content.index(b"tkhd") + 4
+    matrix = header + (40 if content[header] == 0 else 52)
+    content[matrix : matrix + 36] = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, HEIGHT << 16, 0, 1 << 30)
+    path.write_bytes(content)
+    upright = next(read_frames(path))
+    assert upright.shape == (WIDTH, HEIGHT, 3)
+    np.testing.assert_array_equal(upright, np.rot90(lying, -1))
+    take_frames(path, 8, 1920, None, tmp_path / "capture")
+    facts = read_json(tmp_path / "capture/capture.json")
+    assert (facts["width_px"], facts["height_px"]) == (HEIGHT, WIDTH)
+
+
+def test_a_film_whose_end_is_damaged_is_said(tmp_path, capsys):
+    path = film(tmp_path / "film.mkv", np.linspace(0, 900, 60))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * 0.96)])
+    found = watch(path)
+    assert 50 < len(found.changes) < 60 and "of its 60 frames can be read" in capsys.readouterr().err

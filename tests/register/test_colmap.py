@@ -3,7 +3,9 @@
 import shutil
 
 import numpy as np
+import pycolmap
 import pytest
+from PIL import Image
 
 from zeroshop_steps.cameras import read_sparse_model
 from zeroshop_steps.cli import stage_main
@@ -11,6 +13,8 @@ from zeroshop_steps.files import read_json
 from zeroshop_steps.images import list_images, read_image, read_mask
 from zeroshop_steps.register.__main__ import METHODS
 from zeroshop_steps.register.camera_error import camera_error
+from zeroshop_steps.register.image_set import read_image_set
+from zeroshop_steps.register.sift import SiftOptions, extract, focal_source
 
 FEWER = ("--max-features", 1000)
 
@@ -99,3 +103,20 @@ def test_bad_captures_are_refused_by_name(blank_capture, tmp_path, capsys, damag
     expected = {"two images": "holds 2 image(s)", "alike": "are alike"}.get(damage, "000003.png")
     assert expected in message
     assert not out.exists()
+
+
+@pytest.mark.parametrize(("focal_35mm", "source"), [(50, "exif"), (None, "estimated")])
+def test_the_mapper_starts_from_the_focal_length_in_exif(tmp_path, focal_35mm, source):
+    (tmp_path / "images").mkdir()
+    for number in range(3):
+        pixels = np.random.default_rng(number).integers(0, 255, (24, 32, 3), dtype=np.uint8)
+        photo = Image.fromarray(pixels).resize((640, 480), Image.Resampling.NEAREST)
+        exif = photo.getexif()
+        if focal_35mm:
+            exif.get_ifd(0x8769)[0xA405] = focal_35mm
+        photo.save(tmp_path / f"images/{number:06d}.jpg", exif=exif)
+    extract(tmp_path / "database.db", read_image_set(tmp_path), SiftOptions(max_features=300))
+    assert focal_source(tmp_path / "database.db") == source
+    with pycolmap.Database.open(tmp_path / "database.db") as opened:
+        (camera,) = opened.read_all_cameras()
+    assert camera.mean_focal_length() == pytest.approx(focal_35mm / 36 * 640 if focal_35mm else 1.2 * 640, rel=0.04)

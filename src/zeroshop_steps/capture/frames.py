@@ -1,6 +1,6 @@
 """What makes a picture usable: is it sharp, is it light enough, does it show something new?"""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +90,7 @@ def picture_warnings(names: list[str], sharpnesses: Sequence[float], levels: Seq
     return warnings
 
 
-def contact_sheet(images: list[np.ndarray], names: list[str]) -> np.ndarray:
+def contact_sheet(images: Iterable[np.ndarray], names: list[str]) -> np.ndarray:
     """(H, W, 3) uint8: all pictures, small, in rows, with their names."""
     tiles = []
     for image, name in zip(images, names, strict=True):

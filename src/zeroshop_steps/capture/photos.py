@@ -103,7 +103,7 @@ def take_photos(images: Path, masks: Path | None, height_m: float | None, min_im
             _copy_upright(photo, folder / "images" / f"{index:06d}{suffix}")
             if photo.mask is not None:
                 write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
-        sheet = contact_sheet([read_image(path) for path in list_images(folder / "images")], [photo.path.stem for photo in photos])
+        sheet = contact_sheet(map(read_image, list_images(folder / "images")), [photo.path.stem for photo in photos])
         write_image(folder / "contact_sheet.png", sheet)
         facts = {
             "source_names": [photo.path.name for photo in photos],

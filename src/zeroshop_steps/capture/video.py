@@ -135,6 +135,8 @@ def watch(video: Path) -> Film:
         raise StepError(
             f"{video} is cut off or damaged: {len(sharpnesses)} of its {promised} frames can be read; copy it from the camera again"
         )
+    if len(sharpnesses) < promised:
+        warn(f"{video}: {len(sharpnesses)} of its {promised} frames can be read; its end is damaged, the rest is taken")
     return Film(*(np.array(values) for values in (sharpnesses, levels, changes, thumbnails)))
 
 

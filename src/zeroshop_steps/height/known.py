@@ -3,9 +3,7 @@
 import argparse
 
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
-
-RULER_M = 0.0005  # how well a height is read off a ruler
+from zeroshop_steps.height.record import RULER_M, Scale, Subject, add_common_arguments, write_height
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -20,7 +20,8 @@ UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
     "metres as height_m in config/objects.tsv, or measure it with a printed board (config/README.md)."
 )
-CONTRADICTION = 0.05
+RULER_M = 0.0005  # how well a height is read off a ruler
+CONTRADICTION = 0.03
 """A known height that differs from the measured one by more than this, and by three deviations, contradicts it."""
 
 
@@ -96,7 +97,7 @@ def check_known(scale: Scale, subject: Subject, else_wrong: str) -> None:
     if subject.known_height_m is None:
         return
     measured_m = subject.standing.extent * scale.metres_per_unit
-    deviation = np.hypot(scale.deviation, subject.standing.deviation / subject.standing.extent)
+    deviation = np.linalg.norm([scale.deviation, subject.standing.deviation / subject.standing.extent, RULER_M / subject.known_height_m])
     difference = measured_m / subject.known_height_m - 1.0
     if abs(difference) > max(CONTRADICTION, 3.0 * deviation):
         raise StepError(

@@ -15,7 +15,7 @@ import pycolmap
 from zeroshop_steps.cache import Cached
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, write_registration
-from zeroshop_steps.register.sift import SiftOptions, extract, match
+from zeroshop_steps.register.sift import SiftOptions, extract, focal_source, match
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
 from zeroshop_steps.register.verdict import Limits
@@ -89,6 +89,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         scratch = Path(scratch_name)
         database = scratch / "database.db"
         figures["median_features"] = extract(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
+        figures["focal_source"] = "given" if options.sift.focal_px is not None else focal_source(database)
         stopwatch.lap("extract")
         match(database, options.sift)
         stopwatch.lap("match")

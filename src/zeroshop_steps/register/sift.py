@@ -97,6 +97,12 @@ def matching_options(options: SiftOptions) -> pycolmap.FeatureMatchingOptions:
     return matching
 
 
+def focal_source(database: Path) -> str:
+    """Where the focal length comes from with which the mapper starts: `exif`, or `estimated`, a guess from the images' size."""
+    with pycolmap.Database.open(database) as opened:
+        return "exif" if all(camera.has_prior_focal_length for camera in opened.read_all_cameras()) else "estimated"
+
+
 def two_view_options(seed: int) -> pycolmap.TwoViewGeometryOptions:
     """Options of the geometric verification, with a fixed seed."""
     verification = pycolmap.TwoViewGeometryOptions()
