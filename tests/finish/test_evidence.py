@@ -10,7 +10,8 @@ from carton_scene import camera_at
 from zeroshop_steps.cli import stage_main
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.__main__ import METHODS
-from zeroshop_steps.finish.evidence import ASSUMED, MEASURED, UNSEEN, area_shares, evidence_of, with_evidence
+from zeroshop_steps.finish.evidence import evidence_of
+from zeroshop_steps.finish.evidence_record import ASSUMED, MEASURED, UNSEEN, area_shares, with_evidence
 from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.images import write_mask

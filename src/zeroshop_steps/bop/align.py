@@ -20,7 +20,7 @@ from zeroshop_steps.bop.surface_points import surface_points
 from zeroshop_steps.bop.symmetry import symmetry_transforms
 from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.evidence import with_evidence
+from zeroshop_steps.finish.evidence_record import with_evidence
 from zeroshop_steps.finish.surface_error import distances_to
 from zeroshop_steps.meshes import Mesh, read_ply
 

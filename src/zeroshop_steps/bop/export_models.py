@@ -18,7 +18,7 @@ from zeroshop_steps.capture.bop_models import checked_diameter_mm
 from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.failures import read_failure
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
-from zeroshop_steps.finish.evidence import with_evidence
+from zeroshop_steps.finish.evidence_record import with_evidence
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
 

@@ -21,8 +21,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json, written_whole
+from zeroshop_steps.finish.evidence_record import ASSUMED, MEASURED, UNSEEN, area_shares
 from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.finish.surface_fields import neighbour_matrix, smoothed, welded
 from zeroshop_steps.finish.surface_measures import diameter_of
@@ -32,8 +32,6 @@ from zeroshop_steps.meshes import Mesh, read_ply
 from zeroshop_steps.nvs.seeds import confirmed_points
 from zeroshop_steps.o3d import o3d
 
-UNSEEN, ASSUMED, MEASURED = 0, 1, 2
-NAMES = ("unseen", "assumed", "measured")
 NEAR_DIAMETERS = 0.015
 FACING_COSINE = 0.1
 EDGE_COSINE = 0.35
@@ -63,18 +61,6 @@ def run(args: argparse.Namespace) -> None:
         np.savez_compressed(temporary, evidence=evidence)
     write_json(args.out.with_suffix(".json"), {"area_shares": shares, "seconds": round(time.monotonic() - start_s, 2)})
     print("evidence: " + ", ".join(f"{share:.1%} {name}" for name, share in shares.items()), file=sys.stderr)
-
-
-def with_evidence(mesh: Mesh, path: Path) -> Mesh:
-    """The mesh with what `run` wrote of it as its quality. Raises StepError for a file that is absent, damaged or of another mesh."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            evidence = archive["evidence"]
-    except (OSError, ValueError, KeyError) as error:
-        raise StepError(f"{path} is not a whole file of evidence ({type(error).__name__}: {error}); delete it and make it again") from None
-    if evidence.shape != (len(mesh.vertices),):
-        raise StepError(f"{path} tells of {len(evidence)} vertices, its mesh has {len(mesh.vertices)}; make it again")
-    return replace(mesh, quality=evidence / MEASURED)
 
 
 def evidence_of(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.ndarray:
@@ -119,9 +105,3 @@ def _reached(starts: np.ndarray, within: np.ndarray, faces: np.ndarray) -> np.nd
     edges = edges[within[edges].all(1)]
     _, part = connected_components(coo_matrix((np.ones(len(edges)), edges.T), shape=(len(within),) * 2), directed=False)
     return within & np.isin(part, part[starts & within])
-
-
-def area_shares(mesh: Mesh) -> dict[str, float]:
-    """The share of the surface with each evidence, by name, of a mesh with quality."""
-    area, quality = mesh.as_trimesh().area_faces, mesh.quality[mesh.faces]
-    return {name: round(float(area @ (quality * MEASURED == kind).mean(1) / area.sum()), 5) for kind, name in enumerate(NAMES)}

@@ -19,7 +19,7 @@ import numpy as np
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole
-from zeroshop_steps.finish.evidence import area_shares, with_evidence
+from zeroshop_steps.finish.evidence_record import area_shares, with_evidence
 from zeroshop_steps.finish.judge import MEASURES, Verdict, judge
 from zeroshop_steps.finish.photo_measures import photo_agreement
 from zeroshop_steps.finish.preview import seen_from
