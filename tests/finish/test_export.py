@@ -9,6 +9,7 @@ import trimesh
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish import export
+from zeroshop_steps.finish.evidence_record import ASSUMED, MEASURED
 from zeroshop_steps.finish.frame import object_frame
 from zeroshop_steps.finish.preview import draw
 from zeroshop_steps.finish.publish import publish
@@ -114,6 +115,21 @@ def test_publishing_renames_the_texture_and_adds_quality(product, tmp_path):
     published, cell = read_ply(tmp_path / "out" / "2dgs.ply"), read_ply(product)
     assert np.array_equal(published.vertices, cell.vertices) and np.array_equal(published.texture, cell.texture)
     assert read_json(tmp_path / "out" / "2dgs.json")["quality"] == {"accuracy_mm": 0.5}
+
+
+def test_a_published_mesh_tells_what_was_measured(product, tmp_path):
+    cell = read_ply(product)
+    evidence = np.where(cell.vertices[:, 2] > 0, MEASURED, ASSUMED).astype(np.uint8)
+    np.savez(tmp_path / "evidence.npz", evidence=evidence)
+    publish(product, tmp_path / "out" / "2dgs.ply", evidence=tmp_path / "evidence.npz")
+    published = read_ply(tmp_path / "out" / "2dgs.ply")
+    np.testing.assert_array_equal(published.quality, evidence / MEASURED)
+    shares = read_json(tmp_path / "out" / "2dgs.json")["area_shares"]
+    assert shares["unseen"] == 0 < shares["assumed"] < 1 and sum(shares.values()) == pytest.approx(1.0, abs=1e-4)
+    np.savez(tmp_path / "evidence.npz", evidence=evidence[:-1])
+    with pytest.raises(StepError, match="its mesh has"):
+        publish(product, tmp_path / "other.ply", evidence=tmp_path / "evidence.npz")
+    assert not (tmp_path / "other.ply").exists()
 
 
 def test_publishing_an_unfinished_cell_is_refused(product, tmp_path):

@@ -245,6 +245,11 @@ def chosen_grade(wildcards):
     return f"{chosen_cell(wildcards)}/grade.json"
 
 
+def chosen_evidence(wildcards):
+    """What of the chosen mesh was measured."""
+    return f"{chosen_cell(wildcards)}/evidence.npz"
+
+
 def quality_of(wildcards):
     """The quality of a cell, where there is a truth to measure against."""
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)

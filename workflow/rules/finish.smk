@@ -195,6 +195,7 @@ rule publish:
         preview=chosen_preview,
         quality=chosen_quality,
         grade=chosen_grade,
+        evidence=chosen_evidence,
     output:
         mesh="results/{dataset}/{object}/{nvs}.ply",
         texture="results/{dataset}/{object}/{nvs}.png",
@@ -223,4 +224,4 @@ rule publish:
         "Putting the chosen mesh of {wildcards.object} at {output.mesh}"
     shell:
         "python -m zeroshop_steps.finish --method publish --mesh {input.mesh} --preview {input.preview}"
-        " {params.quality} --grade {input.grade} --out {output.mesh} > {log} 2>&1"
+        " {params.quality} --grade {input.grade} --evidence {input.evidence} --out {output.mesh} > {log} 2>&1"

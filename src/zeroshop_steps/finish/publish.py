@@ -1,4 +1,7 @@
-"""Copy the chosen cell's product to its final place, with the texture's name rewritten in the PLY."""
+"""Copy the chosen cell's product to its final place, with the texture's name rewritten in the PLY.
+
+Each vertex gets the property `quality`: 1 measured, 0.5 assumed, 0 never seen; a robot had better grasp what was measured.
+"""
 
 import argparse
 import shutil
@@ -6,6 +9,7 @@ from pathlib import Path
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole
+from zeroshop_steps.finish.evidence_record import area_shares, with_evidence
 from zeroshop_steps.meshes import read_ply, write_ply
 
 
@@ -14,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mesh", type=Path, required=True, help="mesh.ply of the chosen cell, with .png, .glb and .json beside it")
     parser.add_argument("--preview", type=Path, help="the cell's preview picture")
     parser.add_argument("--quality", type=Path, help="the cell's quality.json; its figures go into the product's JSON")
+    parser.add_argument("--evidence", type=Path, help="the cell's evidence.npz; it becomes the vertices' quality")
     parser.add_argument("--grade", type=Path, help="the cell's grade.json; it goes into the product's JSON")
     parser.add_argument(
         "--out", type=Path, required=True, help="e.g. results/demo/mug/2dgs.ply; .png, .glb, .json and .preview.png go beside it"
@@ -22,14 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Publish one product."""
-    publish(args.mesh, args.out, args.preview, args.quality, args.grade)
+    publish(args.mesh, args.out, args.preview, args.quality, args.grade, args.evidence)
 
 
-def publish(mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None, grade: Path | None = None) -> None:
+def publish(
+    mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None, grade: Path | None = None,
+    evidence: Path | None = None,
+) -> None:  # fmt: skip
     """Write `out` and its companions; the PLY comes last, so a whole PLY means a whole product.
 
     Raises:
-        StepError: a part of the cell's product is missing.
+        StepError: a part of the cell's product is missing, or the evidence is of another mesh.
     """
     parts = {suffix: mesh_path.with_suffix(suffix) for suffix in (".png", ".glb", ".json")}
     for part in [*parts.values(), *([preview] if preview else [])]:
@@ -40,6 +48,9 @@ def publish(mesh_path: Path, out: Path, preview: Path | None = None, quality: Pa
         notes["quality"] = read_json(quality)
     if grade:
         notes["grade"] = read_json(grade)
+    if evidence:
+        mesh = with_evidence(mesh, evidence)
+        notes["area_shares"] = area_shares(mesh)
     pairs = [(parts[".png"], out.with_suffix(".png")), (parts[".glb"], out.with_suffix(".glb"))]
     pairs += [(preview, out.with_suffix(".preview.png"))] if preview else []
     for source, target in pairs:
