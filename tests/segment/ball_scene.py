@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from camera_ring import ring_camera
 
 from zeroshop_steps.cameras import Camera, write_cameras
 from zeroshop_steps.files import write_json
@@ -14,20 +15,7 @@ RED = (200, 30, 30)
 
 def ball_cameras(count: int = 12) -> list[Camera]:
     """A ring of cameras at two heights; what they look at is beside the ball, so that it is off the middle of the pictures."""
-    cameras = []
-    for index in range(count):
-        azimuth, elevation = 2 * np.pi * index / count, np.radians(20 if index % 2 else 40)
-        centre = DISTANCE * np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        forward = np.array([0.25, 0.1, 0.15]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = -pose[:3, :3] @ centre
-        intrinsics = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
-        cameras.append(Camera(f"{index:06d}.png", WIDTH, HEIGHT, intrinsics, pose))
-    return cameras
+    return [ring_camera(index, count, DISTANCE, (20, 40), (0.25, 0.1, 0.15), FOCAL, (WIDTH, HEIGHT)) for index in range(count)]
 
 
 def ball_mask(camera: Camera, centre: tuple[float, float, float] = (0.0, 0.0, 0.0), radius: float = RADIUS) -> np.ndarray:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from camera_ring import ring_camera
 
 from zeroshop_steps.cameras import Camera, SparseModel
 from zeroshop_steps.finish.views import View
@@ -24,7 +25,7 @@ def table_views(folder: Path, balls_in: list[list[Ball]]) -> tuple[list[View], S
     print_ = cv2.resize(rng.integers(20, 236, (160, 160, 3), np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC).astype(np.float32)
     views, points = [], [np.c_[rng.uniform(-1.6, 1.6, (600, 2)), np.zeros(600)]]
     for index, balls in enumerate(balls_in):
-        camera = _camera(index, len(balls_in))
+        camera = ring_camera(index, len(balls_in), DISTANCE, (25, 45), (0.0, 0.0, 0.3), FOCAL, (WIDTH, HEIGHT))
         image, on_balls = _drawn(camera, balls, print_, rng)
         path = folder / "images" / camera.name
         write_image(path, image)
@@ -33,19 +34,6 @@ def table_views(folder: Path, balls_in: list[list[Ball]]) -> tuple[list[View], S
     points = np.concatenate(points)
     model = SparseModel(tuple(view.camera for view in views), points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3))
     return views, model
-
-
-def _camera(index: int, count: int) -> Camera:
-    azimuth, elevation = 2 * np.pi * index / count, np.radians(25 if index % 2 else 45)
-    centre = DISTANCE * np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    forward = np.array([0.0, 0.0, 0.3]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    pose[:3, 3] = -pose[:3, :3] @ centre
-    return Camera(f"{index:06d}.png", WIDTH, HEIGHT, np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), pose)
 
 
 def _drawn(camera: Camera, balls: list[Ball], print_: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
