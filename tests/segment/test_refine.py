@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zeroshop_steps.segment.refine import _without_floating
+from zeroshop_steps.segment.refine import _with_lost_foot, _without_floating
 
 
 def block(*boxes):
@@ -24,3 +24,13 @@ def test_what_floats_goes_and_what_stands_or_touches_stays():
     assert np.array_equal(_without_floating(kept | block(floating), 2.0), kept)
     assert np.array_equal(_without_floating(block(body), 2.0), block(body))
     assert not _without_floating(block(), 2.0).any()
+
+
+def test_an_object_whose_foot_was_carved_off_is_kept_and_may_have_it_back():
+    body, splinter = ((15, 15, 14), (25, 25, 50)), ((33, 33, 2), (35, 35, 4))
+    kept = _without_floating(block(body, splinter), 2.0)
+    assert np.array_equal(kept, block(body))
+    assert np.array_equal(_with_lost_foot(kept, 2.0), block(((15, 15, 2), (25, 25, 50))))
+    standing = block(((15, 15, 3), (25, 25, 50)), ((12, 12, 45), (28, 28, 50)))
+    assert np.array_equal(_with_lost_foot(standing, 2.0), standing), "what lies below a rim is no foot where the body stands"
+    assert not _with_lost_foot(block(), 2.0).any()

@@ -10,7 +10,7 @@ from zeroshop_steps.cameras import Camera
 from zeroshop_steps.segment.colors import ColorOdds
 from zeroshop_steps.segment.cut import cut
 from zeroshop_steps.segment.ground import picture_ground
-from zeroshop_steps.segment.space import silhouette, splat, votes
+from zeroshop_steps.segment.space import down_to_ground, silhouette, splat, votes
 from zeroshop_steps.segment.stand import Stand
 from zeroshop_steps.segment.subject import Subject
 
@@ -27,6 +27,8 @@ FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
 """Columns no higher than this share of the hull's height, or than these voxels, are no part of it."""
 CONTACT_SHARE = 0.1
 """Gaps below the hull up to this share of its height are closed: there it touches the ground."""
+STANDING_SHARE = 0.1
+"""Of an object that stands on the ground, at least this share of its voxels hangs together with it, and of their columns reaches it."""
 FLOATING_GAP_VOXELS = 2
 """Parts farther than twice this from all that stands on the ground are no part of it."""
 HIDDEN_MARGIN = 0.04
@@ -62,18 +64,37 @@ def refine(stand: Stand, subject: Subject, cameras: list[Camera], images: list[n
     agreed = [np.minimum(plain.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
     for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
         hulls = [silhouette(subject.space, occupied, camera) for camera in cameras]
-        standing = [silhouette(subject.space, _down_to_ground(occupied), camera) for camera in cameras]
+        standing = [silhouette(subject.space, down_to_ground(occupied), camera) for camera in cameras]
         hidden = [_grown(foot, HIDDEN_MARGIN) | other for foot, other in zip(standing, others, strict=True)]
+        feet = [silhouette(subject.space, _with_lost_foot(occupied, subject.ground_voxel), camera) for camera in cameras]
         ground = picture_ground(stand, cameras, images, hidden)
         evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
         colors = _colors(images, hulls, evidence)
         masks = []
-        for image, odds, agree, hull, room in zip(images, evidence, agreed, hulls, rooms, strict=True):
-            total = np.where(odds == 0.0, agree, odds) + np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
-            total += np.where(hull, inside, np.where(_grown(hull, HULL_MARGIN), 0.0, outside))
+        for image, odds, agree, hull, foot, room in zip(images, evidence, agreed, hulls, feet, rooms, strict=True):
+            color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
+            total = np.where(odds == 0.0, agree, odds) + color
+            total += np.where(hull | (foot & (color > 0)), inside, np.where(_grown(hull, HULL_MARGIN), 0.0, outside))
             masks.append(_cut_within(room, total, image))
         occupied = _shared(subject, cameras, masks)
     return Refined(masks, [silhouette(subject.space, occupied, camera) for camera in cameras], occupied)
+
+
+def _with_lost_foot(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
+    """The (X, Y, Z) bool voxels and, where hardly any of them reaches the ground, all between them and it.
+
+    Where all views agree on the colour of a plain foot, carving takes it for ground. What has the object's colours there is that foot.
+    """
+    columns = occupied.any(axis=2)
+    if not columns.any() or _low(occupied, ground_voxel).any(axis=2).sum() >= STANDING_SHARE * columns.sum():
+        return occupied
+    return occupied | down_to_ground(occupied) & (np.arange(occupied.shape[2]) >= ground_voxel)
+
+
+def _low(values: np.ndarray, ground_voxel: float) -> np.ndarray:
+    """The part of (X, Y, Z) values up to a share of the height at which what is there stands on the ground."""
+    top = np.flatnonzero(values.any(axis=(0, 1)))[-1]
+    return values[:, :, : int(ground_voxel + CONTACT_SHARE * (top - ground_voxel)) + 1]
 
 
 def _cut_within(room: np.ndarray, evidence: np.ndarray, image: np.ndarray) -> np.ndarray:
@@ -84,11 +105,6 @@ def _cut_within(room: np.ndarray, evidence: np.ndarray, image: np.ndarray) -> np
         crop = (slice(max(y.min() - 2, 0), y.max() + 3), slice(max(x.min() - 2, 0), x.max() + 3))
         mask[crop] = cut(np.where(room[crop], evidence[crop], FORBIDDEN_ODDS), image[crop])
     return mask
-
-
-def _down_to_ground(occupied: np.ndarray) -> np.ndarray:
-    """The voxels and all below them: ground that no view sees if the object stands there."""
-    return np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2)
 
 
 def _shared(subject: Subject, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
@@ -111,14 +127,20 @@ def _upright(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
 
 
 def _without_floating(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
-    """Without what hangs in the air beside what stands: space that few views see, or that shows what lies behind it."""
+    """Without what hangs in the air beside what stands: space that few views see, or that shows what lies behind it.
+
+    Where nearly all of it hangs, that is the object, and its foot is what lacks: all views agree on the colour of a plain one there.
+    """
     labels, count = ndimage.label(ndimage.binary_dilation(occupied, iterations=FLOATING_GAP_VOXELS), np.ones((3, 3, 3)))
     if count < 2:
         return occupied
     labels = np.where(occupied, labels, 0)
-    top = np.flatnonzero(occupied.any(axis=(0, 1)))[-1]
-    low = labels[:, :, : int(ground_voxel + CONTACT_SHARE * (top - ground_voxel)) + 1]
-    return np.isin(labels, np.unique(low[low > 0])) if low.any() else occupied
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    low = _low(labels, ground_voxel)
+    standing = np.unique(low[low > 0])
+    kept = standing if sizes[standing].sum() >= STANDING_SHARE * sizes.sum() else [sizes.argmax()]
+    return np.isin(labels, kept)
 
 
 def _on_ground(occupied: np.ndarray) -> np.ndarray:

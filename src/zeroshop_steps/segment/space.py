@@ -93,3 +93,8 @@ def clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
     distance, nearest = ndimage.distance_transform_edt(labels == 0, return_indices=True)
     footprint = np.where(distance <= 2.0, labels[tuple(nearest)], 0)
     return np.where(occupied, footprint[:, :, None], 0).astype(np.int32), count
+
+
+def down_to_ground(occupied: np.ndarray) -> np.ndarray:
+    """The voxels and all below them: ground that no view sees if the object stands there."""
+    return np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2)

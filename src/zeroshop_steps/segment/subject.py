@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.segment.space import Space, clusters, votes
+from zeroshop_steps.segment.space import Space, clusters, down_to_ground, votes
 from zeroshop_steps.segment.stand import Stand
 
 COARSE_VOXELS = 72
@@ -117,7 +117,8 @@ def _subject(space: Space, labels: np.ndarray, chosen: int, count: int) -> Subje
     shape = tuple(np.ceil((high - low) * space.side / side - 1e-6).astype(int).tolist())
     fine = Space(space.axes, space.origin + low * space.side @ space.axes, side, shape)
     others = (labels > 0) & ~own
-    nearest = ndimage.distance_transform_edt(~own)
+    # It stands on the ground, whatever was carved off its foot.
+    nearest = ndimage.distance_transform_edt(~down_to_ground(own))
     rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(space.shape, np.inf)
     room = (nearest <= margin) & (nearest < rival)
     coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / space.side).astype(int) + low, np.array(space.shape) - 1)
