@@ -72,4 +72,4 @@ def test_the_record_and_the_log_have_it(tmp_path, capsys):
     write_registration(tmp_path / "scene", False, register)
     record = read_json(tmp_path / "scene/registration.json")
     assert record["directions"]["largest_gap_deg"] == pytest.approx(210, abs=1) and len(record["advice"]) == 2
-    assert capsys.readouterr().err.count("advice: too few directions") == 2
+    assert capsys.readouterr().err.count("warning: too few directions") == 2
