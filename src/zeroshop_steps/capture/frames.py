@@ -14,7 +14,7 @@ THUMBNAIL_PX = (64, 48)
 ALIKE_LEVELS = 4.0
 DARK_LEVEL, DARK_SHARE = 45.0, 0.5
 BLURRED_SHARE = 0.35
-EDGE_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5
+SHARPNESS_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5
 EDGE_LEVELS, STRONG_EDGES, SHARPEST, LEAST_EDGES = 16.0, 0.1, 0.1, 50
 MOST_EDGE_BLUR_PX = 1.5
 """Sharp photos have 0.4 to 1.0, the same blurred by 3 px have 1.8 to 2.4 (kitchen, DTU, DexYCB, rendered)."""
@@ -23,17 +23,13 @@ SHEET_COLUMNS, TILE_WIDTH_PX = 5, 320
 
 def small_grey(image: np.ndarray) -> np.ndarray:
     """(h, w) float32 grey picture, `SMALL_WIDTH_PX` wide, of an (H, W, 3) uint8 RGB image."""
-    height = max(1, round(image.shape[0] * SMALL_WIDTH_PX / image.shape[1]))
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    return cv2.resize(grey, (SMALL_WIDTH_PX, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+    return _grey(image, SMALL_WIDTH_PX)
 
 
 def sharpness(image: np.ndarray) -> float:
     """Mean absolute Laplacian over mean level of an RGB image: lower where it is blurred, however light it is."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    width = min(3 * SMALL_WIDTH_PX, image.shape[1])
-    grey = cv2.resize(grey, (width, max(1, round(image.shape[0] * width / image.shape[1]))), interpolation=cv2.INTER_AREA)
-    return float(np.abs(cv2.Laplacian(grey.astype(np.float32), cv2.CV_32F)).mean() / (grey.mean() + 1.0))
+    grey = _grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1]))
+    return float(np.abs(cv2.Laplacian(grey, cv2.CV_32F)).mean() / (grey.mean() + 1.0))
 
 
 def edge_blur_px(image: np.ndarray) -> float:
@@ -42,10 +38,7 @@ def edge_blur_px(image: np.ndarray) -> float:
     From how much weaker a strong edge becomes when it is blurred once more (Zhuo and Sim, Defocus map estimation from a single
     image, 2011). 0 where there are too few edges to tell.
     """
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    width = min(EDGE_WIDTH_PX, image.shape[1])
-    grey = cv2.resize(grey, (width, max(1, round(image.shape[0] * width / image.shape[1]))), interpolation=cv2.INTER_AREA)
-    calm = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), EDGE_SMOOTHING_PX)
+    calm = cv2.GaussianBlur(_grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1])), (0, 0), EDGE_SMOOTHING_PX)
     slope, blurred = _slope(calm), _slope(cv2.GaussianBlur(calm, (0, 0), REBLUR_PX))
     ridge = blurred >= cv2.dilate(blurred, np.ones((3, 3)))
     edges = ridge & (blurred > max(float(np.quantile(blurred, 1 - STRONG_EDGES)), EDGE_LEVELS))
@@ -53,6 +46,12 @@ def edge_blur_px(image: np.ndarray) -> float:
         return 0.0
     ratio = slope[edges] / blurred[edges]
     return float(np.quantile(REBLUR_PX / np.sqrt(np.maximum(ratio**2 - 1, 1e-3)), SHARPEST))
+
+
+def _grey(image: np.ndarray, width_px: int) -> np.ndarray:
+    height_px = max(1, round(image.shape[0] * width_px / image.shape[1]))
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return cv2.resize(grey, (width_px, height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
 def _slope(grey: np.ndarray) -> np.ndarray:

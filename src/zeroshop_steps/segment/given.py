@@ -8,11 +8,10 @@ import time
 from pathlib import Path
 
 from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
 from zeroshop_steps.finish.views import read_views
 from zeroshop_steps.segment.agreement import judged
 from zeroshop_steps.segment.mask_quality import check_enough, quality_record
-from zeroshop_steps.segment.record import RECORD, add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
+from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, how_found, shown_if_rejected, write_segmented
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +31,5 @@ def run(args: argparse.Namespace) -> None:
         _, qualities = judged(masks, [view.camera for view in views])
         with shown_if_rejected([view.image_path for view in views], args.rejected):
             check_enough(qualities, names, masks)
-        before = read_json(args.capture / RECORD) if args.capture and (args.capture / RECORD).is_file() else {"method": "given"}
-        record = before | quality_record(qualities, names) | {"seconds": round(time.monotonic() - start_s, 2)}
+        record = how_found(args.capture) | quality_record(qualities, names) | {"seconds": round(time.monotonic() - start_s, 2)}
         write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)

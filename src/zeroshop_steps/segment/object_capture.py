@@ -15,7 +15,15 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.segment.grounded_sam import Pictures, add_network_arguments, find_by_networks
-from zeroshop_steps.segment.record import RECORD, add_rejected_argument, contact_sheet, link_or_copy, say_dropped, shown_if_rejected
+from zeroshop_steps.segment.record import (
+    RECORD,
+    add_rejected_argument,
+    contact_sheet,
+    how_found,
+    link_or_copy,
+    say_dropped,
+    shown_if_rejected,
+)
 
 SCENE = "video_segmented"
 
@@ -40,8 +48,7 @@ def run(args: argparse.Namespace) -> None:
     height_px, width_px = read_image(paths[0]).shape[:2]
     if (args.pictures / "masks").is_dir():
         masks = [read_mask(args.pictures / "masks" / f"{path.stem}.png", (width_px, height_px)) for path in paths]
-        found = args.pictures / RECORD
-        record: dict[str, Any] = (read_json(found) if found.is_file() else {"method": "given"}) | {"dropped": {}, "cut_off": []}
+        record = how_found(args.pictures) | {"dropped": {}, "cut_off": []}
     else:
         with shown_if_rejected(paths, args.rejected):
             masks, record = find_by_networks(Pictures(paths, (width_px, height_px)), args)

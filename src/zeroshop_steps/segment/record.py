@@ -20,7 +20,7 @@ import pycolmap
 from zeroshop_steps.capture.frames import TILE_WIDTH_PX, rows_of
 from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.failures import is_result
-from zeroshop_steps.files import write_json, written_whole_dir
+from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.images import read_image, write_image, write_mask
 from zeroshop_steps.register.record import read_registration
@@ -102,6 +102,11 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", contact_sheet([view.image_path for view in views], masks, dropped))
     say_dropped(record)
+
+
+def how_found(folder: Path | None) -> dict[str, Any]:
+    """What segmentation.json beside masks says of them; that they were given where there is none."""
+    return read_json(folder / RECORD) if folder and (folder / RECORD).is_file() else {"method": "given"}
 
 
 def say_dropped(record: dict[str, Any]) -> None:

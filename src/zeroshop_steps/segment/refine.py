@@ -64,9 +64,10 @@ def refine(stand: Stand, subject: Subject, cameras: list[Camera], images: list[n
     agreed = [np.minimum(plain.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
     for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
         hulls = [silhouette(subject.space, occupied, camera) for camera in cameras]
-        standing = [silhouette(subject.space, down_to_ground(occupied), camera) for camera in cameras]
+        columns, whole = down_to_ground(occupied), _with_lost_foot(occupied, subject.ground_voxel)
+        standing = [silhouette(subject.space, columns, camera) for camera in cameras]
         hidden = [_grown(foot, HIDDEN_MARGIN) | other for foot, other in zip(standing, others, strict=True)]
-        feet = [silhouette(subject.space, _with_lost_foot(occupied, subject.ground_voxel), camera) for camera in cameras]
+        feet = hulls if whole is occupied else [silhouette(subject.space, whole, camera) for camera in cameras]
         ground = picture_ground(stand, cameras, images, hidden)
         evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
         colors = _colors(images, hulls, evidence)

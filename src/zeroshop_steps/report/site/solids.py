@@ -51,14 +51,15 @@ def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int
     if truth:
         write_data(out / "truth.js", mesh_content(truth.reduced))
     for run in runs:
-        panes, entry = [], {"key": run.key, "scene": run.scene, "registration": run.registration}
+        panes, frames, entry = [], {}, {"key": run.key, "scene": run.scene, "registration": run.registration}
         for cell in (cell for cell in run.cells if cell.state != "failed" and (cell.folder / "mesh.ply").is_file()):
             try:
+                frames[cell.key] = object_frame(cell)
                 panes.append(_write_cell(cell, run, truth, out, max_faces, texture_px))
             except StepError as error:
                 warn(f"{cell.key} is left out of the viewer: {error}")
         if panes:
-            manifest["runs"].append(entry | {"panes": panes, "scene_file": _write_scene(run, panes, out)})
+            manifest["runs"].append(entry | {"panes": panes, "scene_file": _write_scene(run, panes, frames, out)})
     manifest["truth"] = "truth.js" if truth else None
     write_data(out / "viewer.js", manifest)
     return manifest
@@ -79,9 +80,8 @@ def truth_from_object(cell: Cell, run: Run) -> np.ndarray:
     return similarity_to_truth(registered, true_cameras) @ np.linalg.inv(object_frame(cell))
 
 
-def _write_scene(run: Run, panes: list[dict], out: Path) -> str | None:
+def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out: Path) -> str | None:
     """Write a run's cameras and points in the frame of its first pane, and tell every pane how they lie in its own; returns the file."""
-    frames = {cell.key: object_frame(cell) for cell in run.cells if cell.key in {pane["key"] for pane in panes}}
     first = frames[panes[0]["key"]]
     try:
         write_data(out / f"scene-{run.key}.js", scene_content(read_sparse_model(run.folder / "cameras/sparse"), first))
@@ -98,7 +98,6 @@ def _write_cell(cell: Cell, run: Run, truth: Truth | None, out: Path, max_faces:
     small = reduced(mesh, max_faces, texture_px)
     pane = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": f"mesh-{cell.key}.js", "faces": len(mesh.faces)}
     pane["known_scale"] = cell.facts["mesh"].get("scale") == "known"
-    object_frame(cell)
     if truth is None:
         write_data(out / pane["file"], mesh_content(small))
         return pane
