@@ -7,6 +7,8 @@ Everything here imports Open3D as `from zeroshop_steps.o3d import o3d`.
 
 import ctypes
 import ctypes.util
+import sys
+from types import ModuleType
 
 import numpy as np
 
@@ -14,6 +16,11 @@ if ctypes.util.find_library("usb-1.0") is None:
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+
+# Open3D imports a web server for drawing in notebooks, half of its import's time; nothing here draws in one.
+_drawing = ModuleType("open3d.visualization.draw_plotly")
+_drawing.get_plotly_fig = _drawing.draw_plotly = _drawing.draw_plotly_server = None
+sys.modules.setdefault(_drawing.__name__, _drawing)
 
 import open3d as o3d  # noqa: E402
 

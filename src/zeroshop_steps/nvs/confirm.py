@@ -1,7 +1,14 @@
-"""Seeds from stereo: a depth for every pixel, of which those that other views' own depths confirm stay (Schönberger et al. 2016)."""
+"""Seeds from stereo: a depth for every pixel, of which those that other views' own depths confirm stay (Schönberger et al. 2016).
+
+A patch that holds the rim of a hollow gives the plain surface behind it the rim's depth, in all views from that side alike; the
+views across look through such a depth, and contradict it (Merrell et al. 2007).
+"""
+
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.carve import carved
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.patchmatch import match, neighbours_of
@@ -17,6 +24,10 @@ CARVING_COST_MAX = 0.5
 """Depths of a higher stereo cost do not carve; a depth need not be exact to show that a lid is none."""
 TOLERANCE = 0.01
 """Largest difference, in normalized units, between depths of two views that confirm each other."""
+SEEN_THROUGH_BY = 2
+"""A depth is false where so many views have found surface behind it."""
+SEEN_THROUGH = 0.03
+"""How far behind, in normalized units: three tolerances."""
 SPACING = 0.015
 """Edge, in normalized units, of the cells in which seeds are averaged."""
 
@@ -30,8 +41,8 @@ def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int) -> Seeds:
     depths, normals, costs = match(views, hull.occupied, hull.half_extent, seed)
     views = [grid_view(view) for view in views]
     cameras = [view.camera for view in views]
-    volume = carved(hull, cameras, _confirmed(views, _below(CARVING_COST_MAX, depths, costs)))
-    maps = _confirmed(views, _below(COST_MAX, depths, costs))
+    volume = carved(hull, cameras, confirmed(views, _below(CARVING_COST_MAX, depths, costs)))
+    maps = confirmed(views, _below(COST_MAX, depths, costs))
     points, colors, directions = [], [], []
     for view, depth, normal in zip(views, maps, normals, strict=True):
         y, x = np.nonzero(depth)
@@ -53,26 +64,44 @@ def _world_points(view: TrainingView, depth: np.ndarray, y: np.ndarray, x: np.nd
     return (rays * depth[y, x][:, None] - pose[:3, 3]) @ pose[:3, :3]
 
 
-def _confirmed(views: list[TrainingView], depths: list[np.ndarray]) -> list[np.ndarray]:
-    """The depths that enough neighbouring views find too, 0 elsewhere."""
-    neighbours = neighbours_of([view.camera for view in views], min(WITNESSES, len(views) - 1))
+def confirmed(views: list[TrainingView], depths: list[np.ndarray]) -> list[np.ndarray]:
+    """The depths that enough neighbouring views find too and that no others look through, 0 elsewhere."""
+    cameras = [view.camera for view in views]
+    neighbours = neighbours_of(cameras, min(WITNESSES, len(views) - 1))
     maps = []
     for view, depth, witnesses in zip(views, depths, neighbours, strict=True):
-        y, x = np.nonzero(depth)
-        world = _world_points(view, depth, y, x)
-        confirmations = np.zeros(len(y), int)
-        for witness in witnesses:
-            camera, other = views[witness].camera, depths[witness]
-            pixels, z = camera.project(world)
-            u, v = np.floor(pixels).astype(int).T
-            framed = np.flatnonzero((u >= 0) & (u < camera.width_px) & (v >= 0) & (v < camera.height_px))
-            found = other[v[framed], u[framed]]
-            confirmations[framed] += (found > 0) & (np.abs(found - z[framed]) < TOLERANCE)
-        kept = confirmations >= CONFIRMATIONS
-        confirmed = np.zeros_like(depth)
-        confirmed[y[kept], x[kept]] = depth[y[kept], x[kept]]
-        maps.append(confirmed)
-    return maps
+        agreeing = [np.abs(gap) < TOLERANCE for gap in _gaps(view, depth, cameras, depths, witnesses)]
+        maps.append(_only(depth, np.sum(agreeing, axis=0) >= CONFIRMATIONS))
+    result = []
+    for view, depth in zip(views, maps, strict=True):
+        contradicting = [gap > SEEN_THROUGH for gap in _gaps(view, depth, cameras, maps, range(len(views)))]
+        result.append(_only(depth, np.sum(contradicting, axis=0) < SEEN_THROUGH_BY))
+    return result
+
+
+def _gaps(
+    view: TrainingView, depth: np.ndarray, cameras: list[Camera], depths: list[np.ndarray], witnesses: Iterable[int]
+) -> Iterator[np.ndarray]:
+    """For each witness how far behind each of the (P,) known depths its own depth lies there, NaN where it has none."""
+    y, x = np.nonzero(depth)
+    world = _world_points(view, depth, y, x)
+    for witness in witnesses:
+        camera, other = cameras[witness], depths[witness]
+        pixels, z = camera.project(world)
+        u, v = np.floor(pixels).astype(int).T
+        framed = np.flatnonzero((u >= 0) & (u < camera.width_px) & (v >= 0) & (v < camera.height_px))
+        found = other[v[framed], u[framed]]
+        gap = np.full(len(y), np.nan)
+        gap[framed] = np.where(found > 0, found - z[framed], np.nan)
+        yield gap
+
+
+def _only(depth: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """`depth` with those of its (P,) known values that are `kept`, 0 elsewhere."""
+    result = np.zeros_like(depth)
+    y, x = np.nonzero(depth)
+    result[y[kept], x[kept]] = depth[y[kept], x[kept]]
+    return result
 
 
 def _averaged(points: np.ndarray, attributes: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:

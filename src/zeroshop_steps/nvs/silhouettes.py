@@ -6,7 +6,6 @@ explained best by disks a fraction of a pixel behind the true surface, everywher
 
 import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt
-from scipy.stats import trim_mean
 
 from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.nvs.views import TrainingView
@@ -35,8 +34,9 @@ def gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
         # On the mask's own contour the distance to the outside is one.
         inside = (distance_transform_edt(mask) - distance_transform_edt(~mask))[1:-1, 1:-1] - np.where(view.mask.numpy() > 0.5, 1.0, 0.0)
         gaps.append(inside[contour] * depth[contour] / camera.intrinsics[0, 0])
-    gaps = np.concatenate(gaps)
-    return float(trim_mean(gaps, TRIM)) if len(gaps) else 0.0
+    gaps = np.sort(np.concatenate(gaps))
+    ends = int(TRIM * len(gaps))
+    return float(gaps[ends : len(gaps) - ends].mean()) if len(gaps) else 0.0
 
 
 def fitted_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[Mesh, float]:
