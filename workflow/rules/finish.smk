@@ -120,7 +120,7 @@ rule texture:
         "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/texture.tsv"
     conda:
         "../envs/zeroshop.yaml"
-    threads: 8
+    threads: 1
     resources:
         mem_mb=3000,
         runtime=10,

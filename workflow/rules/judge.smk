@@ -15,7 +15,7 @@ rule evidence:
         "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/evidence.tsv"
     conda:
         "../envs/zeroshop.yaml"
-    threads: 2
+    threads: 1
     resources:
         mem_mb=3000,
         runtime=10,

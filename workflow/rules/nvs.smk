@@ -74,9 +74,9 @@ rule fuse_2dgs:
         "results/{dataset}/{object}/{scene}/{registration}/2dgs/benchmarks/fuse.tsv"
     conda:
         "../envs/zeroshop.yaml"
-    threads: 8
+    threads: 1
     resources:
-        mem_mb=6000,
+        mem_mb=4000,
         runtime=15,
     params:
         options=step_options(config["nvs"]["2dgs"]["fuse"]),
@@ -131,9 +131,9 @@ rule mesh_svraster:
         "results/{dataset}/{object}/{scene}/{registration}/svraster/benchmarks/mesh.tsv"
     conda:
         "../envs/zeroshop.yaml"
-    threads: 8
+    threads: 1
     resources:
-        mem_mb=6000,
+        mem_mb=4000,
         runtime=15,
     params:
         options=step_options(config["nvs"]["svraster"]["mesh"]),
