@@ -40,7 +40,12 @@ def test_detections_poses_and_the_worst_are_drawn(dataset, capsys):
     assert all((first == color).all(1).any() for color in (TRUE_COLOR, ESTIMATED_COLOR)), "both outlines can be told apart"
     write_estimates(folder / "poses.csv", replace(estimates, **{name: getattr(estimates, name)[:0] for name in vars(estimates)}))
     write_detections(folder / "found.json", [replace(found[0], mask=encode_mask(np.zeros_like(frame.mask(0))))])
-    assert stage_main("zeroshop_steps.bop", METHODS, [*map(str, score), "--errors-out", str(folder / "errors.csv"), "--out", "s.csv"]) == 0
+    assert (
+        stage_main(
+            "zeroshop_steps.bop", METHODS, [*map(str, score), "--errors-out", str(folder / "errors.csv"), "--out", str(folder / "none.csv")]
+        )
+        == 0
+    )
     assert stage_main("zeroshop_steps.bop", METHODS, [*map(str, draw), *map(str, given)]) == 0, "without any estimate"
     assert not (folder / "pictures/worst.png").exists()
     assert stage_main("zeroshop_steps.bop", METHODS, list(map(str, draw))) == 1 and "nothing to draw" in capsys.readouterr().err
