@@ -119,6 +119,18 @@ def test_a_mesh_survives_the_disk_and_other_readers(tmp_path: Path) -> None:
     assert len(trimesh.load(tmp_path / "m.ply", process=False).vertices) == 4
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_other_layouts_of_ply_read_alike(tmp_path: Path, encoding: str) -> None:
+    import trimesh
+
+    mesh = square(texture=False)
+    write_ply(tmp_path / "ours.ply", mesh)
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=np.full((4, 4), 90, np.uint8), process=False)
+    (tmp_path / "other.ply").write_bytes(trimesh.exchange.ply.export_ply(other, encoding=encoding))
+    ours, theirs = read_ply(tmp_path / "ours.ply"), read_ply(tmp_path / "other.ply")
+    assert np.array_equal(ours.vertices, theirs.vertices) and np.array_equal(ours.faces, theirs.faces)
+
+
 @pytest.mark.parametrize("damage", ["truncated", "text", "empty", "faces"])
 def test_a_corrupted_ply_is_named(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "bad.ply"

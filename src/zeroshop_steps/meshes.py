@@ -1,14 +1,20 @@
 """Triangle meshes, plain or textured, and the one PLY reader and writer (BOP's layout)."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
+
+if TYPE_CHECKING:
+    import trimesh  # a second to import, in every step: so only where it is needed
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
 from zeroshop_steps.images import read_image
+
+FACE_TYPE = np.dtype([("count", "u1"), ("index", "<i4", 3)])
 
 
 @dataclass(frozen=True)
@@ -64,8 +70,15 @@ class Mesh:
     def _face_quality(self) -> np.ndarray:
         return np.ones(len(self.faces)) if self.quality is None else self.quality[self.faces].mean(1)
 
-    def as_trimesh(self) -> trimesh.Trimesh:
+    def face_areas(self) -> np.ndarray:
+        """(F,) areas of the faces, in the unit of the vertices squared."""
+        corners = self.vertices[self.faces]
+        return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+
+    def as_trimesh(self) -> "trimesh.Trimesh":
         """Geometry only, vertices kept as they are."""
+        import trimesh
+
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
 
@@ -77,12 +90,7 @@ def read_ply(path: Path) -> Mesh:
     path = Path(path)
     if not path.is_file():
         raise StepError(f"mesh {path} does not exist")
-    try:
-        loaded = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True)
-        vertices, faces = np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64)
-        data = loaded.metadata["_ply_raw"]["vertex"]["data"]
-    except Exception as error:
-        raise StepError(f"mesh {path} cannot be read as PLY ({type(error).__name__}: {error}); export it again") from None
+    vertices, faces, data = _read_as_written(path) or _read_by_trimesh(path)
     if len(vertices) == 0 or len(faces) == 0:
         raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed")
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
@@ -97,6 +105,48 @@ def read_ply(path: Path) -> Mesh:
     texture = read_image(path.parent / texture_name) if texture_name and uv is not None else None
     quality = columns("quality")
     return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture, None if quality is None else quality[:, 0])
+
+
+def _read_as_written(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Vertices, faces and the table of vertices of a whole file in the layout that `write_ply` has; None for any other."""
+    content = path.read_bytes()
+    header, end, body = content.partition(b"end_header\n")
+    lines = [line for line in header.decode("ascii", "replace").split("\n")[:-1] if not line.startswith("comment ")]
+    names = [line.removeprefix("property float ") for line in lines if line.startswith("property float ")]
+    counts = [line.split()[-1] for line in lines if line.startswith("element ")]
+    if not end or {"x", "y", "z"} - set(names) or len(counts) != 2 or not all(count.isdecimal() for count in counts):
+        return None
+    if lines != _header(int(counts[0]), names, int(counts[1]))[:-2]:
+        return None
+    vertex_type, vertices, faces = np.dtype([(name, "<f4") for name in names]), int(counts[0]), int(counts[1])
+    if len(body) != vertices * vertex_type.itemsize + faces * FACE_TYPE.itemsize:
+        return None
+    vertex = np.frombuffer(body, vertex_type, vertices)
+    face = np.frombuffer(body, FACE_TYPE, faces, vertices * vertex_type.itemsize)
+    if (face["count"] != 3).any():
+        return None
+    return np.stack([vertex[axis] for axis in "xyz"], 1).astype(float), face["index"].astype(np.int64), vertex
+
+
+def _read_by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | dict]:
+    import trimesh
+
+    try:
+        loaded = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True)
+        data = loaded.metadata["_ply_raw"]["vertex"]["data"]
+        return np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64), data
+    except Exception as error:
+        raise StepError(f"mesh {path} cannot be read as PLY ({type(error).__name__}: {error}); export it again") from None
+
+
+def _header(vertices: int, columns: Iterable[str], faces: int, comments: Iterable[str] = ()) -> list[str]:
+    return [
+        *("ply", "format binary_little_endian 1.0"),
+        *(f"comment {comment}" for comment in comments),
+        *(f"element vertex {vertices}", *(f"property float {name}" for name in columns)),
+        *(f"element face {faces}", "property list uchar int vertex_indices"),
+        *("end_header", ""),
+    ]
 
 
 def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
@@ -115,12 +165,9 @@ def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
     vertex = np.empty(len(mesh.vertices), dtype=[(name, "<f4") for name in columns])
     for name, values in columns.items():
         vertex[name] = values
-    face = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    face = np.empty(len(mesh.faces), FACE_TYPE)
     face["count"], face["index"] = 3, mesh.faces
-    header = ["ply", "format binary_little_endian 1.0"]
-    header += [f"comment TextureFile {texture_name}"] if texture_name else []
-    header += [f"element vertex {len(vertex)}"] + [f"property float {name}" for name in columns]
-    header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
+    header = _header(len(vertex), columns, len(face), [f"TextureFile {texture_name}"] if texture_name else [])
     with written_whole(path) as temporary:
         temporary.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
 

@@ -110,7 +110,7 @@ def clean_mesh(
 def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh, dict[str, int]]:
     """Keep the largest part (by area) and those that are seen and hold at least `min_part` of its area."""
     labels = part_labels(mesh)
-    areas = mesh.as_trimesh().area_faces
+    areas = mesh.face_areas()
     part_areas = np.bincount(labels, areas)
     largest = int(part_areas.argmax())
     small = part_areas < min_part * part_areas[largest]

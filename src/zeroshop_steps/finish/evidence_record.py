@@ -30,5 +30,5 @@ def with_evidence(mesh: Mesh, path: Path) -> Mesh:
 
 def area_shares(mesh: Mesh) -> dict[str, float]:
     """The share of the surface with each evidence, by name, of a mesh with quality."""
-    area, quality = mesh.as_trimesh().area_faces, mesh.quality[mesh.faces]
+    area, quality = mesh.face_areas(), mesh.quality[mesh.faces]
     return {name: round(float(area @ (quality * MEASURED == kind).mean(1) / area.sum()), 5) for kind, name in enumerate(NAMES)}

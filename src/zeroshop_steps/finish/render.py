@@ -39,12 +39,10 @@ class MeshRenderer:
 
     def hits(self, camera: Camera) -> Hits:
         """Cast one ray through each pixel centre of `camera`."""
-        rotation, centre = camera.camera_from_world[:3, :3], camera.centre_in_world
-        x, y = np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
-        pixels = np.stack([x, y, np.ones_like(x)], -1)
-        directions = pixels @ np.linalg.inv(camera.intrinsics).T @ rotation  # unit depth along the axis: t_hit is the depth
-        rays = np.concatenate([np.broadcast_to(centre, directions.shape), directions], -1).astype(np.float32)
-        answer = self.scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays)))
+        k, pose = o3d.core.Tensor(camera.intrinsics), o3d.core.Tensor(camera.camera_from_world)
+        # These rays have unit depth along the axis: t_hit is the depth.
+        rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(k, pose, camera.width_px, camera.height_px)
+        answer = self.scene.cast_rays(rays)
         depth = answer["t_hit"].numpy()
         hit = np.isfinite(depth)
         face = np.where(hit, answer["primitive_ids"].numpy().astype(np.int64), -1)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json
@@ -66,31 +67,36 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
     texels = rasterize(mesh, size)
     if len(texels.face) == 0:
         raise StepError("the unwrapped mesh covers no texel; unwrap it again, or choose a larger --texture-size")
-    corners = index[mesh.faces[texels.face]]
+    count = len(texels.face)
+    # (N, V): what belongs to the corners of a texel's face, at the texel.
+    at_texels = csr_matrix(
+        (texels.barycentric.ravel(), index[mesh.faces[texels.face]].ravel(), np.arange(0, 3 * count + 1, 3)), (count, len(joined.vertices))
+    )
 
     quality = vertex_quality(joined, maps, extent)
     images, gains = _equalised(images, quality, joined, maps)
     broad, corrections = _broad_colors(images, quality, joined, maps, neighbours)
     choice = _choice(quality, neighbours)
-    color, weight = np.zeros((len(corners), 3), np.float32), np.zeros(len(corners), np.float32)
-    points = _interpolate(joined.vertices, corners, texels.barycentric)
+    color, weight = np.zeros((count, 3), np.float32), np.zeros(count, np.float32)
+    points = at_texels @ joined.vertices
     for threshold, needed in ((0.02, None), (0.0, 0.05)):  # the second round is for texels that the chosen photos miss
-        pending = np.arange(len(corners)) if needed is None else np.flatnonzero(weight < needed)
-        source = choice if needed is None else quality
+        pending = np.arange(count) if needed is None else np.flatnonzero(weight < needed)
+        at_pending, votes = at_texels[pending], choice if needed is None else quality
         for k, view in enumerate(maps):
-            chosen = _interpolate(source[:, k : k + 1], corners[pending], texels.barycentric[pending])[:, 0]
-            use = pending[chosen > threshold]
+            share = at_pending @ votes[:, k]
+            chosen = share > threshold
+            use = pending[chosen]
             pixels, depth = view.camera.project(points[use])
-            strength = chosen[chosen > threshold] * sample(view.trust, pixels) * visible(pixels, depth, view.depth, 0.004 * extent)
+            strength = share[chosen] * sample(view.trust, pixels) * visible(pixels, depth, view.depth, 0.004 * extent)
             use, pixels, strength = use[strength > 0], pixels[strength > 0], strength[strength > 0]
-            level = _interpolate(corrections[:, k], corners[use], texels.barycentric[use])
+            level = at_texels[use] @ corrections[:, k]
             color[use] += strength[:, None] * (sample(images[k], pixels) + level)
             weight[use] += strength
-    filled = _interpolate(broad, corners, texels.barycentric)
+    filled = at_texels @ broad
     color = (color + 1e-4 * filled) / (weight + 1e-4)[:, None]
     texture = np.zeros((size, size, 3), np.uint8)
     texture[texels.row, texels.column] = np.clip(np.rint(color * 255.0), 0, 255)
-    figures = {"texels": len(corners), "seen_share": round(float((weight > 0).mean()), 5), "gains": [round(float(g), 4) for g in gains]}
+    figures = {"texels": count, "seen_share": round(float((weight > 0).mean()), 5), "gains": [round(float(g), 4) for g in gains]}
     return fill_gutters(texture, texels), figures
 
 
@@ -140,8 +146,3 @@ def _choice(quality: np.ndarray, neighbours) -> np.ndarray:
     smooth = smoothed(quality, neighbours, QUALITY_SMOOTHING)
     share = (smooth / np.maximum(smooth.max(1, keepdims=True), 1e-12)) ** SELECT_POWER
     return share / np.maximum(share.sum(1, keepdims=True), 1e-12)
-
-
-def _interpolate(values: np.ndarray, corners: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-    """(N, C) values at barycentric positions of faces with (N, 3) vertex indices `corners`."""
-    return sum(values[corners[:, corner]] * barycentric[:, corner : corner + 1] for corner in range(3))

@@ -74,7 +74,7 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
 
 def robust_extent(heights: np.ndarray, mesh: Mesh, share: float = TOP_SHARE) -> tuple[float, float]:
     """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the area each."""
-    areas = mesh.as_trimesh().area_faces
+    areas = mesh.face_areas()
     weights = np.zeros(len(heights))
     for corner in range(3):
         np.add.at(weights, mesh.faces[:, corner], areas / 3)

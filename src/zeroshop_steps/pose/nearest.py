@@ -42,7 +42,7 @@ class NearestSurface:
 def nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
     """Make the table of a model."""
     assumed = mesh.assumed_faces()
-    areas = mesh.as_trimesh().area_faces
+    areas = mesh.face_areas()
     is_open = bool(areas[assumed].sum() > OPEN_SHARE * areas.sum())
     measured = Mesh(mesh.vertices, mesh.faces[~assumed]) if is_open else mesh
     samples = surface_points(measured, SAMPLES, np.random.default_rng(0))
