@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zeroshop_steps.segment.refine import _with_lost_foot, _without_floating
+from zeroshop_steps.segment.refine import _closed, _with_lost_foot, _without_floating
 
 
 def block(*boxes):
@@ -34,3 +34,18 @@ def test_an_object_whose_foot_was_carved_off_is_kept_and_may_have_it_back():
     standing = block(((15, 15, 3), (25, 25, 50)), ((12, 12, 45), (28, 28, 50)))
     assert np.array_equal(_with_lost_foot(standing, 2.0), standing), "what lies below a rim is no foot where the body stands"
     assert not _with_lost_foot(block(), 2.0).any()
+
+
+def test_a_hole_in_the_objects_own_colours_is_none():
+    mask = np.zeros((60, 80), np.float32)
+    mask[10:50, 10:70] = 1.0
+    mask[20:30, 20:30] = mask[20:30, 50:60] = 0.0  # the floor of a bowl; a handle that one looks through
+    mask[40:55, 30:34] = 0.0  # no hole: it opens to the outside
+    color = np.where(mask > 0, 1.5, -1.0)
+    color[20:30, 20:30] = color[40:55, 30:34] = 1.2
+    found = _closed(mask, color)
+    expected = mask.copy()
+    expected[20:30, 20:30] = 1.0
+    assert np.array_equal(found, expected)
+    assert np.array_equal(_closed(np.zeros((5, 6), np.float32), np.ones((5, 6))), np.zeros((5, 6)))
+    assert np.array_equal(_closed(np.ones((5, 6), np.float32), np.ones((5, 6))), np.ones((5, 6)))

@@ -31,6 +31,8 @@ STANDING_SHARE = 0.1
 """Of an object that stands on the ground, at least this share of its voxels hangs together with it, and of their columns reaches it."""
 FLOATING_GAP_VOXELS = 2
 """Parts farther than twice this from all that stands on the ground are no part of it."""
+HOLE_ODDS = 0.5
+"""Holes in whose colours the object is likelier than this, in log odds, are none."""
 HIDDEN_MARGIN = 0.04
 """Ground this near to the hull's silhouette, in square roots of its area, may be object that the hull lacks."""
 
@@ -76,7 +78,7 @@ def refine(stand: Stand, subject: Subject, cameras: list[Camera], images: list[n
             color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
             total = np.where(odds == 0.0, agree, odds) + color
             total += np.where(hull | (foot & (color > 0)), inside, np.where(_grown(hull, HULL_MARGIN), 0.0, outside))
-            masks.append(_cut_within(room, total, image))
+            masks.append(_closed(_cut_within(room, total, image), color))
         occupied = _shared(subject, cameras, masks)
     return Refined(masks, [silhouette(subject.space, occupied, camera) for camera in cameras], occupied)
 
@@ -106,6 +108,22 @@ def _cut_within(room: np.ndarray, evidence: np.ndarray, image: np.ndarray) -> np
         crop = (slice(max(y.min() - 2, 0), y.max() + 3), slice(max(x.min() - 2, 0), x.max() + 3))
         mask[crop] = cut(np.where(room[crop], evidence[crop], FORBIDDEN_ODDS), image[crop])
     return mask
+
+
+def _closed(mask: np.ndarray, color: np.ndarray) -> np.ndarray:
+    """The cut with its holes filled in which one sees the object's colours.
+
+    All views agree on the floor of a plain bowl as they do on ground: it lies where the ground does.
+
+    Args:
+        mask: (H, W) float32.
+        color: (H, W) log odds of the object for the colours.
+    """
+    count, labels = cv2.connectedComponents((mask <= 0.5).astype(np.uint8), connectivity=4)
+    open_ones = np.unique(np.concatenate([labels[[0, -1]].ravel(), labels[:, [0, -1]].ravel()]))
+    likely = ndimage.mean(color, labels, np.arange(count)) > HOLE_ODDS
+    likely[open_ones] = likely[0] = False
+    return np.where(likely[labels], np.float32(1), mask)
 
 
 def _shared(subject: Subject, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
