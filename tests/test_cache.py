@@ -1,6 +1,7 @@
 """A cached result is found by what it depends on, is checked before it is used, and is made again where it is damaged."""
 
 import argparse
+import errno
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -92,10 +93,44 @@ def test_a_damaged_entry_is_made_again_and_never_used(tmp_path, shared, capsys, 
         manifest.write_text("[")
     run_cached(STEP, step, arguments(tmp_path / "second"))
     assert step.runs == 2
-    assert f"cache entry {entry} is damaged" in capsys.readouterr().err
+    assert f"cache entry {entry} was damaged" in capsys.readouterr().err
     assert (tmp_path / "second/out/words.txt").read_text() == "one twoone two"
     run_cached(STEP, step, arguments(tmp_path / "third"))
     assert step.runs == 2, "the entry was made again"
+    assert list(shared.iterdir()) == [entry]
+
+
+def test_what_this_machine_cannot_do_costs_no_entry(tmp_path, shared, capsys, monkeypatch):
+    step = Step(Cached(("images",)))
+    run_cached(STEP, step, arguments(tmp_path / "first"))
+    [entry] = shared.iterdir()
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cache.shutil, "copyfile", full)
+        run_cached(STEP, step, arguments(tmp_path / "second"))
+    assert step.runs == 2 and (tmp_path / "second/out/words.txt").exists()
+    assert "cannot be copied" in capsys.readouterr().err
+    run_cached(STEP, step, arguments(tmp_path / "third"))
+    assert step.runs == 2 and list(shared.iterdir()) == [entry], "it is whole, and used again"
+
+
+def test_a_damaged_entry_of_someone_else_is_said_to_stay(tmp_path, shared, capsys, monkeypatch):
+    step = Step(Cached(("images",)))
+    run_cached(STEP, step, arguments(tmp_path / "first"))
+    [entry] = shared.iterdir()
+    (entry / "content/words.txt").write_text("other")
+
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cache.os, "rename", refused)
+        run_cached(STEP, step, arguments(tmp_path / "second"))
+    assert step.runs == 2 and (tmp_path / "second/out/words.txt").read_text() == "one twoone two"
+    assert "yours not to remove" in capsys.readouterr().err
     assert list(shared.iterdir()) == [entry]
 
 

@@ -75,5 +75,7 @@ def test_what_the_machine_did_wrong_is_no_result():
     assert failures.is_result(StepError("no surface")) and failures.is_result(ValueError("odd"))
     assert not failures.is_result(MemoryError()) and not failures.is_result(OSError(28, "no space left"))
     assert not failures.is_result(raised(StepError("cannot write"), OSError(28, "no space left")))
+    no_memory = RuntimeError("[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried to allocate 8 TB")
+    assert not failures.is_result(no_memory) and not failures.is_result(ImportError("libusb"))
     assert not failures.is_result(KeyboardInterrupt()) and not failures.is_result(torch.OutOfMemoryError("CUDA"))
     assert failures.reason_of(ValueError("\x1b[1;31modd\x1b[0;m\nvalue\n")) == "unexpected ValueError: odd value"

@@ -2,7 +2,8 @@
 
 The folder is named by SNAKEMAKE_OUTPUT_CACHE. A result is found by what it depends on: the bytes of the step's inputs, its
 options, and the code it runs (code_version.py); paths, times and the number of threads play no part. It is copied, never
-linked, and every file is checked against its SHA-256: a damaged entry is removed and made again.
+linked, and every file is checked against its SHA-256: a damaged entry is removed and made again. Where it cannot be
+copied or removed, the step runs without the cache, and what lies there stays.
 
 A method takes part by naming its dependencies in `CACHED`. Snakemake's own caching is not used: it knows neither the
 steps' code nor the content of files between rules, uses damaged entries, and forbids benchmarks.
@@ -60,7 +61,7 @@ def cache_folder() -> Path | None:
     folder = Path(place)
     remedy = f"Name a folder that you may write to in {LOCATION}, or unset it to work without a shared cache."
     if not folder.is_dir():
-        raise StepError(f"the cache {place} is no folder on this machine. {remedy}")
+        raise StepError(f"the cache {place} is no folder on this machine. {remedy}") from NotADirectoryError(place)
     try:
         with tempfile.TemporaryDirectory(dir=folder):
             pass
@@ -82,10 +83,16 @@ def run_cached(step: str, module: ModuleType, args: argparse.Namespace) -> None:
             _take(entry, Path(args.out), cached)
             print(f"taken from the cache: {entry}", file=sys.stderr)
             return
-        except (Damaged, OSError) as fault:
-            warn(f"cache entry {entry} is damaged ({fault}); it is removed and made again")
-            _remove(entry)
+        except Damaged as fault:
+            if _remove(entry):
+                warn(f"cache entry {entry} was damaged ({fault}); it is removed and made again")
+            else:
+                warn(f"cache entry {entry} is damaged ({fault}) and yours not to remove: its owner may delete it; made without the cache")
+        except OSError as error:
+            warn(f"cache entry {entry} cannot be copied ({error}); made without the cache")
     module.run(args)
+    if entry.exists():
+        return
     try:
         _put(entry, Path(args.out), cached)
     except OSError as error:
@@ -127,7 +134,7 @@ def _take(entry: Path, out: Path, cached: Cached) -> None:
     """Copy an entry to `out` and check every file; nothing is written where one is damaged."""
     try:
         manifest: dict[str, str | None] = json.loads((entry / MANIFEST).read_text())
-    except ValueError as error:
+    except (ValueError, FileNotFoundError) as error:
         raise Damaged(f"{MANIFEST}: {error}") from None
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch_name:
@@ -138,6 +145,8 @@ def _take(entry: Path, out: Path, cached: Cached) -> None:
                 target.mkdir(parents=True, exist_ok=True)
                 continue
             target.parent.mkdir(parents=True, exist_ok=True)
+            if not (entry / "content" / name).is_file():
+                raise Damaged(f"{name} is missing")
             shutil.copyfile(entry / "content" / name, target)
             if _sha256(target) != digest:
                 raise Damaged(f"{name} has changed")
@@ -179,12 +188,13 @@ def _put(entry: Path, out: Path, cached: Cached) -> None:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _remove(entry: Path) -> None:
-    """Remove an entry at once, so that nobody finds half of it."""
+def _remove(entry: Path) -> bool:
+    """Remove an entry at once, so that nobody finds half of it; whether that could be done."""
     gone = Path(tempfile.mkdtemp(dir=entry.parent, prefix=".damaged."))
     with contextlib.suppress(OSError):
         os.rename(entry, gone / "entry")
     shutil.rmtree(gone, ignore_errors=True)
+    return not entry.exists()
 
 
 def _sha256(path: Path) -> str:

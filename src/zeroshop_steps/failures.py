@@ -63,9 +63,9 @@ def failure_among(words: Sequence[str]) -> Failure | None:
 
 def is_result(error: BaseException) -> bool:
     """Whether an error says something about the cell, and not about the machine."""
-    machine = (OSError, MemoryError)
-    # PyTorch's own is a RuntimeError; by its name, since steps without networks do not load PyTorch.
-    no_memory = type(error).__name__ == "OutOfMemoryError"
+    machine = (OSError, MemoryError, ImportError)
+    # PyTorch's own are RuntimeErrors; by name and words, since steps without networks do not load PyTorch.
+    no_memory = type(error).__name__ == "OutOfMemoryError" or "allocate memory" in str(error)
     return isinstance(error, Exception) and not no_memory and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
 
 

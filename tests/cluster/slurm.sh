@@ -2,11 +2,12 @@
 # Proves the slurm profile on a cluster of one machine, this one: a small demo cell through Slurm, and what happens to a
 # job that is killed. Needs root and Debian; installs slurm-wlm and munge. Not part of `make test`.
 #
-#     sudo tests/cluster/slurm.sh [FOLDER]     FOLDER keeps the results; a new one under /tmp by default
+#     sudo tests/cluster/slurm.sh [FOLDER]     FOLDER, zeroshop_slurm.SOMETHING, keeps the results; a new one under /tmp by default
 set -euo pipefail
 
 project=$(cd "$(dirname "$0")/../.." && pwd)
 folder=${1:-$(mktemp -d /tmp/zeroshop_slurm.XXXXXX)}
+case $folder in *zeroshop_slurm.*) ;; *) echo "error: the folder's name must begin with zeroshop_slurm. ($folder)" >&2; exit 1 ;; esac
 mkdir -p "$folder"/{state,spool,run}
 folder=$(cd "$folder" && pwd -P)
 cell=results/demo/mustard_bottle/su_h/truth/2dgs
@@ -19,7 +20,7 @@ fi
 "$project/.venv/bin/python" -c 'import snakemake_executor_plugin_slurm' 2> /dev/null \
   || { echo "error: Snakemake's plugin for Slurm is missing; run: .venv/bin/python -m pip install '.[slurm]'" >&2; exit 1; }
 
-if [ -e "$conf" ] && [ ! -L "$conf" ]; then
+if [ -e "$conf" ] || [ -L "$conf" ] && [[ $(readlink "$conf" || true) != *zeroshop_slurm.*/slurm.conf ]]; then
   echo "error: this machine belongs to a cluster already ($conf); use one that does not" >&2
   exit 1
 fi

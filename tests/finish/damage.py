@@ -1,7 +1,8 @@
 """Damage a capture in planned steps, reconstruct from what is left, and grade: the grade has to fall.
 
 The reconstruction is the usual fusion of depth maps into signed distances (Curless and Levoy 1996), with the exact depth in
-place of a trained one; so all that is wrong with a mesh comes from the damage. As a command, on a finished cell:
+place of a trained one; so all that is wrong with a mesh comes from the damage. `assumed_share` is left out: no stereo is
+run here. As a command, on a finished cell:
 
     python tests/finish/damage.py --capture results/demo/bowl/su_h/capture --model results/demo/bowl/model/model.ply
 """
@@ -57,13 +58,17 @@ class MemoryView(View):
 
 @dataclass(frozen=True)
 class Case:
-    """What there is to reconstruct from, and the truth, all in the true frame in millimetres."""
+    """What there is to reconstruct from, and the truth, all in the true frame in millimetres.
+
+    `taken` photos were taken; the views are those of them whose cameras are known.
+    """
 
     truth: Mesh
     diameter_mm: float
     true_cameras: tuple[Camera, ...]
     views: tuple[MemoryView, ...]
     depths: tuple[np.ndarray, ...]
+    taken: int
 
     @property
     def support_z_mm(self) -> float:
@@ -80,7 +85,7 @@ def read_case(capture: Path, model: Path) -> Case:
         for camera in cameras
     ]
     depths = tuple(renderer.hits(camera).depth for camera in cameras)
-    return Case(truth, read_json(model.with_name("model_info.json"))["diameter"], cameras, tuple(views), depths)
+    return Case(truth, read_json(model.with_name("model_info.json"))["diameter"], cameras, tuple(views), depths, len(views))
 
 
 def grade_of(case: Case, mesh: Mesh) -> dict:
@@ -92,7 +97,7 @@ def grade_of(case: Case, mesh: Mesh) -> dict:
         "recall_1_percent": float((error.to_mesh_mm < threshold_mm).mean()),
         "normal_error_deg": float(error.normal_deg.mean()),
     }
-    return graded(measured(mesh, list(case.views), len(case.true_cameras), case.support_z_mm), truth, LIMITS)
+    return graded(measured(mesh, list(case.views), case.taken, case.support_z_mm), truth, LIMITS)
 
 
 def fused(case: Case, voxels: int = 128) -> Mesh:
@@ -153,6 +158,12 @@ def fewer_views(case: Case, kept_of_twenty: int) -> Case:
     return replace(case, views=tuple(case.views[k] for k in chosen), depths=tuple(case.depths[k] for k in chosen))
 
 
+def fewer_photos(case: Case, kept_of_twenty: int) -> Case:
+    """The same, as if the other photos had never been taken: every one that is there has its camera."""
+    fewer = fewer_views(case, kept_of_twenty)
+    return replace(fewer, taken=len(fewer.views))
+
+
 def bitten_masks(case: Case, share: float) -> Case:
     """From each mask a disk is missing, somewhere on its border."""
     rng = np.random.default_rng(0)
@@ -198,6 +209,7 @@ def damages(case: Case) -> dict[str, tuple[tuple[float, ...], Callable[[float], 
     return {
         "camera noise, degrees": (CAMERA_NOISE_DEG, of_case(noisy_cameras)),
         "views kept of 20": (VIEWS_KEPT, of_case(fewer_views)),
+        "photos taken of 20": (VIEWS_KEPT, of_case(fewer_photos)),
         "bite out of the masks": (MASK_ERRORS, of_case(bitten_masks)),
         "cropped from the top": (CROPPED, lambda step: (case, cropped(whole, step))),
         "smoothing steps": (SMOOTHING_STEPS, lambda step: (case, overly_smooth(whole, int(step)))),

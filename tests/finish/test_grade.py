@@ -132,6 +132,13 @@ def test_the_grade_falls_in_order_with_damage(bottle, name):
     assert graded[-1]["photos"]["grade"] == "none"
 
 
+@pytest.mark.slow
+def test_few_photos_are_no_good_even_if_all_have_their_cameras(bottle):
+    graded = [content for _, _, content in damage.graded_damages(bottle, ["photos taken of 20"], numbers=(0, 5))]
+    assert [content["photos"]["grade"] for content in graded] == ["good", "sparse"]
+    assert GRADES.index(graded[-1]["truth"]["grade"]) < GRADES.index("good")
+
+
 def finish(*arguments: object) -> int:
     return stage_main("zeroshop_steps.finish", METHODS, [str(argument) for argument in arguments])
 

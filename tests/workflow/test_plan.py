@@ -5,6 +5,7 @@ import re
 import cv2
 import numpy as np
 import pytest
+from pretend import pretend
 from running import REPOSITORY, planned
 
 from zeroshop_steps import methods
@@ -76,6 +77,14 @@ def test_photos(snakemake, tmp_path):
     assert run.returncode == 0, run.stdout
     assert planned(run.stdout) == dict.fromkeys(["capture_photos", "register_photos", "segment", *CELL], 1)
     assert "--images 'my cup/images' --masks 'my cup/masks' --height-m 0.12" in run.stdout
+
+
+def test_the_row_of_a_photographed_cell_is_its_grade_alone(snakemake, tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images/a.png").touch()
+    cell = "results/photos/cup/video/colmap/2dgs"
+    pretend(lambda *words: snakemake(*words, *photo_table(tmp_path, tmp_path / "images", "")), tmp_path, f"{cell}/cell.csv")
+    assert (tmp_path / cell / "grade.csv").exists() and not (tmp_path / cell / "quality.csv").exists()
 
 
 def test_photos_registered_by_the_object_alone(snakemake, tmp_path):

@@ -22,6 +22,18 @@ def test_a_report_of_what_is_present_makes_nothing_else(snakemake, tmp_path):
     assert planned(run.stdout) == {"report_index": 1, "report_object": 2}, run.stdout
 
 
+def test_a_report_of_photos_and_films_waits_for_their_chosen_cells(snakemake, tmp_path):
+    (tmp_path / "images").mkdir()
+    rows = f"dataset\tobject\timages\tmasks\theight_m\nphotos\tcup\t{tmp_path / 'images'}\t\t\n"
+    (tmp_path / "table.tsv").write_text(rows)
+    changes = (f"objects_table={tmp_path / 'table.tsv'}", "datasets={films: {of: {demo: [mug]}}}")
+    for dataset, source in (("photos", "capture_photos"), ("films", "film")):
+        run = snakemake("-n", f"results/{dataset}/report/index.html", "--config", *changes)
+        jobs = planned(run.stdout)
+        assert run.returncode == 0, run.stdout
+        assert jobs[source] == jobs["report_object"] >= 1 and jobs["report_index"] == 1, jobs
+
+
 def test_an_empty_dataset_has_a_report(snakemake, tmp_path):
     (tmp_path / "none.tsv").write_text("dataset\tobject\timages\tmasks\theight_m\n")
     run = snakemake("results/photos/report/index.html", "--config", f"objects_table={tmp_path / 'none.tsv'}")

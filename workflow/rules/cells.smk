@@ -82,6 +82,9 @@ def parts_of_mesh(wildcards):
 
 
 def measurements_of(wildcards):
-    """The measurements of a cell and its grade; of one that failed, the record of its failure."""
+    """The measurements of a cell, where there is a truth, and its grade; of one that failed, the record of its failure."""
     outcome = checkpoints.outcome.get(**wildcards).output.outcome
-    return [outcome] if failures.read_failure(outcome) else [f"{CELL}/{name}.csv".format(**wildcards) for name in ("quality", "grade")]
+    if failures.read_failure(outcome):
+        return [outcome]
+    names = ("quality", "grade") if is_virtual(wildcards.dataset) else ("grade",)
+    return [f"{CELL}/{name}.csv".format(**wildcards) for name in names]

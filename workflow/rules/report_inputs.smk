@@ -8,7 +8,7 @@ def cells_of_page(wildcards):
         return []
     if not is_virtual(wildcards.dataset):
         cell = {"dataset": wildcards.dataset, "object": wildcards.object, **config["chosen"]["photos"]}
-        return [{**cell, "nvs": nvs} for nvs in table_axis("nvs", methods.NVS)]
+        return [{**cell, "nvs": nvs} for nvs in table_axis("nvs")]
     if config["report"]["cells"] == "all":
         return cells_of_object(wildcards)
     chosen = config["chosen"]["virtual"]

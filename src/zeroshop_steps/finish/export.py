@@ -49,6 +49,7 @@ def in_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: n
 def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict], quality: Path | None) -> dict:
     """The content of the product's JSON."""
     seconds = {name: _seconds(content) for name, content in stages.items() if _seconds(content) is not None}
+    cpu_seconds = {name: content["cpu_seconds"] for name, content in stages.items() if "cpu_seconds" in content}
     return {
         "ply_unit": "millimetre" if frame["scale"] == "known" else "unknown",
         "glb_unit": "metre" if frame["scale"] == "known" else "unknown",
@@ -63,6 +64,7 @@ def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict], quality: Pat
         "faces": len(mesh.faces),
         "texture_px": mesh.texture.shape[0],
         "seconds": seconds | {"total": round(sum(seconds.values()), 2)},
+        "cpu_seconds": cpu_seconds,
         "parameters": {name: content["parameters"] for name, content in stages.items() if "parameters" in content},
         "versions": {"zeroshop": __version__} | {name: _version(name) for name in PACKAGES},
         "quality": read_json(quality) if quality else None,
