@@ -1,6 +1,7 @@
 """A raw mesh straight from trained voxels: marching cubes (Lorensen & Cline 1987) over the density at their corners.
 
-Leaves of all levels are interpolated onto one lattice, so that no crack opens where levels meet. What no camera sees counts
+Leaves of all levels are interpolated onto one lattice, so that no crack opens where levels meet. Density is trusted within a narrow
+band around the surface that the voxels' depth maps show: training leaves wisps elsewhere. What no camera sees counts
 as inside, so that the thin shell that training leaves of an object has one side; a small offset brings the silhouettes onto
 the masks, and what too few cameras see of the surface is left out.
 """
@@ -48,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--voxels-file", type=Path, required=True, help="voxels.npz of the training")
     parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
-    parser.add_argument("--field", choices=("depth", "density"), default="depth", help="what draws the surface on the voxels' corners")
+    parser.add_argument("--field", choices=("depth", "density"), default="density", help="what draws the surface: density at the voxels' corners, or depth maps alone")
     parser.add_argument("--image-width-px", type=int, default=800, help="width at which depth is rendered, at most that of the images")
     parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
 
