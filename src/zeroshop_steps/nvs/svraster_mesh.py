@@ -49,7 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--voxels-file", type=Path, required=True, help="voxels.npz of the training")
     parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
-    parser.add_argument("--field", choices=("depth", "density"), default="density", help="what draws the surface: density at the voxels' corners, or depth maps alone")
+    parser.add_argument(
+        "--field", choices=("depth", "density"), default="density", help="what draws the surface: the voxels' density, or depth maps"
+    )
     parser.add_argument("--image-width-px", type=int, default=800, help="width at which depth is rendered, at most that of the images")
     parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
 
