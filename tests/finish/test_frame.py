@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from carton_scene import SIZE_MM, camera_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -50,6 +51,23 @@ def test_the_frame_of_a_box_on_a_table(scene):
     assert np.abs(object_from_registration - np.eye(4))[:3, :3].max() < 2e-3
     assert np.abs(object_from_registration[:3, 3]).max() < 0.1
     assert frame["up_uncertainty"]["deviation_deg"] < 0.05
+
+
+def test_a_lid_that_nothing_measured_has_no_say_in_the_height(scene):
+    mesh, views, points = scene
+    plane = fit_support_plane(points, mesh.vertices, views)
+    top = mesh.vertices[:, 2].max()
+    lid = trimesh.creation.cone(radius=20.0, height=15.0)
+    vertices = np.r_[mesh.vertices, np.array(lid.vertices) + [0, 0, top]]
+    faces = np.r_[mesh.faces, np.array(lid.faces) + len(mesh.vertices)]
+    quality = np.r_[np.ones(len(mesh.vertices)), np.full(len(lid.vertices), 0.5)]
+    whole = standing_on(mesh, views, plane)
+    lidded = standing_on(Mesh(vertices, faces, quality=quality), views, plane)
+    assert lidded.extent == pytest.approx(whole.extent, rel=1e-3)
+    assert lidded.top_of_mesh == pytest.approx(whole.top + 15.0, rel=0.01)
+    assert standing_on(Mesh(vertices, faces), views, plane).extent > 1.1 * whole.extent, "without evidence all of it counts"
+    nothing = standing_on(Mesh(vertices, faces, quality=np.full(len(vertices), 0.5)), views, plane)
+    assert nothing.top == nothing.top_of_mesh, "where nothing was measured the mesh is all there is"
 
 
 @given(

@@ -12,6 +12,9 @@ from running import REPOSITORY, planned
 from zeroshop_steps.files import write_json
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import write_ply
+from zeroshop_steps.nvs.hull import VisualHull
+from zeroshop_steps.nvs.seeds import Seeds, seed_views, write_seeds
+from zeroshop_steps.nvs.views import grid_view, object_sphere, read_camera_set
 
 sys.path.insert(0, str(REPOSITORY / "tests" / "parity"))
 
@@ -63,6 +66,13 @@ def test_the_height_by_mast3r_with_random_weights_ends_with_its_reason(snakemake
     write_json(scene / "capture" / "capture.json", {})
     shutil.copytree(carton.cameras, scene / "colmap" / "cameras")
     write_ply(scene / "colmap" / "2dgs" / "clean.ply", carton.mesh)
+    camera_set = read_camera_set(carton.cameras)
+    sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
+    sizes = {view.camera.name: grid_view(view).mask.shape for view in seed_views(camera_set, sphere)}
+    nothing = {name: np.zeros(shape, np.float32) for name, shape in sizes.items()}
+    hull = VisualHull(np.ones((8, 8, 8), bool), 1.0)
+    (scene / "colmap" / "stereo").mkdir()
+    write_seeds(scene / "colmap" / "stereo" / "seeds.npz", Seeds(*[np.zeros((0, 3))] * 3, nothing, hull), sphere)
     target = "results/photos/cup/video/colmap/2dgs/height.json"
     only = ["--rerun-triggers", "mtime", "--allowed-rules", "height", *photos]
     assert "lacks the weights" in snakemake("-n", target, *only).stdout

@@ -13,6 +13,7 @@ rule height:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
         capture="results/{dataset}/{object}/{scene}/capture",
+        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
         marker_images=extra_photos("marker_images"),
         depth=extra_photos("depth"),
     output:
@@ -35,7 +36,7 @@ rule height:
         "Measuring the height of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.height --method {params.method} --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " {params.options} --out {output.height}"
+        " --stereo {input.stereo} {params.options} --out {output.height}"
         " --record-failure {output} > {log} 2>&1"
 
 
@@ -100,6 +101,7 @@ rule height_by_board:
         mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
         cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
         capture="results/{dataset}/{object}/{scene}/capture",
+        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
         empty_scene=empty_scene_of,
     output:
         height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height_by_board.json",
@@ -123,7 +125,7 @@ rule height_by_board:
         "Measuring {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, by the printed board"
     shell:
         "python -m zeroshop_steps.height --method marker --blind --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " {params.photos} {params.options} --threads {threads} --out {output.height}"
+        " --stereo {input.stereo} {params.photos} {params.options} --threads {threads} --out {output.height}"
         " --record-failure {output} > {log} 2>&1"
 
 

@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish.views import View, read_views
 from zeroshop_steps.height.standing import Standing, standing_of
-from zeroshop_steps.meshes import read_ply
+from zeroshop_steps.meshes import Mesh, read_ply
 
 UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
@@ -23,6 +23,11 @@ UNKNOWN = (
 RULER_M = 0.0005  # how well a height is read off a ruler
 CONTRADICTION = 0.03
 """A known height that differs from the measured one by more than this, and by three deviations, contradicts it."""
+BULGE = 0.02
+BULGES = (
+    "the mesh reaches {:.0%} of the object's height above all of it that photos measured, as the lid over a plain hollow does; that part"
+    " has no say in the height"
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,9 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images, masks and sparse points")
     parser.add_argument("--capture", type=Path, required=True, help="capture folder; its capture.json holds the known height")
+    parser.add_argument(
+        "--stereo", type=Path, help="seeds.npz: surface that neither its depths nor outlines measured has no say in the top"
+    )
     parser.add_argument("--out", type=Path, required=True, help="height.json")
 
 
@@ -74,7 +82,9 @@ def write_height(
     """
     start_s = time.monotonic()
     views, model = read_views(args.cameras)
-    standing = standing_of(read_ply(args.mesh), views, model)
+    standing = standing_of(_mesh_with_evidence(args, views), views, model)
+    if standing.top_of_mesh - standing.top > BULGE * standing.extent:
+        warn(BULGES.format((standing.top_of_mesh - standing.top) / standing.extent))
     subject = Subject(standing, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json"))
     scale = measure(subject)
     if scale and else_wrong:
@@ -90,6 +100,17 @@ def write_height(
         warn(UNKNOWN)
     else:
         print(height_line(content), file=sys.stderr)
+
+
+def _mesh_with_evidence(args: argparse.Namespace, views: list[View]) -> Mesh:
+    """The mesh, with the evidence of its vertices as quality where stereo is given."""
+    mesh = read_ply(args.mesh)
+    if args.stereo is None:
+        return mesh
+    from zeroshop_steps.finish.evidence import MEASURED, evidence_of
+    from zeroshop_steps.nvs.seeds import confirmed_points
+
+    return replace(mesh, quality=evidence_of(mesh, views, confirmed_points(args.stereo, args.cameras)) / MEASURED)
 
 
 def check_known(scale: Scale, subject: Subject, else_wrong: str) -> None:
@@ -122,9 +143,10 @@ def height_record(standing: Standing, scale: Scale | None) -> dict[str, Any]:
         "up_source": "support_plane" if plane else "camera_roll",
         "bottom": standing.bottom,
         "top": standing.top,
+        "top_of_mesh": standing.top_of_mesh,
         "height_in_registration": standing.extent,
         "height_in_registration_deviation": standing.deviation,
-        "height_measured_from": "support plane to the mesh's top" if plane else "the mesh's bottom to its top",
+        "height_measured_from": "support plane to the surface's top" if plane else "the surface's bottom to its top",
         "up_uncertainty": {
             "plane_inliers": plane.inliers if plane else 0,
             "plane_residual": plane.residual if plane else None,

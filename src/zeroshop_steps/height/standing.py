@@ -12,6 +12,7 @@ from zeroshop_steps.meshes import Mesh
 
 EDGE_PX = 1.0  # how well photos show where the object ends
 TOP_SHARE = 2e-4  # share of the surface's area that may stick out above the measured top: spikes, not the object
+LEAST_MEASURED = 0.05  # share of the surface's area that has to be measured to tell where its top is
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,8 @@ class Standing:
 
     Attributes:
         up: (3,) unit vector.
-        bottom, top: heights along `up`, of the support plane (without one, of the mesh's bottom) and of the mesh's top.
+        bottom, top: heights along `up`, of the support plane (without one, of the mesh's bottom) and of the surface's top.
+        top_of_mesh: the same of all of the mesh, where parts of it are assumed and do not count.
         deviation: standard deviation of top minus bottom: how the bounds change when half or twice as much of the surface may
             stick out, how well the plane is known, and `EDGE_PX`.
         plane: the support plane, None where there is none.
@@ -30,6 +32,7 @@ class Standing:
     up: np.ndarray
     bottom: float
     top: float
+    top_of_mesh: float
     deviation: float
     plane: SupportPlane | None
     roll_certainty: float | None = None
@@ -43,6 +46,9 @@ class Standing:
 def standing_of(mesh: Mesh, views: list[View], model: SparseModel) -> Standing:
     """Fit the support plane to the sparse points around the object and measure the mesh above it.
 
+    Where the mesh has `quality`, only its measured faces tell where its top is: the lid that masks leave over a plain hollow
+    bulges above the rim.
+
     Raises:
         StepError: the mesh does not rise above its support plane.
     """
@@ -53,9 +59,15 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
     """Measure the mesh above a plane; without one, along the cameras' common up from the mesh's bottom."""
     up, certainty = (plane.normal, None) if plane else up_from_roll(views)
     heights = mesh.vertices @ up
-    low, high = robust_extent(heights, mesh)
-    bounds = np.array([robust_extent(heights, mesh, share) for share in (TOP_SHARE / 2, TOP_SHARE * 2)])
-    low_deviation, high_deviation = np.abs(np.diff(bounds, axis=0))[0] / 2
+    areas = mesh.face_areas()
+    measured = areas * mesh.measured_faces()
+    if measured.sum() < LEAST_MEASURED * areas.sum():
+        measured = areas
+    low, top_of_mesh = robust_extent(heights, mesh, areas)
+    high = robust_extent(heights, mesh, measured)[1]
+    shares = (TOP_SHARE / 2, TOP_SHARE * 2)
+    low_deviation = abs(np.diff([robust_extent(heights, mesh, areas, share)[0] for share in shares])[0]) / 2
+    high_deviation = abs(np.diff([robust_extent(heights, mesh, measured, share)[1] for share in shares])[0]) / 2
     bottom = plane.offset if plane else low
     if high - bottom <= 0:
         raise StepError(
@@ -69,12 +81,11 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
     depths = [(view.camera.project(centre[None])[1][0], view.camera.intrinsics[0, 0]) for view in views]
     edge = EDGE_PX * float(np.median([depth / focal_px for depth, focal_px in depths]))
     deviation = float(np.linalg.norm([low_deviation, high_deviation, edge]))
-    return Standing(up, float(bottom), high, deviation, plane, certainty)
+    return Standing(up, float(bottom), high, top_of_mesh, deviation, plane, certainty)
 
 
-def robust_extent(heights: np.ndarray, mesh: Mesh, share: float = TOP_SHARE) -> tuple[float, float]:
-    """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the area each."""
-    areas = mesh.face_areas()
+def robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float = TOP_SHARE) -> tuple[float, float]:
+    """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the faces' (F,) areas each."""
     weights = np.zeros(len(heights))
     for corner in range(3):
         np.add.at(weights, mesh.faces[:, corner], areas / 3)
