@@ -63,11 +63,11 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
     measured = areas * mesh.measured_faces()
     if measured.sum() < LEAST_MEASURED * areas.sum():
         measured = areas
-    low, top_of_mesh = robust_extent(heights, mesh, areas)
-    high = robust_extent(heights, mesh, measured)[1]
-    shares = (TOP_SHARE / 2, TOP_SHARE * 2)
-    low_deviation = abs(np.diff([robust_extent(heights, mesh, areas, share)[0] for share in shares])[0]) / 2
-    high_deviation = abs(np.diff([robust_extent(heights, mesh, measured, share)[1] for share in shares])[0]) / 2
+    shares = (TOP_SHARE / 2, TOP_SHARE, TOP_SHARE * 2)
+    lows, tops_of_mesh = zip(*(robust_extent(heights, mesh, areas, share) for share in shares), strict=True)
+    _, highs = zip(*(robust_extent(heights, mesh, measured, share) for share in shares), strict=True)
+    low, top_of_mesh, high = lows[1], tops_of_mesh[1], highs[1]
+    low_deviation, high_deviation = abs(lows[2] - lows[0]) / 2, abs(highs[2] - highs[0]) / 2
     bottom = plane.offset if plane else low
     if high - bottom <= 0:
         raise StepError(
@@ -84,7 +84,7 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
     return Standing(up, float(bottom), high, top_of_mesh, deviation, plane, certainty)
 
 
-def robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float = TOP_SHARE) -> tuple[float, float]:
+def robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float) -> tuple[float, float]:
     """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the faces' (F,) areas each."""
     weights = np.zeros(len(heights))
     for corner in range(3):

@@ -7,9 +7,10 @@ explained best by disks a fraction of a pixel behind the true surface, everywher
 import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt
 
+from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.nvs.views import TrainingView
-from zeroshop_steps.o3d import o3d, ray_caster
+from zeroshop_steps.o3d import o3d
 
 ROUNDS = 2
 TRIM = 0.25
@@ -21,19 +22,15 @@ def gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
 
     The trimmed mean, over the contours in all views, of the distance in pixels to the mask's edge, times depth by focal length.
     """
-    scene = ray_caster((mesh.vertices, mesh.faces))
+    renderer = MeshRenderer(mesh)
     gaps = []
     for view in views:
-        camera = view.camera
-        k, pose = o3d.core.Tensor(camera.intrinsics), o3d.core.Tensor(camera.camera_from_world)
-        # These rays have unit depth, so the hit distance is the depth along the optical axis.
-        rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(k, pose, camera.width_px, camera.height_px)
-        depth = scene.cast_rays(rays)["t_hit"].numpy()
-        silhouette, mask = np.isfinite(depth), np.pad(view.mask.numpy() > 0.5, 1)
+        hits = renderer.hits(view.camera)
+        silhouette, mask = hits.mask, np.pad(view.mask.numpy() > 0.5, 1)
         contour = silhouette & ~binary_erosion(silhouette, border_value=1)
         # On the mask's own contour the distance to the outside is one.
         inside = (distance_transform_edt(mask) - distance_transform_edt(~mask))[1:-1, 1:-1] - np.where(view.mask.numpy() > 0.5, 1.0, 0.0)
-        gaps.append(inside[contour] * depth[contour] / camera.intrinsics[0, 0])
+        gaps.append(inside[contour] * hits.depth[contour] / view.camera.intrinsics[0, 0])
     gaps = np.sort(np.concatenate(gaps))
     ends = int(TRIM * len(gaps))
     return float(gaps[ends : len(gaps) - ends].mean()) if len(gaps) else 0.0
