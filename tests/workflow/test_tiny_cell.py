@@ -163,7 +163,8 @@ def test_an_interrupted_training_leaves_nothing_half_written_and_runs_again(cell
     assert not list(splats.glob(".*.part*"))
     finished = again(cell, f"{CELL}/raw_mesh.ply")
     assert finished.returncode == 0, finished.stdout
-    assert (cell / CELL / "raw_mesh.ply").read_bytes() == before, "same inputs and parameters, same bytes"
+    same = (cell / CELL / "raw_mesh.ply").read_bytes() == before
+    assert same, "same inputs and parameters, same bytes"
 
 
 def test_a_bad_capture_fails_alone_and_says_why(cell, tmp_path):

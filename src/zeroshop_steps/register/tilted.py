@@ -89,4 +89,4 @@ def add_stretched_features(database: Path, image_set: ImageSet, names: list[str]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = Path(database).with_name("pairs.txt")
     Path(pairing.match_list_path).write_text("".join(f"{first} {second}\n" for first, second in pairs))
-    pycolmap.match_image_pairs(database, matching_options(options), pairing, two_view_options(options.seed))
+    pycolmap.match_image_pairs(database, matching_options(), pairing, two_view_options(options.seed))
