@@ -95,7 +95,7 @@ def matching_options() -> pycolmap.FeatureMatchingOptions:
 
     pycolmap 4.2.1 holds a BLAS that is not safe to call from two threads at once, and its matcher's threads do: in about
     one run of forty over ten images on two threads, pairs lost some or all of their matches, and nothing said so. In 400
-    runs on one thread none did. Over 36 images one thread takes 5.5 s, two take 2.9 s.
+    runs on one thread none did. Over 20 images one thread takes 5.5 s, two take 2.9 s.
     """
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = 1
