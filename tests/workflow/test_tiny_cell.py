@@ -163,6 +163,7 @@ def test_an_interrupted_training_leaves_nothing_half_written_and_runs_again(cell
     assert not list(splats.glob(".*.part*"))
     finished = again(cell, f"{CELL}/raw_mesh.ply")
     assert finished.returncode == 0, finished.stdout
+    # Not inside the assert: pytest explains a difference byte by byte, for minutes.
     same = (cell / CELL / "raw_mesh.ply").read_bytes() == before
     assert same, "same inputs and parameters, same bytes"
 

@@ -18,7 +18,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.images import list_images, read_image
 from zeroshop_steps.register.mapping import mapping_options
-from zeroshop_steps.register.sift import SiftOptions, match
+from zeroshop_steps.register.sift import SiftOptions, extraction_options, match
 
 LEAST_PLACED = 2
 OBJECT, SCENE = "object", "scene"
@@ -102,11 +102,7 @@ def _extract(database: Path, images: Path, objects: dict[str, Camera], scene: li
                 params = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
                 fields = {"model": "PINHOLE", "width": camera.width_px, "height": camera.height_px, "params": params}
                 opened.update_camera(pycolmap.Camera({**fields, "camera_id": image.camera_id, "has_prior_focal_length": True}))
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.num_threads = options.threads
-    extraction.sift.estimate_affine_shape = True
-    extraction.sift.max_num_features = options.max_features
-    extraction.sift.first_octave = options.first_octave
+    extraction = extraction_options(options, options.first_octave)
     pycolmap.extract_features(database, images, sorted([*objects, *scene]), mode, lens, extraction)
 
 

@@ -61,10 +61,6 @@ def extract(
         reader.camera_params = f"{options.focal_px},{width / 2},{height / 2},0"
     if mask_folder is not None:
         reader.mask_path = _write_feature_masks(mask_folder, image_set)
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.num_threads = options.threads
-    extraction.sift.estimate_affine_shape = True
-    extraction.sift.max_num_features = options.max_features
     folder = image_set.images[0].parent
     distinct = {tuple(camera.params) for camera in (known_cameras or {}).values()}
     mode = pycolmap.CameraMode.PER_IMAGE if len(distinct) > 1 else pycolmap.CameraMode.SINGLE
@@ -76,7 +72,7 @@ def extract(
         pycolmap.import_images(database, folder, mode, image_set.names, reader)
         if known_cameras is not None:
             _write_known_cameras(database, known_cameras)
-        extraction.sift.first_octave = octave
+        extraction = extraction_options(options, octave)
         pycolmap.extract_features(database, folder, image_set.names, pycolmap.CameraMode.SINGLE, reader, extraction)
         with pycolmap.Database.open(database) as opened:
             median = float(np.median([opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()]))
@@ -88,6 +84,16 @@ def extract(
 def match(database: Path, options: SiftOptions) -> None:
     """Match all image pairs and keep what one epipolar geometry (or homography) explains."""
     pycolmap.match_exhaustive(database, matching_options(), verification_options=two_view_options(options.seed))
+
+
+def extraction_options(options: SiftOptions, first_octave: int) -> pycolmap.FeatureExtractionOptions:
+    """Options of the extraction: SIFT with affine shapes."""
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads = options.threads
+    extraction.sift.estimate_affine_shape = True
+    extraction.sift.max_num_features = options.max_features
+    extraction.sift.first_octave = first_octave
+    return extraction
 
 
 def matching_options() -> pycolmap.FeatureMatchingOptions:

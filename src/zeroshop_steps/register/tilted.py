@@ -14,7 +14,7 @@ import pycolmap
 
 from zeroshop_steps.images import read_image, write_image
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.sift import SiftOptions, matching_options, two_view_options
+from zeroshop_steps.register.sift import SiftOptions, extraction_options, matching_options, two_view_options
 
 COPY_WIDTH = 0.5  # features must be as large across as along the view, where stretching cannot bring back detail
 
@@ -59,11 +59,7 @@ def add_stretched_features(database: Path, image_set: ImageSet, names: list[str]
     stretched_names = [f"{name}.png" for name in names]
     pycolmap.Database.open(stretched_database).close()
     pycolmap.import_images(stretched_database, folder, pycolmap.CameraMode.SINGLE, stretched_names)
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.num_threads = options.threads
-    extraction.sift.estimate_affine_shape = True
-    extraction.sift.max_num_features = options.max_features
-    extraction.sift.first_octave = 0
+    extraction = extraction_options(options, first_octave=0)
     pycolmap.extract_features(stretched_database, folder, stretched_names, pycolmap.CameraMode.SINGLE, extraction_options=extraction)
     with pycolmap.Database.open(database) as opened, pycolmap.Database.open(stretched_database) as stretched:
         images = {image.name: image.image_id for image in opened.read_all_images()}
