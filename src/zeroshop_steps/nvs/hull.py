@@ -14,14 +14,17 @@ def inside_all_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.n
     A point outside an image says nothing about that camera's mask unless the mask is a crop, as here: it counts as a miss.
     """
     misses = np.zeros(len(points), int)
+    kept = np.arange(len(points))
     for camera, mask in zip(cameras, masks, strict=True):
-        pixels, depths = camera.project(points)
+        pixels, depths = camera.project(points[kept])
         x = np.floor(np.nan_to_num(pixels[:, 0], nan=-1.0)).clip(-1, camera.width_px).astype(int)
         y = np.floor(np.nan_to_num(pixels[:, 1], nan=-1.0)).clip(-1, camera.height_px).astype(int)
         framed = (depths > 0) & (x >= 0) & (x < camera.width_px) & (y >= 0) & (y < camera.height_px)
-        hit = np.zeros(len(points), bool)
+        hit = np.zeros(len(kept), bool)
         hit[framed] = mask[y[framed], x[framed]]
-        misses += ~hit
+        misses[kept] += ~hit
+        # Most of a volume is soon outside: later cameras need not look at it.
+        kept = kept[misses[kept] <= misses_allowed]
     return misses <= misses_allowed
 
 

@@ -25,6 +25,10 @@ COLOR_DIFFERENCE_MAX = 0.1
 GEOMETRIC_WEIGHT = 0.2
 GEOMETRIC_ERROR_MAX_PX = 3.0
 BAD = 2.0
+DONE = 1e9
+"""The bound of a view that has been correlated."""
+ROUNDING = 1e-5
+"""By which a correlation of one may be missed."""
 
 
 @numba.njit(cache=True)
@@ -103,24 +107,33 @@ def reference_patch(color, detail, mask, y, x, patch, weight):
 
 
 @numba.njit(cache=True, fastmath=True)
-def _view_cost(row, other, detail, size, patch, weight, mean, variance, dx, dy, z, nx, ny, nz):
-    """Half of one less a plane's patch's correlation with its picture in another view, and where its centre lands; BAD outside."""
+def _lands(row, other, size, dx, dy, z, nx, ny, nz, place):
+    """Fill `place` with where a plane's patch lands in another view: its centre (u, v), and its change a pixel along x and along y.
+
+    False where the view does not see all of it.
+    """
     offset = z * (nx * dx + ny * dy + nz)
     ex, ey = dx + 1.0 / row[12], dy + 1.0 / row[13]
     wx, wy, wz = world_point(row, dx, dy, z)
     u0, v0, pz = project(other, wx, wy, wz)
     below_x, below_y = nx * ex + ny * dy + nz, nx * dx + ny * ey + nz
     if pz <= 0 or below_x >= -1e-6 or below_y >= -1e-6:
-        return BAD, u0, v0
+        return False
     wx, wy, wz = world_point(row, ex, dy, offset / below_x)
     ux, vx, _ = project(other, wx, wy, wz)
     wx, wy, wz = world_point(row, dx, ey, offset / below_y)
     uy, vy, _ = project(other, wx, wy, wz)
     dux, dvx, duy, dvy = ux - u0, vx - v0, uy - u0, vy - v0
+    place[0], place[1], place[2], place[3], place[4], place[5] = u0, v0, dux, dvx, duy, dvy
     reach = PATCH_STEPS * PATCH_SPACING_PX
     reach_u, reach_v = reach * (abs(dux) + abs(duy)), reach * (abs(dvx) + abs(dvy))
-    if not (u0 - reach_u >= 0 and v0 - reach_v >= 0 and u0 + reach_u < size[1] - 1 and v0 + reach_v < size[0] - 1):
-        return BAD, u0, v0
+    return u0 - reach_u >= 0 and v0 - reach_v >= 0 and u0 + reach_u < size[1] - 1 and v0 + reach_v < size[0] - 1
+
+
+@numba.njit(cache=True, fastmath=True)
+def _correlation_cost(place, detail, patch, weight, mean, variance):
+    """Half of one less the correlation of a patch with its picture where it lands in another view: 0 to 1."""
+    u0, v0, dux, dvx, duy, dvy = place[0], place[1], place[2], place[3], place[4], place[5]
     sum_b = sum_bb = sum_ab = np.float32(0.0)
     for j in range(2 * PATCH_STEPS + 1):
         t = float((j - PATCH_STEPS) * PATCH_SPACING_PX)
@@ -138,38 +151,74 @@ def _view_cost(row, other, detail, size, patch, weight, mean, variance, dx, dy, 
             sum_ab += w * b * patch[j, i]
     covariance = sum_ab - sum_b * mean
     spread = math.sqrt((variance + NOISE**2) * (max(sum_bb - sum_b * sum_b, np.float32(0.0)) + NOISE**2))
-    return 0.5 * (1.0 - covariance / spread), u0, v0
+    return 0.5 * (1.0 - covariance / spread)
 
 
 @numba.njit(cache=True, fastmath=True)
-def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, best, dx, dy, z, nx, ny, nz):
-    """The mean cost of a plane over its best neighbouring views."""
+def _color_cost(color, index, y, x, other, u, v):
+    """The cost of the difference between a pixel's colour and that at (u, v) in another view."""
+    j, i = int(v + 0.5), int(u + 0.5)
+    difference = 0.0
+    for c in range(3):
+        difference += abs(color[index, y, x, c] - color[other, j, i, c]) / 3
+    return COLOR_WEIGHT * min(difference, COLOR_DIFFERENCE_MAX)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _depth_cost(row, other, depth, normal, y, x, u, v):
+    """The cost of the distance in pixels between (x, y) and where the surface that the other view has found at (u, v) projects to."""
+    error = GEOMETRIC_ERROR_MAX_PX
+    gy, gx = int(v / STRIDE_PX + 0.5), int(u / STRIDE_PX + 0.5)
+    if gy < depth.shape[0] and gx < depth.shape[1] and depth[gy, gx] > 0:
+        # Where the plane that the other view has found there meets its ray through the projected point.
+        nx, ny, nz = normal[gy, gx]
+        dx, dy = (u + 0.5 - other[14]) / other[12], (v + 0.5 - other[15]) / other[13]
+        ahead = nx * dx + ny * dy + nz
+        if ahead < -0.05:
+            px, py = (gx * STRIDE_PX + 0.5 - other[14]) / other[12], (gy * STRIDE_PX + 0.5 - other[15]) / other[13]
+            wx, wy, wz = world_point(other, dx, dy, depth[gy, gx] * (nx * px + ny * py + nz) / ahead)
+            back_u, back_v, _ = project(row, wx, wy, wz)
+            error = min(math.sqrt((back_u - x) ** 2 + (back_v - y) ** 2), error)
+    return GEOMETRIC_WEIGHT * error
+
+
+@numba.njit(cache=True, fastmath=True)
+def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit):
+    """The mean cost of a plane over its best neighbouring views, or BAD where that is not below `limit`.
+
+    Colours and the other views' depths cost little to compare and bound a view's cost from below, since no correlation makes
+    it smaller. The views are correlated from the least bound on, until no other can change the result.
+    `places` (neighbours, 7) is working space.
+    """
     rows, neighbours, color, detail, _, sizes = scene
-    row = rows[index]
-    for k in range(neighbours.shape[1]):
+    row, count = rows[index], neighbours.shape[1]
+    for k in range(count):
         n = neighbours[index, k]
-        cost, u, v = _view_cost(row, rows[n], detail[n], sizes[n], patch, weight, mean, variance, dx, dy, z, nx, ny, nz)
-        if cost < BAD:
-            i, j = int(u + 0.5), int(v + 0.5)
-            difference = 0.0
-            for c in range(3):
-                difference += abs(color[index, y, x, c] - color[n, j, i, c]) / 3
-            cost += COLOR_WEIGHT * min(difference, COLOR_DIFFERENCE_MAX)
+        bound = BAD
+        if _lands(row, rows[n], sizes[n], dx, dy, z, nx, ny, nz, places[k]):
+            bound = _color_cost(color, index, y, x, n, places[k, 0], places[k, 1])
             if found_depth.shape[0] > 1:
-                error = GEOMETRIC_ERROR_MAX_PX
-                other, gy, gx = rows[n], int(v / STRIDE_PX + 0.5), int(u / STRIDE_PX + 0.5)
-                if gy < found_depth.shape[1] and gx < found_depth.shape[2] and found_depth[n, gy, gx] > 0:
-                    # Where the plane that the other view has found there meets its ray through the projected point.
-                    fx, fy, fz = found_normal[n, gy, gx]
-                    ox, oy = (u + 0.5 - other[14]) / other[12], (v + 0.5 - other[15]) / other[13]
-                    ahead = fx * ox + fy * oy + fz
-                    if ahead < -0.05:
-                        px, py = (gx * STRIDE_PX + 0.5 - other[14]) / other[12], (gy * STRIDE_PX + 0.5 - other[15]) / other[13]
-                        wx, wy, wz = world_point(other, ox, oy, found_depth[n, gy, gx] * (fx * px + fy * py + fz) / ahead)
-                        back_u, back_v, _ = project(row, wx, wy, wz)
-                        error = min(math.sqrt((back_u - x) ** 2 + (back_v - y) ** 2), error)
-                cost += GEOMETRIC_WEIGHT * error
-        best[k] = min(cost, BAD)
-    best.sort()
-    count = min(BEST_VIEWS, neighbours.shape[1])
-    return best[:count].mean()
+                bound += _depth_cost(row, rows[n], found_depth[n], found_normal[n], y, x, places[k, 0], places[k, 1])
+        places[k, 6] = bound
+    first = second = BAD
+    for _ in range(count):
+        nearest, next_bound = 0, BAD
+        for i in range(1, count):
+            if places[i, 6] < places[nearest, 6]:
+                nearest, next_bound = i, places[nearest, 6]
+            elif places[i, 6] < next_bound:
+                next_bound = places[i, 6]
+        bound = places[nearest, 6]
+        if bound - ROUNDING >= second:
+            break
+        if count > 1 and bound + min(first, next_bound) - ROUNDING >= 2 * limit and first + second >= 2 * limit:
+            return BAD
+        if bound < BAD:
+            n = neighbours[index, nearest]
+            cost = min(bound + _correlation_cost(places[nearest], detail[n], patch, weight, mean, variance), BAD)
+            if cost < first:
+                first, second = cost, first
+            elif cost < second:
+                second = cost
+        places[nearest, 6] = DONE
+    return 0.5 * (first + second) if count > 1 else first

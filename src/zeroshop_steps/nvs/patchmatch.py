@@ -33,6 +33,8 @@ STARTS = 8
 """Random planes tried at first."""
 SAME = 1e-3
 """Planes nearer to each other than this, in shares of the search interval and of the cosine, are not compared."""
+NO_LIMIT = 2 * BAD
+"""For a plane whose cost is wanted however high."""
 SPREAD = np.array([(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (0, 5)])
 """Where planes come from, all of the checkerboard's other colour."""
 
@@ -117,7 +119,7 @@ def _start(index, rows, neighbours, color, detail, masks, sizes, near, far, dept
     no_depth, no_normal = np.zeros((1, 1, 1), np.float32), np.zeros((1, 1, 1, 3), np.float32)
     for y in numba.prange(depth.shape[0]):
         patch, weight = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
-        best = np.empty(neighbours.shape[1])
+        places = np.empty((neighbours.shape[1], 7))
         for x in range(depth.shape[1]):
             if far[y, x] <= near[y, x]:
                 continue
@@ -128,8 +130,11 @@ def _start(index, rows, neighbours, color, detail, masks, sizes, near, far, dept
                 pixel, trial = y * 65536 + x, k + 1000 * index
                 z = near[y, x] + (far[y, x] - near[y, x]) * (k + random_number(pixel, trial, seed, 1)) / STARTS
                 nx, ny, nz = random_normal(dx, dy, random_number(pixel, trial, seed, 2), random_number(pixel, trial, seed, 3))
-                value = plane_cost(index, scene, no_depth, no_normal, py, px, patch, weight, mean, variance, best, dx, dy, z, nx, ny, nz)
-                if value < cost[y, x] or k == 0:
+                limit = cost[y, x] if k else NO_LIMIT
+                value = plane_cost(
+                    index, scene, no_depth, no_normal, py, px, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit
+                )
+                if value < limit:
                     depth[y, x], cost[y, x] = z, value
                     normal[y, x, 0], normal[y, x, 1], normal[y, x, 2] = nx, ny, nz
 
@@ -141,7 +146,7 @@ def _judge_again(index, rows, neighbours, color, detail, masks, sizes, near, far
     row, side = rows[index], 2 * PATCH_STEPS + 1
     for y in numba.prange(depth.shape[0]):
         patch, weight = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
-        best = np.empty(neighbours.shape[1])
+        places = np.empty((neighbours.shape[1], 7))
         for x in range(depth.shape[1]):
             z = depth[y, x]
             if far[y, x] <= near[y, x]:
@@ -151,7 +156,7 @@ def _judge_again(index, rows, neighbours, color, detail, masks, sizes, near, far
             mean, variance = reference_patch(color[index], detail[index], masks[index], py, px, patch, weight)
             nx, ny, nz = normal[y, x]
             cost[y, x] = plane_cost(
-                index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, best, dx, dy, z, nx, ny, nz
+                index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, NO_LIMIT
             )
 
 
@@ -165,7 +170,7 @@ def _improve(
     height, width = depth.shape
     for y in numba.prange(height):
         patch, weight = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
-        best = np.empty(neighbours.shape[1])
+        places = np.empty((neighbours.shape[1], 7))
         for x in range((y + parity) % 2, width, 2):
             first, last = near[y, x], far[y, x]
             if last <= first:
@@ -205,7 +210,7 @@ def _improve(
                 if t < first or t > last or same:
                     continue
                 value = plane_cost(
-                    index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, best, dx, dy, t, tx, ty, tz
+                    index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, places, dx, dy, t, tx, ty, tz, lowest
                 )
                 if value < lowest:
                     lowest, z, nx, ny, nz = value, t, tx, ty, tz
