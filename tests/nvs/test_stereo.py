@@ -10,14 +10,20 @@ import pytest
 import torch
 from ball import FOCAL_PX, RADIUS, SIZE_PX, ball_views
 
+from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.nvs.confirm import find_seeds
+from zeroshop_steps.nvs.crops import STRIDE_PX, ObjectSphere
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.patchmatch import match
 from zeroshop_steps.nvs.seeds import Seeds, read_seeds, write_seeds
-from zeroshop_steps.nvs.views import STRIDE_PX, ObjectSphere, TrainingView, grid_view
+from zeroshop_steps.nvs.views import TrainingView, grid_view
 
 SPHERE = ObjectSphere(np.array([10.0, -20.0, 5.0]), 80.0)
+
+
+def cameras_of(views: list[TrainingView]) -> list[Camera]:
+    return [view.camera for view in views]
 
 
 def some_seeds(views: list[TrainingView]) -> Seeds:
@@ -71,7 +77,7 @@ def test_grid_view_sees_what_every_third_pixel_sees(ball: tuple) -> None:
 def test_a_file_of_seeds_keeps_everything_and_the_same_bytes(ball: tuple, tmp_path: Path) -> None:
     views, seeds = ball[0], some_seeds(ball[0])
     write_seeds(tmp_path / "seeds.npz", seeds, SPHERE)
-    back = read_seeds(tmp_path / "seeds.npz", SPHERE, views)
+    back = read_seeds(tmp_path / "seeds.npz", SPHERE, cameras_of(views))
     for name in ("positions", "colors", "normals"):
         assert np.array_equal(getattr(back, name), getattr(seeds, name)), name
     assert list(back.depth_maps) == list(seeds.depth_maps)
@@ -84,7 +90,7 @@ def test_a_file_of_seeds_keeps_everything_and_the_same_bytes(ball: tuple, tmp_pa
 def test_seeds_may_be_none(ball: tuple, tmp_path: Path) -> None:
     empty = np.zeros((0, 3))
     write_seeds(tmp_path / "seeds.npz", dataclasses.replace(some_seeds(ball[0]), positions=empty, colors=empty, normals=empty), SPHERE)
-    assert read_seeds(tmp_path / "seeds.npz", SPHERE, ball[0]).positions.shape == (0, 3)
+    assert read_seeds(tmp_path / "seeds.npz", SPHERE, cameras_of(ball[0])).positions.shape == (0, 3)
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "mixed", "text"])
@@ -102,14 +108,14 @@ def test_a_damaged_file_of_seeds_is_named(ball: tuple, tmp_path: Path, damage: s
     elif damage == "text":
         path.write_text("no archive")
     with pytest.raises(StepError, match="seeds.npz is not a whole file of seeds.*run stereo again"):
-        read_seeds(path, SPHERE, ball[0])
+        read_seeds(path, SPHERE, cameras_of(ball[0]))
 
 
 def test_seeds_of_other_images_or_cameras_are_refused(ball: tuple, tmp_path: Path) -> None:
     path, views = tmp_path / "seeds.npz", ball[0]
     with pytest.raises(StepError, match="seeds.npz does not exist; run stereo first"):
-        read_seeds(path, SPHERE, views)
+        read_seeds(path, SPHERE, cameras_of(views))
     write_seeds(path, some_seeds(views), SPHERE)
     for sphere, others in ((SPHERE, views[:-1]), (ObjectSphere(SPHERE.centre + 0.01, SPHERE.radius), views)):
         with pytest.raises(StepError, match="seeds.npz belongs to other images or cameras"):
-            read_seeds(path, sphere, others)
+            read_seeds(path, sphere, cameras_of(others))

@@ -11,6 +11,7 @@ from ball import RADIUS, ball_start
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.nvs.crops import ObjectSphere
 from zeroshop_steps.nvs.optimizer import AdamWithSurgery
 from zeroshop_steps.nvs.svraster.adapt import prune_and_subdivide
 from zeroshop_steps.nvs.svraster.field import Field, half_value, signed_distances
@@ -21,7 +22,7 @@ from zeroshop_steps.nvs.svraster.train import BETAS, LEARNING_RATES, Trainer
 from zeroshop_steps.nvs.svraster.voxels import Voxels, read_voxels, write_voxels
 from zeroshop_steps.nvs.svraster_mesh import marching_cubes, seen, surface, view_depth
 from zeroshop_steps.nvs.training import Views
-from zeroshop_steps.nvs.views import ObjectSphere, TrainingView
+from zeroshop_steps.nvs.views import TrainingView
 
 
 def trainer_for(views: list[TrainingView], **settings) -> Trainer:

@@ -10,6 +10,7 @@ from ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.nvs.crops import ObjectSphere, object_sphere
 from zeroshop_steps.nvs.fuse import fuse, view_depth
 from zeroshop_steps.nvs.hull import VisualHull
 from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
@@ -18,7 +19,7 @@ from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.training import Views
 from zeroshop_steps.nvs.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
 from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings
-from zeroshop_steps.nvs.views import ObjectSphere, TrainingView, object_sphere
+from zeroshop_steps.nvs.views import TrainingView
 
 
 def trainer_for(views: list[TrainingView], settings: TrainingSettings) -> Trainer:

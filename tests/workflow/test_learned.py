@@ -12,9 +12,10 @@ from running import REPOSITORY, planned
 from zeroshop_steps.files import write_json
 from zeroshop_steps.images import write_image
 from zeroshop_steps.meshes import write_ply
+from zeroshop_steps.nvs.crops import object_sphere
 from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.seeds import Seeds, seed_views, write_seeds
-from zeroshop_steps.nvs.views import grid_view, object_sphere, read_camera_set
+from zeroshop_steps.nvs.seeds import Seeds, write_seeds
+from zeroshop_steps.nvs.views import grid_view, read_camera_set, seed_views
 
 sys.path.insert(0, str(REPOSITORY / "tests" / "parity"))
 

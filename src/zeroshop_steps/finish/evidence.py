@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
-    evidence = evidence_of(mesh, views, confirmed_points(args.stereo, args.cameras))
+    evidence = evidence_of(mesh, views, confirmed_points(args.stereo, views))
     shares = area_shares(replace(mesh, quality=evidence / MEASURED))
     with written_whole(args.out) as temporary:
         np.savez_compressed(temporary, evidence=evidence)

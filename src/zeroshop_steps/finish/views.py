@@ -1,5 +1,6 @@
 """The registered photos with their cameras and masks, as the finishing steps read them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,3 +57,12 @@ def read_views(folder: Path, images: str = "images", masks: str = "masks", spars
         mask = folder / masks / (Path(camera.name).stem + ".png")
         views.append(View(camera, folder / images / camera.name, mask if (folder / masks).is_dir() else None))
     return views, model
+
+
+def object_masks(views: Sequence[View]) -> list[np.ndarray]:
+    """The views' masks. Raises StepError naming one that shows no object."""
+    masks = [view.mask() for view in views]
+    for view, mask in zip(views, masks, strict=True):
+        if not mask.any():
+            raise StepError(f"mask {view.mask_path} is empty; segment that image again or leave it out")
+    return masks

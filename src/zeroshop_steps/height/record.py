@@ -110,7 +110,7 @@ def _mesh_with_evidence(args: argparse.Namespace, views: list[View]) -> Mesh:
     from zeroshop_steps.finish.evidence import MEASURED, evidence_of
     from zeroshop_steps.nvs.seeds import confirmed_points
 
-    return replace(mesh, quality=evidence_of(mesh, views, confirmed_points(args.stereo, args.cameras)) / MEASURED)
+    return replace(mesh, quality=evidence_of(mesh, views, confirmed_points(args.stereo, views)) / MEASURED)
 
 
 def check_known(scale: Scale, subject: Subject, else_wrong: str) -> None:

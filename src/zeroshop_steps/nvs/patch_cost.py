@@ -5,7 +5,7 @@ import math
 import numba
 import numpy as np
 
-from zeroshop_steps.nvs.views import STRIDE_PX
+from zeroshop_steps.nvs.crops import STRIDE_PX
 
 BEST_VIEWS = 2
 """The cost of a plane is the mean over this many of its best neighbours: some are always occluded."""

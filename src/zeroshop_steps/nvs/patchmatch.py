@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.cameras import Camera
+from zeroshop_steps.nvs.crops import STRIDE_PX
 from zeroshop_steps.nvs.patch_cost import (
     BAD,
     DARK,
@@ -25,7 +26,7 @@ from zeroshop_steps.nvs.patch_cost import (
     reference_patch,
     world_point,
 )
-from zeroshop_steps.nvs.views import STRIDE_PX, TrainingView
+from zeroshop_steps.nvs.views import TrainingView
 from zeroshop_steps.progress import ProgressReport
 
 NEIGHBOURS = 6

@@ -3,19 +3,19 @@
 The visual hull closes every hollow with a lid. Photographs know better wherever the surface has any shading or print.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
+from zeroshop_steps.finish.views import View, object_masks
+from zeroshop_steps.nvs.crops import ObjectSphere, grid_camera, object_sphere, seed_crop
 from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.views import CameraSet, ObjectSphere, TrainingView, grid_view, object_sphere, read_camera_set, training_views
 
-SEED_WIDTH_PX = 1000
-"""Width of the images in which seeds are looked for, at most: fine print is all that some hollows have."""
-SEED_BORDER_PX = 10
 FIELDS = ("positions", "colors", "normals", "names", "shapes", "depths", "occupied", "half_extent", "centre", "radius")
 
 
@@ -36,11 +36,6 @@ class Seeds:
     volume: VisualHull
 
 
-def seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
-    """The views in which stereo looks for seeds: of the images' full size, if that is moderate."""
-    return training_views(camera_set, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
-
-
 def write_seeds(path: Path, seeds: Seeds, sphere: ObjectSphere) -> None:
     """Write a compressed NumPy archive; the same seeds give the same bytes."""
     maps = list(seeds.depth_maps.values())
@@ -57,11 +52,11 @@ def write_seeds(path: Path, seeds: Seeds, sphere: ObjectSphere) -> None:
         np.savez_compressed(temporary, **dict(zip(FIELDS, content, strict=True)))
 
 
-def read_seeds(path: Path, sphere: ObjectSphere, views: list[TrainingView]) -> Seeds:
+def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> Seeds:
     """Read what `write_seeds` wrote.
 
     Args:
-        sphere, views: those that training has made from its cameras.
+        sphere, cameras: the object's, and those of the crops in which seeds were looked for.
 
     Raises:
         StepError: the file is absent, damaged, or of other images or cameras.
@@ -82,28 +77,28 @@ def read_seeds(path: Path, sphere: ObjectSphere, views: list[TrainingView]) -> S
     except Exception as error:
         raise StepError(f"{path} is not a whole file of seeds ({type(error).__name__}); delete it and run stereo again") from None
     found = {name: depth.shape for name, depth in depth_maps.items()}
-    expected = {view.camera.name: tuple(grid_view(view).mask.shape) for view in views}
+    expected = {grid.name: (grid.height_px, grid.width_px) for grid in map(grid_camera, cameras)}
     if found != expected or not (np.allclose(centre, sphere.centre, rtol=1e-9) and np.isclose(radius, sphere.radius, rtol=1e-9)):
         raise StepError(f"{path} belongs to other images or cameras than those given; run stereo on these")
     return Seeds(positions, colors, normals, depth_maps, VisualHull(occupied, float(half_extent)))
 
 
-def confirmed_points(path: Path, cameras: Path) -> np.ndarray:
-    """(N, 3) the places of all confirmed depths of a seeds.npz, in the frame of the registration in `cameras`.
+def confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:
+    """(N, 3) the places of all confirmed depths of a seeds.npz, in the frame of the views' registration.
 
     Raises:
         StepError: the file is absent, damaged, or of other images or cameras.
     """
-    camera_set = read_camera_set(cameras)
-    sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
-    views = seed_views(camera_set, sphere)
-    seeds = read_seeds(path, sphere, views)
+    cameras, masks = [view.camera for view in views], object_masks(views)
+    sphere = object_sphere(cameras, masks)
+    crops = [seed_crop(camera, mask, sphere).camera for camera, mask in zip(cameras, masks, strict=True)]
+    seeds = read_seeds(path, sphere, crops)
     points = [np.zeros((0, 3))]
-    for view in map(grid_view, views):
-        depth = seeds.depth_maps[view.camera.name]
+    for camera in map(grid_camera, crops):
+        depth = seeds.depth_maps[camera.name]
         rows, columns = np.nonzero(depth)
         pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
-        seen = pixels @ np.linalg.inv(view.camera.intrinsics).T * depth[rows, columns, None]
-        pose = view.camera.camera_from_world
+        seen = pixels @ np.linalg.inv(camera.intrinsics).T * depth[rows, columns, None]
+        pose = camera.camera_from_world
         points.append((seen - pose[:3, 3]) @ pose[:3, :3])
     return sphere.centre + sphere.radius * np.concatenate(points)

@@ -7,9 +7,10 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.cameras import Camera, SparseModel
 from zeroshop_steps.nvs.carve import Volume
+from zeroshop_steps.nvs.crops import ObjectSphere
 from zeroshop_steps.nvs.hull import inside_all_masks
 from zeroshop_steps.nvs.seeds import Seeds
-from zeroshop_steps.nvs.views import ObjectSphere, TrainingView, grid_view
+from zeroshop_steps.nvs.views import TrainingView, grid_view
 
 OUTSIDE_VOXELS = 2.5
 """Disks farther than this from the carved volume are in free space."""

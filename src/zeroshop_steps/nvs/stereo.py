@@ -29,10 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.files import write_json
     from zeroshop_steps.nvs.confirm import find_seeds
+    from zeroshop_steps.nvs.crops import object_sphere
     from zeroshop_steps.nvs.hull import VisualHull
-    from zeroshop_steps.nvs.seeds import seed_views, write_seeds
+    from zeroshop_steps.nvs.seeds import write_seeds
     from zeroshop_steps.nvs.threads import use_threads
-    from zeroshop_steps.nvs.views import grid_view, object_sphere, read_camera_set
+    from zeroshop_steps.nvs.views import grid_view, read_camera_set, seed_views
 
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()

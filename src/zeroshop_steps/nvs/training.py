@@ -14,11 +14,12 @@ import torch
 from zeroshop_steps.cache import content_digest
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json, written_whole
+from zeroshop_steps.nvs.crops import ObjectSphere, object_sphere
 from zeroshop_steps.nvs.optimizer import AdamWithSurgery
-from zeroshop_steps.nvs.seeds import Seeds, read_seeds, seed_views
+from zeroshop_steps.nvs.seeds import Seeds, read_seeds
 from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.start import Start
-from zeroshop_steps.nvs.views import CameraSet, ObjectSphere, TrainingView, object_sphere, read_camera_set, training_views
+from zeroshop_steps.nvs.views import CameraSet, TrainingView, read_camera_set, seed_views, training_views
 from zeroshop_steps.progress import ProgressReport
 
 CHECKPOINT = "checkpoint.pt"
@@ -244,7 +245,7 @@ class TrainingInputs:
             training_views(camera_set, sphere, args.image_width_px, border_px=8),
         )
         stereo_views = seed_views(camera_set, sphere)
-        seeds = read_seeds(args.stereo, sphere, stereo_views)
+        seeds = read_seeds(args.stereo, sphere, [view.camera for view in stereo_views])
         # A checkpoint belongs to its images, cameras and seeds as much as to its settings.
         poses = [view.camera.camera_from_world.ravel().tolist() for view in views.fine]
         identity = {"image_width_px": args.image_width_px, "cameras": poses, "stereo": content_digest(args.stereo)}

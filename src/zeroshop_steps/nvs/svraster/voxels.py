@@ -8,8 +8,8 @@ import torch
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
+from zeroshop_steps.nvs.crops import ObjectSphere
 from zeroshop_steps.nvs.svraster.octree import Octree
-from zeroshop_steps.nvs.views import ObjectSphere
 
 FIELDS = ("origins", "levels", "densities", "sh", "centre", "radius")
 

@@ -9,9 +9,9 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
+from zeroshop_steps.nvs.crops import ObjectSphere
 from zeroshop_steps.nvs.harmonics import SH_CONSTANT
 from zeroshop_steps.nvs.twodgs.reference import rotation_matrices
-from zeroshop_steps.nvs.views import ObjectSphere
 
 SH_COEFFICIENTS = 16
 
