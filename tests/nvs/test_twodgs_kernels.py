@@ -6,7 +6,7 @@ import torch
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.nvs.twodgs.reference import render_reference
-from zeroshop_steps.nvs.twodgs.render import RenderView, render
+from zeroshop_steps.nvs.twodgs.render import RenderView, render, render_surface_depth
 
 WIDTH_PX, HEIGHT_PX = 40, 35
 NEAR, FAR = 1.5, 6.0
@@ -120,3 +120,19 @@ def test_inactive_tiles_stay_empty_and_give_no_gradient() -> None:
 def test_no_surfel_gives_an_empty_image() -> None:
     empty = [torch.zeros(shape) for shape in ((0, 3), (0, 2), (0, 4), (0,), (0, 16, 3))]
     assert render(*empty, 3, RenderView.of(camera(), NEAR, FAR)).alpha.abs().sum() == 0
+
+
+@pytest.mark.parametrize("kind", ["usual", "huge", "opaque"])
+def test_surface_depth_lies_between_the_median_and_the_mean_of_all_disks(kind: str) -> None:
+    tensors, view = [torch.tensor(array) for array in scene(kind, 2)], RenderView.of(camera(), NEAR, FAR)
+    drawn = render(*tensors, 0, view)
+    median, hit = drawn.median_depth.numpy(), drawn.median_depth.numpy() > 0
+    assert hit.mean() > 0.1, "the scene must show something"
+    nearest, alpha = render_surface_depth(*tensors[:4], view, reach=1e-5)
+    assert np.array_equal(nearest > 0, hit) and np.allclose(nearest[hit], median[hit], atol=2e-5)
+    assert np.allclose(alpha, drawn.alpha.numpy(), atol=1e-6)
+    some, _ = render_surface_depth(*tensors[:4], view, reach=0.1)
+    assert np.abs(some - median)[hit].max() <= 0.1 + 1e-5
+    assert np.abs(some - median)[hit].max() > 1e-3, "disks near the median count, too"
+    every, _ = render_surface_depth(*tensors[:4], view, reach=1e9)
+    assert np.allclose(every[hit], (drawn.depth / drawn.alpha).numpy()[hit], rtol=1e-4)

@@ -132,7 +132,7 @@ def _look(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[V
             raise StepError(f"{view.mask_path}: the mask shows no object; make the mask again, or leave the photo out")
         iou.append(float((mask & hits.mask).sum() / (mask | hits.mask).sum()))
         back_px, mesh_px = back_px + _back_pixels(mesh, hits, view), mesh_px + int(hits.mask.sum())
-        maps = view_maps(view, renderer, diameter)
+        maps = view_maps(view, hits, diameter)
         pixels, depth = view.camera.project(places[0])
         towards = view.camera.centre_in_world - places[0]
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
@@ -156,7 +156,8 @@ def _back_pixels(mesh: Mesh, hits: Hits, view: View) -> int:
 def _slope(image: np.ndarray) -> np.ndarray:
     """(height, width) largest change over one pixel among the channels."""
     x, y = (cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
-    return np.hypot(x, y).max(2)
+    # By planes: a maximum over three neighbours in memory is slow.
+    return np.maximum.reduce(cv2.split(np.hypot(x, y)))
 
 
 def _gains(brightness: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -38,15 +38,36 @@ class MeshRenderer:
         self.scene = ray_caster((mesh.vertices, mesh.faces))
 
     def hits(self, camera: Camera) -> Hits:
-        """Cast one ray through each pixel centre of `camera`."""
-        k, pose = o3d.core.Tensor(camera.intrinsics), o3d.core.Tensor(camera.camera_from_world)
-        # These rays have unit depth along the axis: t_hit is the depth.
-        rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(k, pose, camera.width_px, camera.height_px)
-        answer = self.scene.cast_rays(rays)
-        depth = answer["t_hit"].numpy()
-        hit = np.isfinite(depth)
-        face = np.where(hit, answer["primitive_ids"].numpy().astype(np.int64), -1)
-        return Hits(face, answer["primitive_uvs"].numpy(), np.where(hit, depth, 0.0).astype(np.float32))
+        """Cast one ray through each pixel centre of `camera`, but for those that pass far from the mesh."""
+        shape = (camera.height_px, camera.width_px)
+        face, depth = np.full(shape, -1, np.int64), np.zeros(shape, np.float32)
+        barycentric = np.zeros((*shape, 2), np.float32)
+        window, cropped = self._around_mesh(camera)
+        if face[window].size:
+            k, pose = o3d.core.Tensor(cropped.intrinsics), o3d.core.Tensor(cropped.camera_from_world)
+            # These rays have unit depth along the axis: t_hit is the depth.
+            rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(k, pose, cropped.width_px, cropped.height_px)
+            answer = self.scene.cast_rays(rays)
+            distance = answer["t_hit"].numpy()
+            hit = np.isfinite(distance)
+            face[window] = np.where(hit, answer["primitive_ids"].numpy().astype(np.int64), -1)
+            depth[window] = np.where(hit, distance, 0.0)
+            barycentric[window] = answer["primitive_uvs"].numpy()
+        return Hits(face, barycentric, depth)
+
+    def _around_mesh(self, camera: Camera) -> tuple[tuple[slice, slice], Camera]:
+        """Rows and columns of the pixels that may see the mesh, and the camera of these alone."""
+        pixels, depths = camera.project(self.mesh.vertices)
+        size = np.array([camera.width_px, camera.height_px])
+        first, last = np.zeros(2, int), size
+        if len(depths) and (depths > 0).all():
+            first = np.clip(np.floor(pixels.min(0)) - 1, 0, size).astype(int)
+            last = np.clip(np.ceil(pixels.max(0)) + 1, first, size).astype(int)
+        intrinsics = camera.intrinsics.copy()
+        intrinsics[:2, 2] -= first
+        width_px, height_px = (last - first).tolist()
+        window = (slice(first[1], last[1]), slice(first[0], last[0]))
+        return window, Camera(camera.name, width_px, height_px, intrinsics, camera.camera_from_world)
 
     def color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
         """Unlit textured render as (height, width, 3) uint8 sRGB, antialiased over `samples` x `samples` rays a pixel."""
@@ -74,13 +95,18 @@ class MeshRenderer:
 
     def _averaged(self, camera: Camera, shade, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """(height, width, 3) mean colour of the rays of a pixel that hit, and (height, width) share of them."""
-        fine = camera.resized(camera.width_px * samples, camera.height_px * samples)
-        hits = self.hits(fine)
-        image = np.zeros((fine.height_px, fine.width_px, 3), np.float32)
-        image[hits.mask] = shade(fine, hits)
-        shape = (camera.height_px, samples, camera.width_px, samples)
-        coverage = hits.mask.reshape(shape).mean((1, 3), dtype=np.float32)
-        return image.reshape(*shape, 3).mean((1, 3)) / np.maximum(coverage, 1e-6)[..., None], coverage
+        color = np.zeros((camera.height_px, camera.width_px, 3), np.float32)
+        coverage = np.zeros((camera.height_px, camera.width_px), np.float32)
+        window, cropped = self._around_mesh(camera)
+        if coverage[window].size:
+            fine = cropped.resized(cropped.width_px * samples, cropped.height_px * samples)
+            hits = self.hits(fine)
+            image = np.zeros((fine.height_px, fine.width_px, 3), np.float32)
+            image[hits.mask] = shade(fine, hits)
+            shape = (cropped.height_px, samples, cropped.width_px, samples)
+            coverage[window] = hits.mask.reshape(shape).mean((1, 3), dtype=np.float32)
+            color[window] = image.reshape(*shape, 3).mean((1, 3)) / np.maximum(coverage[window], 1e-6)[..., None]
+        return color, coverage
 
     def _texture_color(self, camera: Camera, hits: Hits) -> np.ndarray:
         if self.mesh.uv is None or self.mesh.texture is None:

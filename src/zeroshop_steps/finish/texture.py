@@ -62,7 +62,7 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
     neighbours = neighbour_matrix(joined)
     normals = smoothed(joined.normals, neighbours, 2)
     joined = Mesh(joined.vertices, joined.faces, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
-    maps = [view_maps(view, renderer, extent) for view in views]
+    maps = [view_maps(view, renderer.hits(view.camera), extent) for view in views]
     images = [view.image().astype(np.float32) / 255.0 for view in views]
     texels = rasterize(mesh, size)
     if len(texels.face) == 0:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.cameras import Camera
-from zeroshop_steps.finish.render import MeshRenderer
+from zeroshop_steps.finish.render import Hits
 from zeroshop_steps.finish.views import View
 from zeroshop_steps.meshes import Mesh
 
@@ -31,15 +31,14 @@ class ViewMaps:
     trust: np.ndarray
 
 
-def view_maps(view: View, renderer: MeshRenderer, extent: float) -> ViewMaps:
-    """Cast the mesh's depth and measure each pixel's distance to the nearest edge that geometry errors could shift.
+def view_maps(view: View, hits: Hits, extent: float) -> ViewMaps:
+    """Measure each pixel's distance to the nearest edge that geometry errors could shift.
 
     Args:
         view: the photo.
-        renderer: of the mesh in the cameras' frame.
+        hits: what its pixels see of the mesh.
         extent: size of the object in the same unit, the scale for depth steps.
     """
-    hits = renderer.hits(view.camera)
     inner = view.mask() & hits.mask
     inner &= ~_depth_steps(hits.depth, 0.01 * extent)
     inner[[0, -1]] = inner[:, [0, -1]] = False

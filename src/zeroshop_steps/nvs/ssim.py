@@ -23,21 +23,28 @@ _TWO = np.float32(2.0)
 def _blur(images, window, scratch, out):
     """Blur (K, H, W) images with zeros outside; scratch and out have the same shape."""
     count, height, width = images.shape
-    half = len(window) // 2
+    # Loops of known length within the loop over x: each pixel's sum stays in a register, and pixels fill vector instructions.
     for line in numba.prange(count * height):
         k, y = line // height, line % height
-        row = scratch[k, y]
-        row[:] = 0.0
-        for t in range(len(window)):
-            shift = t - half
-            first, last = max(0, -shift), min(width, width - shift)
-            row[first:last] += window[t] * images[k, y, first + shift : last + shift]
+        padded = np.zeros(width + 2 * _HALF, np.float32)
+        padded[_HALF : _HALF + width] = images[k, y]
+        for x in range(width):
+            total = np.float32(0.0)
+            for t in range(2 * _HALF + 1):
+                total += window[t] * padded[x + t]
+            scratch[k, y, x] = total
     for line in numba.prange(count * height):
         k, y = line // height, line % height
-        row = out[k, y]
-        row[:] = 0.0
-        for t in range(max(0, half - y), min(len(window), height + half - y)):
-            row += window[t] * scratch[k, y + t - half]
+        if _HALF <= y < height - _HALF:
+            for x in range(width):
+                total = np.float32(0.0)
+                for t in range(2 * _HALF + 1):
+                    total += window[t] * scratch[k, y + t - _HALF, x]
+                out[k, y, x] = total
+        else:
+            out[k, y] = 0.0
+            for t in range(max(0, _HALF - y), min(len(window), height + _HALF - y)):
+                out[k, y] += window[t] * scratch[k, y + t - _HALF]
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)

@@ -152,11 +152,12 @@ def render_surface_depth(
         reach: disks within this of a pixel's median depth are averaged. The others as in `render`.
     """
     tensors = (positions, log_scales, quaternions, opacity_logits, torch.zeros(len(positions), 16, 3))
-    splats, boxes, lists, image = _drawn([tensor.detach().contiguous().numpy() for tensor in tensors], 0, view)
+    splats, _, lists, image = _drawn([tensor.detach().contiguous().numpy() for tensor in tensors], 0, view)
     depth, median = np.zeros(image.shape[1:], np.float32), image[rasterize.OUT_MEDIAN]
     tiles_x = view.tile_active.shape[1]
     surface_depth.mean_near_median(
-        splats, boxes, lists.tiles, lists.starts, lists.splat_of, tiles_x, median, np.float32(reach), depth
+        splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.blocks, tiles_x, project.numba.get_num_threads(),
+        median, np.float32(reach), depth,
     )  # fmt: skip
     crop = (slice(view.height_px), slice(view.width_px))
     return depth[crop], image[rasterize.OUT_ALPHA][crop]

@@ -7,41 +7,69 @@ import numba
 import numpy as np
 
 from zeroshop_steps.nvs.twodgs.intersection import HALF_SQRT, meet
-from zeroshop_steps.nvs.twodgs.project import A1, A2, ALPHA_MIN, CX, CY, OPACITY, U1, U2, V1, V2, ZC
-from zeroshop_steps.nvs.twodgs.rasterize import ALPHA_MAX, STOP
+from zeroshop_steps.nvs.twodgs.project import A1, A2, CX, CY, OPACITY, U1, U2, V1, V2, ZC
+from zeroshop_steps.nvs.twodgs.rasterize import ALPHA_MAX, BIT, BLOCKS, CUT, LANES, PLANE, STOP, ZERO, load_pixels
+from zeroshop_steps.nvs.twodgs.tiles import ACROSS, BLOCK_PX
 from zeroshop_steps.nvs.views import TILE_PX
+
+# Planes of a block's buffer: x, y, transmittance, median depth, weighted depth, weight.
+_T, _MEDIAN, _TOTAL, _WEIGHT = 2, 3, 4, 5
+_PLANES = 6
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _add_splat(splats, index, b, blocks, reach):
+    """Add splat `index` to some blocks (one bit a block) of a tile's buffer."""
+    cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]
+    u1, u2, v1, v2 = (
+        splats[index, U1] * HALF_SQRT,
+        splats[index, U2] * HALF_SQRT,
+        splats[index, V1] * HALF_SQRT,
+        splats[index, V2] * HALF_SQRT,
+    )
+    opacity = splats[index, OPACITY]
+    while blocks:
+        rest = blocks & (blocks - np.uint64(1))
+        first = BIT[(blocks ^ rest) % np.uint64(19)] * np.uint64(_PLANES * LANES)
+        blocks = rest
+        for i in range(first, first + np.uint64(LANES)):
+            _, _, r, _, _, _, e = meet(b[i] - cx, b[i + PLANE[1]] - cy, u1, u2, v1, v2, a1, a2)
+            z = zc * r
+            alpha = min(opacity * e, ALPHA_MAX)
+            t = b[i + PLANE[_T]]
+            stopped = t * alpha if (alpha >= CUT) & (t >= STOP) else ZERO
+            w = stopped if abs(z - b[i + PLANE[_MEDIAN]]) <= reach else ZERO
+            b[i + PLANE[_TOTAL]] += w * z
+            b[i + PLANE[_WEIGHT]] += w
+            b[i + PLANE[_T]] = t - stopped
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
-def mean_near_median(splats, boxes, tiles, starts, splat_of, tiles_x, median, reach, depth):
+def mean_near_median(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, workers, median, reach, depth):
     """Fill depth (height, width), which must hold zeros, where `median` (height, width) is positive.
 
-    Arguments as in `rasterize.blend_forward`; reach: disks within this of the median depth count, by their blending weights.
+    Arguments as in `rasterize.blend_forward`, which has thinned the blocks; reach: disks within this of the median depth count, by
+    their blending weights.
     """
-    for position in numba.prange(len(tiles)):
-        tile = tiles[position]
-        left, top = (tile % tiles_x) * TILE_PX, (tile // tiles_x) * TILE_PX
-        light = np.ones((TILE_PX, TILE_PX), np.float32)
-        total, weight = np.zeros((TILE_PX, TILE_PX), np.float32), np.zeros((TILE_PX, TILE_PX), np.float32)
-        for entry in range(starts[tile], starts[tile + 1]):
-            s, box = splats[splat_of[entry]], boxes[splat_of[entry]]
-            for y in range(max(box[2], top), min(box[3], top + TILE_PX)):
-                for x in range(max(box[0], left), min(box[1], left + TILE_PX)):
-                    j, i = y - top, x - left
-                    if light[j, i] < STOP:
-                        continue
-                    dx, dy = np.float32(x + 0.5) - s[CX], np.float32(y + 0.5) - s[CY]
-                    u1, u2, v1, v2 = s[U1] * HALF_SQRT, s[U2] * HALF_SQRT, s[V1] * HALF_SQRT, s[V2] * HALF_SQRT
-                    _, _, r, _, _, _, value = meet(dx, dy, u1, u2, v1, v2, s[A1], s[A2])
-                    z = s[ZC] * r
-                    alpha = min(s[OPACITY] * value, ALPHA_MAX)
-                    if alpha < ALPHA_MIN:
-                        continue
-                    if abs(z - median[y, x]) <= reach:
-                        total[j, i] += light[j, i] * alpha * z
-                        weight[j, i] += light[j, i] * alpha
-                    light[j, i] *= np.float32(1.0) - alpha
-        for j in range(TILE_PX):
-            for i in range(TILE_PX):
-                if weight[j, i] > 0 and median[top + j, left + i] > 0:
-                    depth[top + j, left + i] = total[j, i] / weight[j, i]
+    for worker in numba.prange(workers):
+        b = np.empty(_PLANES * LANES * BLOCKS, np.float32)
+        for position in range(worker, len(tiles), workers):
+            tile = tiles[position]
+            tile_x, tile_y = tile % tiles_x, tile // tiles_x
+            b[:] = 0.0
+            load_pixels(b, _PLANES, tile_x, tile_y)
+            for block in range(BLOCKS):
+                y0, x0 = tile_y * TILE_PX + block // ACROSS * BLOCK_PX, tile_x * TILE_PX + block % ACROSS * BLOCK_PX
+                for lane in range(LANES):
+                    b[(block * _PLANES + _MEDIAN) * LANES + lane] = median[y0 + lane // BLOCK_PX, x0 + lane % BLOCK_PX]
+            for entry in range(starts[tile], starts[tile + 1]):
+                met = np.uint64(blocks[slot_of[entry]])
+                if met:
+                    _add_splat(splats, splat_of[entry], b, met, reach)
+            for block in range(BLOCKS):
+                y0, x0 = tile_y * TILE_PX + block // ACROSS * BLOCK_PX, tile_x * TILE_PX + block % ACROSS * BLOCK_PX
+                for lane in range(LANES):
+                    start = block * _PLANES * LANES + lane
+                    weight = b[start + _WEIGHT * LANES]
+                    if weight > ZERO and b[start + _MEDIAN * LANES] > ZERO:
+                        depth[y0 + lane // BLOCK_PX, x0 + lane % BLOCK_PX] = b[start + _TOTAL * LANES] / weight
