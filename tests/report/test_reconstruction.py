@@ -58,9 +58,19 @@ def test_marks_counts_and_means(table):
         "| *meshes that means are over* | 2 | 1 |",
         "| *mean F-score at 1 %* | 0.85 | 0.6 |",
         "| *mean accuracy, mm* | 0.25 |  |",
+        "| *mean completeness, mm* |  |  |",
         "| *mean training, s* |  |  |",
         "| *mean training, CPU s* |  |  |",
     ]
+
+
+def test_methods_are_compared_where_all_have_a_mesh(table):
+    lines = section(rendered(read_cells(table), []), "The methods against each other")
+    assert lines[0] == "Over the 1 captures and cameras from which each of them made a mesh."
+    assert lines[2] == "|  | 2dgs | svraster |"
+    assert "| *mean F-score at 1 %* | 0.9 | 0.7 |" in lines and "| *median F-score at 1 %* | 0.9 | 0.7 |" in lines
+    only = [cell for cell in read_cells(table) if cell.nvs == "2dgs"]
+    assert "against each other" not in rendered(only, [])
 
 
 def test_a_failed_registration_counts_for_every_method_with_its_reason(table):

@@ -10,6 +10,7 @@ import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
@@ -20,6 +21,7 @@ PUBLISHED = Path(__file__).with_name("published_ycbv.csv")
 MEANS = {
     "f_score_1_percent": "*mean F-score at 1 %*",
     "accuracy_mm": "*mean accuracy, mm*",
+    "completeness_mm": "*mean completeness, mm*",
     "training_seconds": "*mean training, s*",
     "training_cpu_seconds": "*mean training, CPU s*",
 }
@@ -104,6 +106,8 @@ def rendered(cells: Sequence[Cell], published: Sequence[Cell]) -> str:
     for nvs in methods:
         columns = [cell for cell in [*cells, *published] if cell.nvs == nvs and cell.object in objects]
         parts.append(f"## {nvs}\n\n{marks_table(columns, objects)}")
+    if len(methods) > 1:
+        parts.append("## The methods against each other\n\n" + _compared(cells, methods))
     lines = (f"{MARKS[cell.grade]} {cell.place}: {cell.reasons['grade']}" for cell in cells if "grade" in cell.reasons)
     parts.append("## Why cells are not good\n\n" + _lines(lines))
     parts.append("## Where photos alone would have judged otherwise\n\n" + _disagreements(cells))
@@ -124,7 +128,28 @@ def marks_table(cells: Sequence[Cell], objects: Sequence[str]) -> str:
     rows.append(["*meshes that means are over*", *(str(sum(bool(cell.figures) for cell in columns[key].values()) or "") for key in order)])
     for measure, text in MEANS.items():
         rows.append([text, *(_mean(columns[key].values(), measure) for key in order)])
+    return _table(rows)
+
+
+def _table(rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _compared(cells: Sequence[Cell], methods: Sequence[str]) -> str:
+    """Mean and median figures over the images and cameras from which every method made a mesh."""
+    by_input: dict[tuple[str, ...], dict[str, Cell]] = {}
+    for cell in cells:
+        if cell.figures:
+            by_input.setdefault((cell.object, cell.scene, cell.registration), {})[cell.nvs] = cell
+    shared = [meshes for meshes in by_input.values() if len(meshes) == len(methods)]
+    if not shared:
+        return "Nothing was reconstructed by all of them."
+    rows = [["", *methods], ["---", *([":-:"] * len(methods))]]
+    for measure, text in MEANS.items():
+        columns = [[meshes[nvs] for meshes in shared] for nvs in methods]
+        rows.append([text, *(_mean(column, measure) for column in columns)])
+        rows.append([text.replace("mean", "median"), *(_median(column, measure) for column in columns)])
+    return f"Over the {len(shared)} captures and cameras from which each of them made a mesh.\n\n" + _table(rows)
 
 
 def _disagreements(cells: Sequence[Cell]) -> str:
@@ -152,3 +177,8 @@ def _mark(cell: Cell | None) -> str:
 def _mean(cells: Iterable[Cell], measure: str) -> str:
     values = [cell.figures[measure] for cell in cells if measure in cell.figures]
     return f"{sum(values) / len(values):.3g}" if values else ""
+
+
+def _median(cells: Iterable[Cell], measure: str) -> str:
+    values = [cell.figures[measure] for cell in cells if measure in cell.figures]
+    return f"{median(values):.3g}" if values else ""
