@@ -77,7 +77,7 @@ def test_a_failed_registration_counts_for_every_method_with_its_reason(table):
     text = rendered(read_cells(table), [])
     assert "| obj_000013 |  | × |" in section(text, "svraster")
     reasons = section(text, "Why cells are not good")
-    assert "- × obj_000013, se, colmap, 2dgs: 8 of 30 images registered" in reasons
+    assert "- × obj_000013, se, colmap, 2dgs and svraster: 8 of 30 images registered" in reasons
     assert "- ○ obj_000001, se, colmap, 2dgs: F too low" in reasons
 
 

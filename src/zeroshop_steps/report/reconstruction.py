@@ -7,7 +7,7 @@ Blender renders; they lie beside this file as published_ycbv.csv.
 
 import argparse
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -108,8 +108,7 @@ def rendered(cells: Sequence[Cell], published: Sequence[Cell]) -> str:
         parts.append(f"## {nvs}\n\n{marks_table(columns, objects)}")
     if len(methods) > 1:
         parts.append("## The methods against each other\n\n" + _compared(cells, methods))
-    lines = (f"{MARKS[cell.grade]} {cell.place}: {cell.reasons['grade']}" for cell in cells if "grade" in cell.reasons)
-    parts.append("## Why cells are not good\n\n" + _lines(lines))
+    parts.append("## Why cells are not good\n\n" + _lines(_shortcomings(cells)))
     parts.append("## Where photos alone would have judged otherwise\n\n" + _disagreements(cells))
     return "\n\n".join(parts) + "\n"
 
@@ -150,6 +149,17 @@ def _compared(cells: Sequence[Cell], methods: Sequence[str]) -> str:
         rows.append([text, *(_mean(column, measure) for column in columns)])
         rows.append([text.replace("mean", "median"), *(_median(column, measure) for column in columns)])
     return f"Over the {len(shared)} captures and cameras from which each of them made a mesh.\n\n" + _table(rows)
+
+
+def _shortcomings(cells: Sequence[Cell]) -> Iterator[str]:
+    """Each reason once with the methods that it stopped: a failed registration stops all of them."""
+    methods: dict[tuple[str, ...], list[str]] = {}
+    for cell in cells:
+        if "grade" in cell.reasons:
+            place = (MARKS[cell.grade], f"{cell.object}, {cell.scene}, {cell.registration}", cell.reasons["grade"])
+            methods.setdefault(place, []).append(cell.nvs)
+    for (mark, place, reason), names in methods.items():
+        yield f"{mark} {place}, {' and '.join(names)}: {reason}"
 
 
 def _disagreements(cells: Sequence[Cell]) -> str:
