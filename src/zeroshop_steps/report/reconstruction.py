@@ -7,10 +7,10 @@ Blender renders; they lie beside this file as published_ycbv.csv.
 
 import argparse
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import written_whole
@@ -18,12 +18,12 @@ from zeroshop_steps.files import written_whole
 MARKS = {"none": "×", "sparse": "○", "good": "●"}
 SCENES = ("su_l", "su_h", "se")
 PUBLISHED = Path(__file__).with_name("published_ycbv.csv")
-MEANS = {
-    "f_score_1_percent": "*mean F-score at 1 %*",
-    "accuracy_mm": "*mean accuracy, mm*",
-    "completeness_mm": "*mean completeness, mm*",
-    "training_seconds": "*mean training, s*",
-    "training_cpu_seconds": "*mean training, CPU s*",
+AVERAGED = {
+    "f_score_1_percent": "F-score at 1 %",
+    "accuracy_mm": "accuracy, mm",
+    "completeness_mm": "completeness, mm",
+    "training_seconds": "training, s",
+    "training_cpu_seconds": "training, CPU s",
 }
 SOURCE = "ZeroShOP diploma thesis, TU Wien, January 2026"
 
@@ -125,8 +125,8 @@ def marks_table(cells: Sequence[Cell], objects: Sequence[str]) -> str:
     for grade in reversed(MARKS):
         rows.append([f"*{grade}*", *(str(sum(cell.grade == grade for cell in columns[key].values())) for key in order)])
     rows.append(["*meshes that means are over*", *(str(sum(bool(cell.figures) for cell in columns[key].values()) or "") for key in order)])
-    for measure, text in MEANS.items():
-        rows.append([text, *(_mean(columns[key].values(), measure) for key in order)])
+    for measure, text in AVERAGED.items():
+        rows.append([f"*mean {text}*", *(_average(mean, columns[key].values(), measure) for key in order)])
     return _table(rows)
 
 
@@ -144,10 +144,10 @@ def _compared(cells: Sequence[Cell], methods: Sequence[str]) -> str:
     if not shared:
         return "Nothing was reconstructed by all of them."
     rows = [["", *methods], ["---", *([":-:"] * len(methods))]]
-    for measure, text in MEANS.items():
+    for measure, text in AVERAGED.items():
         columns = [[meshes[nvs] for meshes in shared] for nvs in methods]
-        rows.append([text, *(_mean(column, measure) for column in columns)])
-        rows.append([text.replace("mean", "median"), *(_median(column, measure) for column in columns)])
+        for average in (mean, median):
+            rows.append([f"*{average.__name__} {text}*", *(_average(average, column, measure) for column in columns)])
     return f"Over the {len(shared)} captures and cameras from which each of them made a mesh.\n\n" + _table(rows)
 
 
@@ -184,11 +184,6 @@ def _mark(cell: Cell | None) -> str:
     return MARKS[cell.grade] if cell else ""
 
 
-def _mean(cells: Iterable[Cell], measure: str) -> str:
+def _average(average: Callable[[list[float]], float], cells: Iterable[Cell], measure: str) -> str:
     values = [cell.figures[measure] for cell in cells if measure in cell.figures]
-    return f"{sum(values) / len(values):.3g}" if values else ""
-
-
-def _median(cells: Iterable[Cell], measure: str) -> str:
-    values = [cell.figures[measure] for cell in cells if measure in cell.figures]
-    return f"{median(values):.3g}" if values else ""
+    return f"{average(values):.3g}" if values else ""
