@@ -1,8 +1,11 @@
 """What every step builds on: whole files or none, named errors, cameras, meshes."""
 
 import errno
+import subprocess
+import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +15,7 @@ from zeroshop_steps import capture, finish, height, nvs, register
 from zeroshop_steps.cameras import Camera, read_sparse_model, similarity_between, write_cameras
 from zeroshop_steps.cli import stage_main, stage_methods
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.failures import is_result
 from zeroshop_steps.files import read_json, write_json, written_whole, written_whole_dir
 from zeroshop_steps.images import list_images, read_depth_mm, read_image, read_mask, write_depth_mm, write_image, write_mask
 from zeroshop_steps.meshes import Mesh, read_ply, write_ply
@@ -39,6 +43,42 @@ def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
         (folder / "image.png").write_bytes(b"x")
         raise OSError(errno.ENOSPC, "No space left on device")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_could_not_be_read_is_named(tmp_path: Path) -> None:
+    message = r"cannot write .*mesh.ply: No such file or directory: .*absent.ply"
+    with pytest.raises(StepError, match=message), written_whole(tmp_path / "mesh.ply"):
+        (tmp_path / "absent.ply").read_bytes()
+
+
+def test_an_image_that_cannot_be_written_is_a_fault_of_the_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "imwrite", lambda *_: False)
+    with pytest.raises(StepError, match=r"cannot write .*a.png") as error:
+        write_image(tmp_path / "a.png", np.zeros((2, 2, 3), np.uint8))
+    assert not is_result(error.value)
+
+
+def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path) -> None:
+    step = (
+        "import sys, types, time, zeroshop_steps.finish as stage\n"
+        "from pathlib import Path\n"
+        "from zeroshop_steps.cli import stage_main\n"
+        "from zeroshop_steps.files import written_whole_dir\n"
+        "def run(args):\n"
+        f"    with written_whole_dir(Path({str(tmp_path / 'out')!r})) as folder:\n"
+        "        (folder / 'half').touch()\n"
+        "        print('writing', flush=True)\n"
+        "        time.sleep(60)\n"
+        "slow = types.ModuleType('zeroshop_steps.finish.slow')\n"
+        "slow.add_arguments, slow.run = lambda parser: None, run\n"
+        "sys.modules[slow.__name__] = slow\n"
+        "sys.exit(stage_main('zeroshop_steps.finish', ('slow',)))\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", step], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "writing\n"
+        process.terminate()
+        assert "interrupted" in process.communicate()[1]
+    assert process.returncode == 130 and list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:

@@ -52,6 +52,15 @@ def test_a_record_is_passed_on_in_a_table_run_and_refused_in_any_other(tmp_path,
     assert read_failure(Path(out)) == failure
 
 
+def test_a_step_run_again_takes_no_notice_of_the_record_in_its_own_place(tmp_path, monkeypatch):
+    monkeypatch.setenv(failures.SWITCH, "1")
+    out = tmp_path / "outcome.json"
+    write_failure([out], Failure("nvs.twodgs", "left 3 disks"))
+    (tmp_path / "part.ply").write_bytes(b"ply\n")
+    assert outcome(tmp_path, "--out", str(out), "--record-failure", str(out)) == 0
+    assert read_failure(out) is None
+
+
 def test_a_whole_cell_has_no_failure(tmp_path, monkeypatch):
     monkeypatch.setenv(failures.SWITCH, "1")
     (tmp_path / "part.ply").write_bytes(b"ply\n")
@@ -77,5 +86,8 @@ def test_what_the_machine_did_wrong_is_no_result():
     assert not failures.is_result(raised(StepError("cannot write"), OSError(28, "no space left")))
     no_memory = RuntimeError("[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried to allocate 8 TB")
     assert not failures.is_result(no_memory) and not failures.is_result(ImportError("libusb"))
+    for words in ("(-4:Insufficient memory) Failed to allocate 800 bytes", "CUDA error: device-side assert", "can't start new thread"):
+        assert not failures.is_result(RuntimeError(words))
+    assert failures.is_result(StepError("the mug ran out of memory foam")), "a step's own words are judged by their cause alone"
     assert not failures.is_result(KeyboardInterrupt()) and not failures.is_result(torch.OutOfMemoryError("CUDA"))
     assert failures.reason_of(ValueError("\x1b[1;31modd\x1b[0;m\nvalue\n")) == "unexpected ValueError: odd value"

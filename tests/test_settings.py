@@ -65,6 +65,8 @@ def test_windows_line_ends_and_byte_order_mark(read):
         (f"{HEADER}\nphotos\t../cup\ta\tb\t0.1\n", "line 2: object: '../cup' does not match"),
         (f"{HEADER}\nphotos\tcup\t\tb\t0.1\n", "line 2: images"),
         (f"{HEADER}\nphotos\tcup\ta\tb\t0.1\textra\n", "line 2: 6 cells, but the header names 5"),
+        (f'{HEADER}\nphotos\tcup\ta\tb\t0.1\nphotos\tmug\t"a\tb\t0.1\n', "line 3: a quotation mark without its other half"),
+        (f'{HEADER}\nphotos\tmug\t"a" b\tb\t0.1\n', "line 2: a quotation mark without its other half"),
         (f"{HEADER}\nphotos\tcup\ta\tb\t0.1\n\nphotos\tcup\tc\td\t0.2\n", "line 4: photos cup is there twice"),
     ],
 )

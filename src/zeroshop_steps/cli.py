@@ -7,6 +7,7 @@ docstring is its help. Nothing else registers a method.
 import argparse
 import importlib
 import pkgutil
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -26,6 +27,9 @@ def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None 
         argv: the command line without the program's name; the process's own by default.
         reads_failures: the methods whose inputs may be records of failures (failures.py); others pass them on unread.
     """
+    if argv is None:
+        # A scheduler's request to end is taken like Ctrl+C, so that nothing half-written stays.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     argv = list(sys.argv[1:] if argv is None else argv)
     choose = argparse.ArgumentParser(prog=f"python -m {package}", add_help=False)
     choose.add_argument("--method", choices=methods, required=len(methods) > 1, default=methods[0])
@@ -35,7 +39,8 @@ def stage_main(package: str, methods: Sequence[str], argv: Sequence[str] | None 
         return 0
     known, rest = choose.parse_known_args(argv)
     step = f"{package.rpartition('.')[2]}.{known.method}"
-    earlier = None if known.method in reads_failures else failures.failure_among(rest)
+    inputs = [word for word in rest if Path(word) not in known.record_failure]
+    earlier = None if known.method in reads_failures else failures.failure_among(inputs)
     if earlier:
         return _give_up(earlier, known.record_failure)
     module = importlib.import_module(f"{package}.{known.method}")

@@ -64,7 +64,7 @@ def fetched(
                     raise StepError(
                         f"cannot download {url} ({error}). Check the network, or fetch that file elsewhere and put it at {path};"
                         f" or {without}"
-                    ) from None
+                    ) from error
         verify(path, sha256)
     return path
 
@@ -111,9 +111,17 @@ def _download(url: str, path: Path, size_bytes: int | None = None) -> None:
         received = 0
         with written_whole(path) as temporary, ProgressReport(f"download {path.name} (MB)", max(announced >> 20, 1)) as report:
             with open(temporary, "wb") as file:
-                while chunk := response.read(CHUNK_BYTES):
+                while chunk := _read(response):
                     file.write(chunk)
                     received += len(chunk)
                     report.advance((received >> 20) - report.done)
             if announced and received != announced:
                 raise http.client.IncompleteRead(b"", announced - received)
+
+
+def _read(response: http.client.HTTPResponse) -> bytes:
+    """The next bytes. A connection that broke is no OSError here: those are faults of the disk to whoever writes the file."""
+    try:
+        return response.read(CHUNK_BYTES)
+    except OSError as error:
+        raise http.client.HTTPException(str(error)) from error

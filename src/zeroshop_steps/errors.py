@@ -10,6 +10,15 @@ class StepError(Exception):
     """
 
 
+_NO_MEMORY = ("allocate memory", "Failed to allocate", "Insufficient memory", "not enough memory", "out of memory")
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether memory ran out, in the words of Python, PyTorch, OpenCV or NumPy; by name, since few steps load PyTorch."""
+    told = type(error).__name__ == "OutOfMemoryError" or any(words in str(error) for words in _NO_MEMORY)
+    return isinstance(error, MemoryError) or (isinstance(error, Exception) and not isinstance(error, StepError) and told)
+
+
 WARNING = "warning: "
 """How a line of a step's log begins that the workflow repeats at its end."""
 

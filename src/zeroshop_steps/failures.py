@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, is_out_of_memory
 from zeroshop_steps.files import written_whole
 
 SWITCH = "ZEROSHOP_RECORD_FAILURES"
@@ -64,9 +64,9 @@ def failure_among(words: Sequence[str]) -> Failure | None:
 def is_result(error: BaseException) -> bool:
     """Whether an error says something about the cell, and not about the machine."""
     machine = (OSError, MemoryError, ImportError)
-    # PyTorch's own are RuntimeErrors; by name and words, since steps without networks do not load PyTorch.
-    no_memory = type(error).__name__ == "OutOfMemoryError" or "allocate memory" in str(error)
-    return isinstance(error, Exception) and not no_memory and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
+    # Libraries raise these as errors of their own or as RuntimeErrors.
+    device = is_out_of_memory(error) or "CUDA error" in str(error) or "start new thread" in str(error)
+    return isinstance(error, Exception) and not device and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
 
 
 def reason_of(error: BaseException) -> str:

@@ -25,7 +25,7 @@ def written_whole(path: Path) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, path)
     except OSError as error:
-        raise StepError(f"cannot write {path}: {error.strerror or error}. Check free disk space and permissions.") from error
+        raise _not_written(path, temporary, error) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -43,9 +43,16 @@ def written_whole_dir(path: Path) -> Iterator[Path]:
             shutil.rmtree(path)
         os.replace(temporary, path)
     except OSError as error:
-        raise StepError(f"cannot write {path}: {error.strerror or error}. Check free disk space and permissions.") from error
+        raise _not_written(path, temporary, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _not_written(path: Path, temporary: Path, error: OSError) -> StepError:
+    """Why a product was not written; where another file is at fault, such as one it is made from, its name."""
+    other = error.filename is not None and not str(error.filename).startswith((str(temporary), str(path)))
+    reason = f"{error.strerror or error}: {error.filename}. Check that file" if other else f"{error.strerror or error}. Check"
+    return StepError(f"cannot write {path}: {reason}{', ' if other else ' '}free disk space and permissions.")
 
 
 def write_json(path: Path, content: Any) -> None:

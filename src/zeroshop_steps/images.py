@@ -53,7 +53,7 @@ def write_image(path: Path, image: np.ndarray) -> None:
         image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     with written_whole(path) as temporary:
         if not cv2.imwrite(str(temporary), image):
-            raise StepError(f"cannot write {path}. Check free disk space and permissions.")
+            raise OSError("the encoder could not write it")
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:

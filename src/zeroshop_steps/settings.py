@@ -92,7 +92,11 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
     schema = _read_yaml(schema_path)
     _check_columns(table, columns, schema["properties"], schema["required"])
     rows: dict[tuple[str, str], Row] = {}
-    for number, cells in zip((n for n, _ in numbered[1:]), csv.reader((line for _, line in numbered[1:]), delimiter="\t"), strict=True):
+    for number, line in numbered[1:]:
+        try:
+            [cells] = csv.reader([line], delimiter="\t", strict=True)
+        except csv.Error:
+            raise StepError(f"{table}, line {number}: a quotation mark without its other half; give both or none") from None
         if len(cells) > len(columns):
             raise StepError(
                 f"{table}, line {number}: {len(cells)} cells, but the header names {len(columns)} columns; separate cells by one tab"

@@ -3,6 +3,8 @@
 import hashlib
 import shutil
 import socket
+import struct
+import threading
 import zipfile
 from pathlib import Path
 
@@ -99,6 +101,27 @@ def test_blocked_download_says_what_to_do(tmp_path, monkeypatch, capsys):
     assert url in message and str(tmp_path / "downloads" / "boxes_models.zip") in message and "name a local folder" in message
     assert "attempt 1 of 2" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "downloads").iterdir()] == ["boxes_models.zip.lock"]
+
+
+def test_a_connection_that_breaks_is_tried_again(tmp_path, capsys):
+    content = bytes(3 << 20)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            for sent in (2 << 20, len(content)):
+                connection, _ = server.accept()
+                with connection:
+                    connection.recv(4096)
+                    connection.sendall(b"HTTP/1.0 200 OK\r\nContent-Length: %d\r\n\r\n" % len(content) + content[:sent])
+                    # Closing so resets the connection where not all was sent.
+                    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", sent < len(content), 0))
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        path = fetched(f"http://127.0.0.1:{server.getsockname()[1]}/boxes_models.zip", tmp_path / "boxes_models.zip", "", pause_s=0.0)
+        thread.join()
+    assert path.read_bytes() == content
+    assert "attempt 1 of 3, trying again" in capsys.readouterr().err
 
 
 def test_changed_bytes_are_refused(archive, tmp_path):

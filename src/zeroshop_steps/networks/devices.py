@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, is_out_of_memory
 
 CGROUP = Path("/sys/fs/cgroup")
 DEVICES = ("auto", "cpu", "cuda")
@@ -87,7 +87,7 @@ def running(device: torch.device, what: str) -> Iterator[None]:
         with torch.inference_mode(), torch.autocast(device.type, dtype=precision, enabled=precision != torch.float32):
             yield
     except RuntimeError as error:
-        if not isinstance(error, torch.OutOfMemoryError) and "allocate memory" not in str(error):
+        if not is_out_of_memory(error):
             raise
         remedy = "use --device cpu" if device.type == "cuda" else "run less beside it"
         raise StepError(f"{what} ran out of memory on {device.type}: {str(error).splitlines()[0]}; {remedy}") from MemoryError()

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.cache import content_digest
+from zeroshop_steps.code_version import code_version
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json, written_whole
 from zeroshop_steps.nvs.crops import ObjectSphere, object_sphere
@@ -200,7 +201,10 @@ class ViewTrainer(ABC):
             "history": self.history,
         }
         with written_whole(path) as temporary:
-            torch.save(content | self.state(), temporary)
+            try:
+                torch.save(content | self.state(), temporary)
+            except RuntimeError as error:  # what PyTorch makes of a full disk
+                raise OSError(str(error).splitlines()[0]) from error
 
     @classmethod
     def resume(cls, path: Path, views: Views, start: Start, settings: Settings, identity: dict[str, Any]) -> "ViewTrainer | None":
@@ -236,8 +240,8 @@ class TrainingInputs:
     identity: dict[str, Any]
 
     @staticmethod
-    def read(args: Namespace) -> "TrainingInputs":
-        """From the options --cameras, --stereo and --image-width-px."""
+    def read(args: Namespace, step: str) -> "TrainingInputs":
+        """From the options --cameras, --stereo and --image-width-px, for a step of this package, e.g. "nvs.twodgs"."""
         camera_set = read_camera_set(args.cameras)
         sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
         views = Views(
@@ -246,9 +250,14 @@ class TrainingInputs:
         )
         stereo_views = seed_views(camera_set, sphere)
         seeds = read_seeds(args.stereo, sphere, [view.camera for view in stereo_views])
-        # A checkpoint belongs to its images, cameras and seeds as much as to its settings.
+        # A checkpoint belongs to its images, cameras, seeds and code as much as to its settings.
         poses = [view.camera.camera_from_world.ravel().tolist() for view in views.fine]
-        identity = {"image_width_px": args.image_width_px, "cameras": poses, "stereo": content_digest(args.stereo)}
+        identity = {
+            "image_width_px": args.image_width_px,
+            "cameras": poses,
+            "stereo": content_digest(args.stereo),
+            "code": code_version(step),
+        }
         return TrainingInputs(camera_set, sphere, views, stereo_views, seeds, identity)
 
 

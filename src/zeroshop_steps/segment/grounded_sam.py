@@ -120,7 +120,7 @@ def _check_memory(folders: list[Path], pictures: int, device: str) -> None:
         raise StepError(
             f"about {needed_mb:.0f} MB of memory are needed on {device}, {free_mb:.0f} MB are free; close other programs, name smaller "
             "networks (segment.grounded_sam.detector and tracker), or take segmentation: support_plane"
-        )
+        ) from MemoryError()
 
 
 def find_masks(

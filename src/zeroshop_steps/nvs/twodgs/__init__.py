@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
 
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
-    inputs = TrainingInputs.read(args)
+    inputs = TrainingInputs.read(args, "nvs.twodgs")
     views, identity = inputs.views, inputs.identity
     settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed)
     checkpoint = args.out / CHECKPOINT

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, is_out_of_memory
 from zeroshop_steps.files import read_json
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import Settings
@@ -112,7 +112,7 @@ def memory_errors() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        if isinstance(error, torch.OutOfMemoryError) or "allocate memory" in str(error) or "not enough memory" in str(error):
+        if is_out_of_memory(error):
             raise StepError(
                 "memory ran out in the network; take fewer images, or tracked points, close what else uses the device, or use "
                 "--device cpu or the registration colmap"
