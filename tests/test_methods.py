@@ -14,21 +14,21 @@ def test_a_method_without_needs_can_run():
     assert refusal("registration", "truth", methods.REGISTRATIONS) is None
 
 
-def test_what_is_missing_is_named(tmp_path, monkeypatch):
-    learned = Method("register.colmap", weights=("a.pth", "b.pth"), gpu=True)
-    monkeypatch.setattr(methods, "has_cuda", lambda: False)
+def test_what_is_missing_is_named(tmp_path):
+    learned = Method("register.colmap", weights=("a.pth", "b.pth", "c.pth"))
     (tmp_path / "resources/weights").mkdir(parents=True)
     (tmp_path / "resources/weights/b.pth").touch()
-    assert lacks(learned, tmp_path) == ["the weights resources/weights/a.pth", "a CUDA device"]
+    assert lacks(learned, tmp_path) == ["the weights resources/weights/a.pth", "the weights resources/weights/c.pth"]
     table = {"colmap": Method("register.colmap"), "learned": learned, "later": Method("register.no_such_step")}
     assert refusal("registration", "learned", table, tmp_path) == (
-        "registration learned cannot run here, it lacks the weights resources/weights/a.pth and a CUDA device. Those that can: colmap."
+        "registration learned cannot run here, it lacks the weights resources/weights/a.pth and the weights resources/weights/c.pth."
+        " Those that can: colmap."
     )
     assert "no_such_step, which this version does not have" in refusal("registration", "later", table, tmp_path)
     line = left_out(table, root=tmp_path)
     assert line.startswith("Left out of tables: learned lacks the weights") and "; later lacks" in line and "\n" not in line
     (tmp_path / "resources/weights/a.pth").touch()
-    monkeypatch.setattr(methods, "has_cuda", lambda: True)
+    (tmp_path / "resources/weights/c.pth").touch()
     assert lacks(learned, tmp_path) == []
     assert left_out({"learned": learned}, root=tmp_path) is None
 

@@ -1,6 +1,6 @@
 """Which methods the matrix has, what each needs, and what of that is missing here.
 
-A method without its step, its weights or its device is left out where "all" methods are meant, and refused where it is named.
+A method without its step or its weights is left out where "all" methods are meant, and refused where it is named.
 """
 
 import importlib.util
@@ -19,7 +19,6 @@ class Method:
     Attributes:
         step: the module that does the work, below this package.
         weights: files below resources/weights.
-        gpu: whether it runs on a CUDA device only.
         truth: whether it needs true cameras, which photos lack.
         mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
         masks: of a detector, the file that poses are estimated from: all that it found, or masks.json, the sure ones without overlap.
@@ -27,7 +26,6 @@ class Method:
 
     step: str
     weights: tuple[str, ...] = ()
-    gpu: bool = False
     truth: bool = False
     mem_mb: int = 4000
     runtime_min: int = 30
@@ -88,15 +86,7 @@ def lacks(method: Method, root: Path = Path()) -> list[str]:
     """What a method needs and does not find, in words; empty where it can run. `root` is the folder that holds resources/."""
     if importlib.util.find_spec(f"{PACKAGE}.{method.step}") is None:
         return [f"the step {method.step}, which this version does not have"]
-    missing = [f"the weights {WEIGHTS_FOLDER / name}" for name in method.weights if not (root / WEIGHTS_FOLDER / name).is_file()]
-    return missing + (["a CUDA device"] if method.gpu and not has_cuda() else [])
-
-
-def has_cuda() -> bool:
-    """Whether PyTorch sees a CUDA device."""
-    import torch
-
-    return torch.cuda.is_available()
+    return [f"the weights {WEIGHTS_FOLDER / name}" for name in method.weights if not (root / WEIGHTS_FOLDER / name).is_file()]
 
 
 def left_out(*tables: dict[str, Method], root: Path = Path()) -> str | None:

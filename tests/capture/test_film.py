@@ -43,7 +43,7 @@ def filmed(tmp_path_factory):
 
 
 def test_the_film_is_a_video_that_frames_are_taken_from(filmed, tmp_path):
-    take_frames(filmed / "film.mp4", 8, 1920, None, tmp_path / "capture")
+    take_frames(filmed / "film.mp4", 8, 1920, tmp_path / "capture")
     assert len(list_images(tmp_path / "capture" / "images")) >= 7
     record = read_json(tmp_path / "capture" / "capture.json")
     assert (record["width_px"], record["height_px"], record["video_frames"]) == (*SIZE_PX, FRAMES)

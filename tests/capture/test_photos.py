@@ -38,8 +38,8 @@ class Shoot:
         rows, columns = np.mgrid[:HEIGHT, :WIDTH]
         return (columns - x) ** 2 + (rows - y) ** 2 < 40**2
 
-    def take(self, height_m: float | None = None, min_images: int = 8) -> None:
-        take_photos(self.images, self.masks, height_m, min_images, self.out)
+    def take(self, min_images: int = 8) -> None:
+        take_photos(self.images, self.masks, min_images, self.out)
 
     def refused(self, **options) -> str:
         """The message of the error; nothing may be left behind, and the originals must be untouched."""
@@ -57,14 +57,12 @@ def shoot(tmp_path) -> Shoot:
 
 
 def test_good_photos_are_copied(shoot):
-    shoot.take(height_m=0.12)
+    shoot.take()
     facts = read_json(shoot.out / "capture.json")
-    assert facts["scene"] == "video" and facts["images"] == 9 and facts["known_height_m"] == 0.12
+    assert facts["scene"] == "video" and facts["images"] == 9
     assert facts["source_names"][3] == "IMG_0003.jpg"
     assert (shoot.out / "images" / "000003.jpg").read_bytes() == shoot.image(3).read_bytes()
     assert np.array_equal(read_mask(shoot.out / "masks" / "000003.png"), shoot.disk())
-    shoot.take()
-    assert read_json(shoot.out / "capture.json")["known_height_m"] is None
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
@@ -77,9 +75,9 @@ def test_too_few_images(tmp_path, count):
 
 def test_missing_folders(shoot):
     with pytest.raises(StepError, match="nowhere does not exist"):
-        take_photos(shoot.images.parent / "nowhere", shoot.masks, None, 8, shoot.out)
+        take_photos(shoot.images.parent / "nowhere", shoot.masks, 8, shoot.out)
     with pytest.raises(StepError, match="mask folder .*nowhere does not exist"):
-        take_photos(shoot.images, shoot.images.parent / "nowhere", None, 8, shoot.out)
+        take_photos(shoot.images, shoot.images.parent / "nowhere", 8, shoot.out)
 
 
 def test_all_problems_come_at_once(shoot):
@@ -89,8 +87,8 @@ def test_all_problems_come_at_once(shoot):
     write_mask(shoot.mask(3), np.zeros((HEIGHT, WIDTH), bool))
     write_mask(shoot.mask(4), np.ones((HEIGHT, WIDTH), bool))
     write_mask(shoot.mask(5), np.ones((HEIGHT // 2, WIDTH), bool))
-    message = shoot.refused(height_m=-1.0)
-    assert "7 problems" in message and "height -1 m" in message
+    message = shoot.refused()
+    assert "6 problems" in message
     for index in (0, 1):
         assert f"{shoot.image(index)} cannot be read" in message
     assert f"{shoot.mask(2)} does not exist" in message
@@ -136,20 +134,14 @@ def test_object_cut_off(shoot, capsys):
     assert "3 of 9 images, 8 must show all of it" in message and "IMG_0002.jpg, IMG_0005.jpg, IMG_0007.jpg" in message
 
 
-@pytest.mark.parametrize("height_m", [-0.1, 0.0, 190.0, 3.5, float("nan"), float("inf")])
-def test_absurd_heights(shoot, height_m):
-    message = shoot.refused(height_m=height_m)
-    assert f"height {height_m:g} m is out of range" in message and "0.005 to 3" in message
-
-
 def test_skull(shared_data, tmp_path):
     folder = shared_data / "dtu_scan65"
-    take_photos(folder / "images", folder / "masks", None, 8, tmp_path / "capture")
+    take_photos(folder / "images", folder / "masks", 8, tmp_path / "capture")
     assert read_json(tmp_path / "capture" / "capture.json")["images"] == 25
 
 
 def test_photos_without_masks(shoot):
-    take_photos(shoot.images, None, None, 8, shoot.out)
+    take_photos(shoot.images, None, 8, shoot.out)
     assert read_json(shoot.out / "capture.json")["images"] == 9
     assert not (shoot.out / "masks").exists()
     assert (shoot.out / "images" / "000003.jpg").read_bytes() == shoot.image(3).read_bytes()
@@ -162,7 +154,7 @@ def test_turned_photos_are_turned_upright_and_keep_their_focal_length(shoot):
             exif[0x0112] = 6  # stored lying, to be turned clockwise
             exif.get_ifd(0x8769)[0xA405] = 28  # focal length on a 35 mm film
             image.save(shoot.image(index), exif=exif)
-    take_photos(shoot.images, None, None, 8, shoot.out)
+    take_photos(shoot.images, None, 8, shoot.out)
     facts = read_json(shoot.out / "capture.json")
     assert (facts["width_px"], facts["height_px"]) == (HEIGHT, WIDTH)
     with Image.open(shoot.out / "images" / "000000.jpg") as image:
@@ -175,23 +167,23 @@ def test_portrait_and_landscape_mixed(shoot):
     with Image.open(shoot.image(4)) as image:
         image.transpose(Image.Transpose.ROTATE_90).save(shoot.image(4))
     with pytest.raises(StepError, match=r"different sizes.*IMG_0004.jpg \(120 x 160\)"):
-        take_photos(shoot.images, None, None, 8, shoot.out)
+        take_photos(shoot.images, None, 8, shoot.out)
 
 
 def test_heic_photos_are_refused(shoot):
     shoot.image(2).rename(shoot.images / "IMG_0002.HEIC")
     with pytest.raises(StepError, match="format that cannot be read: IMG_0002.HEIC; export them as JPEG"):
-        take_photos(shoot.images, None, None, 8, shoot.out)
+        take_photos(shoot.images, None, 8, shoot.out)
 
 
 def test_a_blurred_photo_is_told(shoot, capsys):
     write_image(shoot.image(5), cv2.GaussianBlur(cv2.imread(str(shoot.image(5))), (0, 0), 6))
-    take_photos(shoot.images, None, None, 8, shoot.out)
+    take_photos(shoot.images, None, 8, shoot.out)
     assert "blurred, much more than the others: IMG_0005.jpg" in capsys.readouterr().err
 
 
 def test_photos_that_are_all_blurred_are_told(shoot, capsys):
     for index in range(9):
         write_image(shoot.image(index), cv2.GaussianBlur(cv2.imread(str(shoot.image(index))), (0, 0), 3))
-    take_photos(shoot.images, None, None, 8, shoot.out)
+    take_photos(shoot.images, None, 8, shoot.out)
     assert "blurred throughout" in capsys.readouterr().err

@@ -41,7 +41,7 @@ def film(path: Path, offsets, blurred=(), light=1.0, smear_px=(25, 1)) -> Path:
 def test_frames_are_spread_over_the_way_not_over_time(tmp_path):
     """The camera rests for two thirds of the film."""
     way = np.concatenate([np.linspace(0, 900, 60), np.full(160, 900), np.linspace(900, 1800, 60)])
-    take_frames(film(tmp_path / "film.mp4", way), 12, 1920, None, tmp_path / "capture")
+    take_frames(film(tmp_path / "film.mp4", way), 12, 1920, tmp_path / "capture")
     facts = read_json(tmp_path / "capture/capture.json")
     chosen = facts["source_frames"]
     assert chosen[0] == 0 and facts["images"] == 12 and chosen == sorted(set(chosen))
@@ -54,7 +54,7 @@ def test_frames_are_spread_over_the_way_not_over_time(tmp_path):
 
 def test_a_film_that_is_blurred_throughout_is_said(tmp_path):
     path = film(tmp_path / "film.mp4", np.linspace(0, 1800, 120), set(range(120)), smear_px=(9, 9))
-    take_frames(path, 10, 1920, None, tmp_path / "capture")
+    take_frames(path, 10, 1920, tmp_path / "capture")
     facts = read_json(tmp_path / "capture/capture.json")
     assert any("blurred throughout" in warning for warning in facts["warnings"]) and min(facts["edge_blur_px"]) > 1.5
 
@@ -70,7 +70,7 @@ def test_sharp_frames_are_preferred(tmp_path):
 def test_the_same_film_gives_the_same_bytes(tmp_path):
     path = film(tmp_path / "film.mp4", np.linspace(0, 900, 40))
     for name in ("one", "two"):
-        take_frames(path, 8, 1920, 0.1, tmp_path / name)
+        take_frames(path, 8, 1920, tmp_path / name)
     facts = [read_json(tmp_path / name / "capture.json") | {"seconds": 0} for name in ("one", "two")]
     assert facts[0] == facts[1]
     pictures = [one for one in sorted((tmp_path / "one").rglob("*.*")) if one.name != "capture.json"]
@@ -80,13 +80,13 @@ def test_the_same_film_gives_the_same_bytes(tmp_path):
 
 
 def test_large_frames_are_scaled_down(tmp_path):
-    take_frames(film(tmp_path / "film.avi", np.linspace(0, 900, 40)), 8, 160, None, tmp_path / "capture")
+    take_frames(film(tmp_path / "film.avi", np.linspace(0, 900, 40)), 8, 160, tmp_path / "capture")
     assert read_image(tmp_path / "capture/images/000000.png").shape == (120, 160, 3)
 
 
 def test_a_film_of_one_place_is_refused(tmp_path):
     with pytest.raises(StepError, match="only 1 different views, 8 are needed"):
-        take_frames(film(tmp_path / "film.mp4", np.zeros(40)), 20, 1920, None, tmp_path / "capture")
+        take_frames(film(tmp_path / "film.mp4", np.zeros(40)), 20, 1920, tmp_path / "capture")
     assert not (tmp_path / "capture").exists()
 
 
@@ -118,9 +118,9 @@ def test_a_film_cut_off_in_the_middle_is_refused(tmp_path, suffix):
 
 
 def test_dark_and_fast_films_are_told(tmp_path):
-    take_frames(film(tmp_path / "dark.mp4", np.linspace(0, 900, 40), light=0.2), 8, 1920, None, tmp_path / "dark")
+    take_frames(film(tmp_path / "dark.mp4", np.linspace(0, 900, 40), light=0.2), 8, 1920, tmp_path / "dark")
     assert any("dark" in line for line in read_json(tmp_path / "dark/capture.json")["warnings"])
-    take_frames(film(tmp_path / "fast.mp4", np.linspace(0, 1900, 13)), 8, 1920, None, tmp_path / "fast")
+    take_frames(film(tmp_path / "fast.mp4", np.linspace(0, 1900, 13)), 8, 1920, tmp_path / "fast")
     assert any("too fast" in line for line in read_json(tmp_path / "fast/capture.json")["warnings"])
 
 
@@ -142,7 +142,7 @@ def test_a_phone_held_upright_is_turned_as_the_file_says(tmp_path):
     upright = next(read_frames(path))
     assert upright.shape == (WIDTH, HEIGHT, 3)
     np.testing.assert_array_equal(upright, np.rot90(lying, -1))
-    take_frames(path, 8, 1920, None, tmp_path / "capture")
+    take_frames(path, 8, 1920, tmp_path / "capture")
     facts = read_json(tmp_path / "capture/capture.json")
     assert (facts["width_px"], facts["height_px"]) == (HEIGHT, WIDTH)
 

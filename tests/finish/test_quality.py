@@ -11,7 +11,7 @@ from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish import quality
 from zeroshop_steps.finish.preview import seen_from
-from zeroshop_steps.finish.quality import grade
+from zeroshop_steps.finish.quality import Truth, figures_of
 from zeroshop_steps.finish.surface_error import seen_count, surface_error
 from zeroshop_steps.finish.views import read_views
 from zeroshop_steps.images import write_image
@@ -29,7 +29,7 @@ def graded(carton, truth_side, mesh: Mesh, registered=None, object_from_registra
     cameras, held_out = truth_side
     similarity = np.eye(4) if object_from_registration is None else object_from_registration
     diameter_mm, bottom_mm = float(np.linalg.norm(SIZE_MM)), float(-SIZE_MM[2] / 2)
-    return grade(mesh, similarity, registered or cameras, cameras, held_out, carton.mesh, diameter_mm, bottom_mm)
+    return figures_of(mesh, similarity, registered or cameras, Truth(carton.mesh, diameter_mm, bottom_mm, cameras, held_out))
 
 
 def test_the_truth_itself_is_perfect(carton, truth_side):

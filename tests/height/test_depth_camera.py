@@ -24,7 +24,7 @@ def measure(carton, tmp_path, capsys):
     views, _ = read_views(carton.cameras)
     renderer = MeshRenderer(carton.mesh)
 
-    def run(change=lambda depth, number: depth, names=None, step_mm=1.0, kept=10, capture=None):
+    def run(change=lambda depth, number: depth, names=None, step_mm=1.0, kept=10, capture=None, emptied=False):
         folder = tmp_path / "depth"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
@@ -34,6 +34,8 @@ def measure(carton, tmp_path, capsys):
             changed = change(depth, number)
             name = names[number] if names else view.camera.name
             write_image(folder / name, changed if changed.dtype == np.uint8 else np.rint(changed).astype(np.uint16))
+        if emptied:
+            (folder / views[0].camera.name).write_bytes(b"")
         write_ply(tmp_path / "clean.ply", carton.mesh)
         write_json(tmp_path / "capture" / "capture.json", capture or {})
         words = ["--method", "depth_camera", "--mesh", tmp_path / "clean.ply", "--cameras", carton.cameras, "--depth", folder]
@@ -84,6 +86,7 @@ def test_photos_that_were_renamed_keep_their_depth(measure):
         ({"change": lambda depth, _: cv2.resize(depth, (160, 120))}, "160 x 120 px.*not aligned"),
         ({"change": lambda depth, _: (depth / 4).astype(np.uint8)}, "uint8.*expected a 16-bit PNG"),
         ({"change": lambda depth, _: depth * 0}, "have measured depth on the object"),
+        ({"emptied": True}, "depth image .* cannot be read"),
         ({"kept": 2}, "depth images for 2 of the 10"),
         ({"step_mm": 0.0}, "--step-mm is 0"),
     ],

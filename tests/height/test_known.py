@@ -48,11 +48,20 @@ def test_without_a_height_the_scale_is_unknown_and_that_is_said(height, capsys):
 
 def test_a_known_height_that_is_missing_is_an_error(height, capsys):
     assert height("known", None)[0] == 1
-    assert "known_height_m" in capsys.readouterr().err
+    message = capsys.readouterr().err
+    assert "no height is given" in message and "known_height_m" in message
 
 
 @pytest.mark.parametrize("absurd", [-1.0, 0.0, 50.0, "tall"])
 def test_absurd_heights_are_refused(tmp_path, absurd):
     write_json(tmp_path / "capture.json", {"known_height_m": absurd})
-    with pytest.raises(StepError, match="known_height_m"):
+    with pytest.raises(StepError, match="capture.json: known_height_m is"):
         known_height_m(tmp_path / "capture.json")
+    with pytest.raises(StepError, match="height_m, is"):
+        known_height_m(tmp_path / "capture.json", absurd)
+
+
+def test_the_height_that_the_user_gives_goes_before_that_of_the_capture(tmp_path):
+    write_json(tmp_path / "capture.json", {"known_height_m": 0.2})
+    assert known_height_m(tmp_path / "capture.json") == 0.2
+    assert known_height_m(tmp_path / "capture.json", 0.1) == 0.1

@@ -7,8 +7,10 @@ import torch
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.nvs.svraster.octree import CELLS, MAX_LEVEL, Octree
+from zeroshop_steps.nvs.svraster.rasterize import STOP
 from zeroshop_steps.nvs.svraster.reference import render_reference
 from zeroshop_steps.nvs.svraster.render import RenderView, render
+from zeroshop_steps.nvs.views import TILE_PX
 
 WIDTH_PX, HEIGHT_PX = 40, 35
 KINDS = ["usual", "straddling", "grazing", "inside", "tiny", "huge", "transparent", "opaque"]
@@ -61,26 +63,28 @@ def scene(kind: str, seed: int) -> tuple[Octree, np.ndarray, np.ndarray]:
 
 
 def both(kind: str, seed: int, degree: int = 3) -> tuple[tuple, tuple]:
+    """The planes, the parameters with their gradients, and the footprint, of the kernels and of the twin."""
     octree, *arrays = scene(kind, seed)
     view = RenderView.of(camera(kind))
     ours = [torch.tensor(array, requires_grad=True) for array in arrays]
     r = render(octree, *ours, degree, view)
     mine = torch.cat([r.color, r.depth[None], r.normal, *(p[None] for p in (r.alpha, r.median_depth, r.color_square, r.away))])
     twins = [torch.tensor(array.astype(np.float64), requires_grad=True) for array in arrays]
-    theirs, undecided = render_reference(octree, *twins, degree, torch.tensor(view.camera), WIDTH_PX, HEIGHT_PX, view.near)
+    kept: dict[str, torch.Tensor] = {}
+    theirs, undecided = render_reference(octree, *twins, degree, torch.tensor(view.camera), WIDTH_PX, HEIGHT_PX, view.near, kept)
     weights = torch.tensor(np.random.default_rng(1).normal(size=theirs.shape))
     assert undecided.double().mean() < 0.1, "most pixels must be compared"
     weights[:, undecided] = 0.0
     theirs, mine = theirs * ~undecided, mine * ~undecided
     (theirs * weights).sum().backward()
     (mine * weights.float()).sum().backward()
-    return (mine, ours), (theirs, twins)
+    return (mine, ours, r.footprint), (theirs, twins, kept)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_values_and_gradients_match_the_float64_twin(kind: str, seed: int) -> None:
-    (mine, ours), (theirs, twins) = both(kind, seed)
+    (mine, ours, _), (theirs, twins, _) = both(kind, seed)
     assert theirs[7].max() > 0.5 and theirs[8].max() > 0, "the scene must show something"
     for plane in range(11):
         error = (mine[plane].double() - theirs[plane]).norm() / theirs[plane].norm().clamp(min=1e-3)
@@ -89,6 +93,24 @@ def test_values_and_gradients_match_the_float64_twin(kind: str, seed: int) -> No
         assert twin.grad.norm() > 0
         error = (tensor.grad.double() - twin.grad).norm() / twin.grad.norm()
         assert error < 1e-4, f"gradient of {name}: relative error {error:.2e}"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_prunes_and_subdivides_matches_the_twin(kind: str) -> None:
+    """The largest blending weight, and the sum of |alpha d loss / d alpha| (Sun et al. 2025, sec. 3.2)."""
+    (_, _, footprint), (_, twins, kept) = both(kind, 0)
+    left = torch.exp(-kept["thickness"].detach())
+    priority = ((1 - left) * kept["thickness"].grad / left.clamp(min=STOP)).abs().sum(1).numpy()
+    assert np.linalg.norm(footprint.priority - priority) < 3e-3 * np.linalg.norm(priority)
+    # Tiles are drawn whole: where a voxel reaches beyond the image's edge, pixels there may raise its weight.
+    view, drawn = RenderView.of(camera(kind)), {}
+    width, height = (-(-size // TILE_PX) * TILE_PX for size in (WIDTH_PX, HEIGHT_PX))
+    render_reference(scene(kind, 0)[0], *twins, 3, torch.tensor(view.camera), width, height, view.near, drawn)
+    beyond = drawn["thickness"].detach().reshape(-1, height, width).clone()
+    beyond[:, :HEIGHT_PX, :WIDTH_PX] = 0.0
+    largest, whole = kept["weight"].amax(1).numpy(), beyond.amax((1, 2)).numpy() == 0.0
+    assert (footprint.weight > largest - 2e-4).all()
+    assert np.allclose(footprint.weight[whole], largest[whole], atol=2e-4) and (kind in ("inside", "tiny") or largest[whole].max() > 0.2)
 
 
 def test_scenes_are_what_they_are_called() -> None:
@@ -105,7 +127,7 @@ def test_scenes_are_what_they_are_called() -> None:
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_lower_degrees_leave_higher_coefficients_alone(degree: int) -> None:
-    (_, ours), (_, twins) = both("usual", 3, degree)
+    (_, ours, _), (_, twins, _) = both("usual", 3, degree)
     assert torch.all(ours[1].grad[:, (degree + 1) ** 2 :] == 0)
     assert (ours[0].grad.double() - twins[0].grad).norm() / twins[0].grad.norm() < 1e-4
 

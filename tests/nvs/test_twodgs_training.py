@@ -13,7 +13,7 @@ from zeroshop_steps.meshes import Mesh
 from zeroshop_steps.nvs.crops import ObjectSphere, object_sphere
 from zeroshop_steps.nvs.fuse import fuse, view_depth
 from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.losses import normals_from_depth, ssim_map
+from zeroshop_steps.nvs.losses import has_normal, normals_from_depth, ssim_map
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
 from zeroshop_steps.nvs.ssim import dissimilarity
 from zeroshop_steps.nvs.training import Views
@@ -111,6 +111,13 @@ def test_normals_from_depth_are_those_of_the_ball(ball: tuple) -> None:
         ray = np.array([(x + 0.5 - 32) / FOCAL_PX, (y + 0.5 - 32) / FOCAL_PX, 1.0])
         truth = (ray * depths[3][y, x] - centre) / RADIUS
         assert normals[:, y, x] @ truth > 0.995
+    # Wherever a normal is said to be there, the contour included.
+    y, x = np.mgrid[:SIZE_PX, :SIZE_PX]
+    rays = np.stack([(x + 0.5 - SIZE_PX / 2) / FOCAL_PX, (y + 0.5 - SIZE_PX / 2) / FOCAL_PX, np.ones((SIZE_PX, SIZE_PX))])
+    cosine = (normals * (rays * depths[3] - centre[:, None, None]) / RADIUS).sum(0)
+    there = has_normal(depth).numpy()
+    assert 0.85 < there.sum() / (depths[3] > 0).sum() < 1.0 and cosine[there].min() > 0.9
+    assert cosine[(depths[3] > 0) & ~there].min() < 0.0
 
 
 def test_ssim_is_one_for_equal_images_and_falls_with_noise() -> None:

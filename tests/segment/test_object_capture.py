@@ -20,7 +20,7 @@ def pictures(tmp_path, monkeypatch):
     masks = write_ball_scene(tmp_path / "capture")
     shutil.rmtree(tmp_path / "capture/sparse")
     (tmp_path / "capture/registration.json").unlink()
-    facts = {"scene": "video", "images": 12, "known_height_m": 0.12, "source_names": [f"IMG_{k}.jpg" for k in range(12)]}
+    facts = {"scene": "video", "images": 12, "source_names": [f"IMG_{k}.jpg" for k in range(12)]}
     write_json(tmp_path / "capture/capture.json", facts)
     monkeypatch.chdir(tmp_path)
     return tmp_path, masks
@@ -38,7 +38,7 @@ def test_given_masks_are_taken(pictures):
     assert object_capture("capture") == 0
     assert len(read_image_set(folder / "object").masks) == 12
     facts = read_json(folder / "object/capture.json")
-    assert facts["scene"] == "video_segmented" and facts["known_height_m"] == 0.12 and facts["source_names"][3] == "IMG_3.jpg"
+    assert facts["scene"] == "video_segmented" and facts["source_names"][3] == "IMG_3.jpg"
 
 
 def test_networks_find_masks_where_there_are_none(pictures, capfd):

@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import re
+import tomllib
 
 import pytest
 import yaml
@@ -107,6 +108,8 @@ def test_the_conda_environment_has_the_locked_versions():
     environment = yaml.safe_load((REPOSITORY / "workflow" / "envs" / "zeroshop.yaml").read_text())
     pins = dict(pin.split("==") for pin in environment["dependencies"][-1]["pip"])
     assert pins.items() <= locked().items()
+    needed = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
+    assert set(needed) - {"snakemake"} <= set(pins), "the steps run without Snakemake"
 
 
 def test_both_kinds_of_blender_environment_have_the_same_packages():

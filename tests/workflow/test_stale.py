@@ -33,7 +33,8 @@ def finished(tmp_path_factory):
     for name in ("images", "masks"):
         (folder / "cup" / name).mkdir(parents=True)
         for photo in ("a.png", "b.png"):
-            (folder / "cup" / name / photo).write_text(f"{name} of {photo}")
+            times = 100_000 if photo == "b.png" else 1  # over a megabyte
+            (folder / "cup" / name / photo).write_text(f"{name} of {photo}" * times)
     table = folder / "objects.tsv"
     table.write_text(f"dataset\tobject\timages\tmasks\theight_m\nphotos\tcup\t{folder}/cup/images\t{folder}/cup/masks\t0.1\n")
 
@@ -92,6 +93,12 @@ def test_a_changed_photo_reruns_its_own_product_alone(finished):
         photo.write_text(before)
 
 
+def test_a_large_photo_that_is_only_touched_changes_nothing(finished):
+    """Snakemake's own limit is a megabyte, beyond which it goes by time."""
+    (finished[0] / "cup/images/b.png").touch()
+    assert stale(finished, *TARGETS) == {}
+
+
 def test_a_new_photo_reruns_its_own_product_alone(finished):
     new = finished[0] / "cup/images/c.png"
     try:
@@ -99,6 +106,16 @@ def test_a_new_photo_reruns_its_own_product_alone(finished):
         assert stale(finished, *TARGETS) == rerun("register", "photo", capture_photos=1)
     finally:
         new.unlink()
+
+
+def test_a_height_that_is_told_later_costs_no_reconstruction(finished):
+    table = finished[0] / "objects.tsv"
+    before = table.read_text()
+    try:
+        table.write_text(before.replace("0.1\n", "0.2\n"))
+        assert stale(finished, *TARGETS) == rerun("height", "photo")
+    finally:
+        table.write_text(before)
 
 
 def test_a_new_scene_adds_its_own_cell_alone(finished):

@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+from pretend import pretend
 from running import REPOSITORY, planned
 
 from zeroshop_steps.files import read_json
@@ -29,6 +30,14 @@ def test_a_mesh_by_vggt_is_planned_where_the_weights_are(snakemake, with_weights
 
 
 @pytest.mark.slow
+def test_other_weights_make_what_they_made_stale(snakemake, with_weights):
+    cameras = f"{CELL}/cameras"
+    pretend(snakemake, with_weights.parents[3], cameras)
+    assert planned(snakemake("-n", cameras).stdout) == {}
+    with_weights.write_bytes(with_weights.read_bytes() + b" ")
+    assert planned(snakemake("-n", cameras).stdout) == {"register": 1}
+
+
 def test_random_weights_end_in_a_verdict_that_tables_show(snakemake, with_weights):
     config = (SMALL, "register={vggt: {tracked_points: 32, query_views: 2}}")
     run = snakemake(f"{CELL}/2dgs/cell.csv", "--config", *config)

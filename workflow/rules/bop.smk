@@ -24,8 +24,8 @@ rule align:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=10,
+        mem_mb=rising(2000),
+        runtime=rising(10),
     params:
         seed=config["seed"],
     message:
@@ -48,8 +48,8 @@ rule true_models:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=10,
+        mem_mb=rising(2000),
+        runtime=rising(10),
     message:
         "Gathering the true models of {wildcards.dataset}"
     shell:
@@ -70,8 +70,8 @@ rule reconstructed_models:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=10,
+        mem_mb=rising(2000),
+        runtime=rising(10),
     message:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
     shell:
@@ -94,8 +94,8 @@ rule test_set:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=max(60, RENDER_MINUTES[config["bop"]["test_set"]["renderer"]]),
+        mem_mb=rising(4000),
+        runtime=rising(max(60, RENDER_MINUTES[config["bop"]["test_set"]["renderer"]])),
     params:
         options=step_options(config["bop"]["test_set"]),
         environment=environment_option,
@@ -120,13 +120,12 @@ rule train_set:
         "results/{dataset}/bop/benchmarks/train_{scene}.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
-        scene="|".join(VIRTUAL_SCENES),
     conda:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=60,
+        mem_mb=rising(2000),
+        runtime=rising(60),
     message:
         "Gathering the captures of {wildcards.dataset} in scene {wildcards.scene} as a training set"
     shell:
@@ -151,8 +150,8 @@ rule score_poses:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=2000,
-        runtime=30,
+        mem_mb=rising(2000),
+        runtime=rising(30),
     message:
         "Scoring the poses of {wildcards.estimator} in {wildcards.dataset}"
     shell:
@@ -175,8 +174,8 @@ rule score_detections:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=30,
+        mem_mb=rising(2000),
+        runtime=rising(30),
     message:
         "Scoring the masks and boxes of {wildcards.estimator} in {wildcards.dataset}"
     shell:

@@ -3,12 +3,13 @@
 
 def true_models_of(wildcards):
     """The true models of a dataset's objects."""
-    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "Photos have no true models.")
+    virtual_dataset(wildcards.dataset, "Photos have no true models.")
     return [f"results/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
 
 
 def training_captures_of(wildcards):
     """The captures of a dataset's objects in a scene."""
+    check_virtual_scene(wildcards)
     return [f"{Path(model).parent}/{wildcards.scene}/capture" for model in true_models_of(wildcards)]
 
 
@@ -52,7 +53,7 @@ def detections_option(wildcards, input):
 
 def scores_of_table(wildcards):
     """The scores of every detector and estimator that the config wants in tables, with true and with reconstructed models."""
-    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "Photos have no test set.")
+    virtual_dataset(wildcards.dataset, "Photos have no test set.")
     say_what_is_left_out("nvs", "detectors", "estimators")
     detectors, estimators = table_axis("detectors"), table_axis("estimators")
     runs = [f"{detector}-MODELS/precision" for detector in detectors]

@@ -14,8 +14,8 @@ rule demo_model:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=5,
+        mem_mb=rising(2000),
+        runtime=rising(5),
     params:
         object=checked_object,
     message:
@@ -37,8 +37,8 @@ rule bop_model:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=60,
+        mem_mb=rising(2000),
+        runtime=rising(60),
     params:
         object=checked_object,
         models=models_option,
@@ -62,8 +62,8 @@ rule blender_environment:
         "../envs/blenderproc.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=60,
+        mem_mb=rising(2000),
+        runtime=rising(60),
     message:
         "Setting up BlenderProc in an environment of its own"
     shell:
@@ -73,7 +73,7 @@ rule blender_environment:
 
 rule capture_virtual:
     input:
-        model="results/{dataset}/{object}/model",
+        model=rendered_model,
         environment=environment_of(config["capture"]),
     output:
         capture=directory("results/{dataset}/{object}/{scene}/capture"),
@@ -83,13 +83,13 @@ rule capture_virtual:
         "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
-        scene="|".join(VIRTUAL_SCENES),
+        scene=f"(?!{BOARD_SCENE}/)[^/]+",
     conda:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=RENDER_MINUTES[config["capture"]["renderer"]],
+        mem_mb=rising(4000),
+        runtime=rising(RENDER_MINUTES[config["capture"]["renderer"]]),
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
@@ -120,15 +120,14 @@ rule capture_photos:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
-        runtime=5,
+        mem_mb=rising(2000),
+        runtime=rising(5),
     params:
         images=photo_place,
         method=capture_method,
         options=capture_options,
-        height=height_option,
     message:
         "Taking the pictures of {wildcards.dataset} {wildcards.object}"
     shell:
         "python -m zeroshop_steps.capture --method {params.method} --images {params.images:q} {params.options}"
-        " {params.height} --out {output.capture} > {log} 2>&1"
+        " --out {output.capture} > {log} 2>&1"

@@ -1,6 +1,12 @@
 """What the rules of captures and masks take: the rows of the user's own photos, and how they are masked."""
 
 
+def rendered_model(wildcards):
+    """The model that is rendered in a scene."""
+    check_virtual_scene(wildcards)
+    return f"results/{wildcards.dataset}/{wildcards.object}/model"
+
+
 def photos_of(wildcards):
     """The table row of the user's own capture, or the like of it for a rendered film."""
     check_object(wildcards)
@@ -74,6 +80,13 @@ def mask_method(wildcards):
     return usable("segmentation", name, able, "")
 
 
+def segmentation_weights(wildcards):
+    """What its networks are read from."""
+    models = config["segment"]["grounded_sam"]
+    networks = {"grounded_sam": methods.grounded_sam(models["detector"], models["tracker"])}
+    return weights_stamp("segment", "grounded_sam", networks) if mask_method(wildcards) == "grounded_sam" else []
+
+
 def segmentation_options(wildcards):
     """The options of this method."""
     name = segmentation_method(wildcards)
@@ -105,6 +118,11 @@ def network_options(wildcards):
     return options_of_segmentation(wildcards, "grounded_sam") if mask_method(wildcards) == "grounded_sam" else ""
 
 
-def segmentation_memory_mb(wildcards):
+def segmentation_memory_mb(wildcards, attempt):
     """What this method needs: networks more than the others."""
-    return 8000 if mask_method(wildcards) == "grounded_sam" else 4000
+    return attempt * (8000 if mask_method(wildcards) == "grounded_sam" else 4000)
+
+
+def segmentation_gpus(wildcards):
+    """The CUDA devices that it uses where there are any: one for networks."""
+    return int(mask_method(wildcards) == "grounded_sam")

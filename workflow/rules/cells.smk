@@ -35,8 +35,7 @@ def say_what_is_left_out(*axes):
 
 def cells_of(dataset, objects, scenes=None, registrations=None, nvs=None):
     """The coordinates of cells as dictionaries: these objects in every combination of the axes, by default those of the config."""
-    virtual = [name for name in config["datasets"] if is_virtual(name)]
-    known("virtual dataset", dataset, virtual, "Tables compare with the truth, which photos lack.")
+    virtual_dataset(dataset, "Tables compare with the truth, which photos lack.")
     if not (registrations and nvs):
         say_what_is_left_out("registrations", "nvs")
     axes = {

@@ -63,6 +63,11 @@ def datasets_of(*kinds):
     return "|".join(name for name, dataset in config["datasets"].items() if dataset["kind"] in kinds) or "(?!)"
 
 
+def rising(amount):
+    """Memory or time for a step; as much more at every attempt, where a profile lets a job be submitted again."""
+    return lambda wildcards, attempt: amount * attempt
+
+
 def known(what, name, names, remedy):
     """`name`, or an error that lists the known names."""
     if name not in names:
@@ -70,10 +75,14 @@ def known(what, name, names, remedy):
     return name
 
 
+def dataset_named(name):
+    """A dataset of the config, or an error that lists those that exist."""
+    return config["datasets"][known("dataset", name, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")]
+
+
 def objects_of(dataset):
     """The objects of a dataset: from the config, or for photos from the table."""
-    known("dataset", dataset, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")
-    if config["datasets"][dataset]["kind"] == "photos":
+    if dataset_named(dataset)["kind"] == "photos":
         return [name for owner, name in PHOTOS if owner == dataset]
     if is_filmed(dataset):
         return [name for names in config["datasets"][dataset]["of"].values() for name in names]
@@ -82,7 +91,17 @@ def objects_of(dataset):
 
 def is_virtual(dataset):
     """Whether a dataset has models, so that captures are rendered and the truth is known."""
-    return config["datasets"][dataset]["kind"] not in ("photos", "films")
+    return dataset_named(dataset)["kind"] not in ("photos", "films")
+
+
+def virtual_dataset(name, remedy=""):
+    """`name`, or an error that lists the datasets that have models."""
+    return known("virtual dataset", name, [dataset for dataset in config["datasets"] if is_virtual(dataset)], remedy)
+
+
+def check_virtual_scene(wildcards):
+    """Raise an error that lists the scenes where a path of a virtual dataset names an unknown one."""
+    known("scene of a virtual dataset", wildcards.scene, VIRTUAL_SCENES, "")
 
 
 def usable(what, name, table, remedy):
@@ -96,6 +115,16 @@ def usable(what, name, table, remedy):
 def with_own_weights(stage, name, method):
     """A method of a stage, which lacks no weights where the config names some of the user's own."""
     return replace(method, weights=()) if config[stage].get(name, {}).get("weights") else method
+
+
+def weights_stamp(stage, name, table):
+    """Size and time of the files that a method reads its networks from: a parameter, so that other weights make its results stale.
+
+    Not an input: Snakemake would delete and download weights again whenever their rule changes.
+    """
+    own = config[stage].get(name, {}).get("weights")
+    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in table[name].weights]
+    return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
 
 
 def registrations_of(dataset):
@@ -181,6 +210,11 @@ def registration_gpus(wildcards):
     return int(bool(registration_needs(wildcards).weights))
 
 
+def registration_weights(wildcards):
+    """What its networks are read from."""
+    return weights_stamp("register", wildcards.registration, methods.REGISTRATIONS) if registration_needs(wildcards).weights else []
+
+
 def environment_of(options):
     """An input function: the environment that the renderer in a part of the config needs, if it needs one."""
     return lambda wildcards: [BLENDER_RECORD] if options["renderer"] == "blenderproc" else []
@@ -201,11 +235,6 @@ def models_option(wildcards):
     """The option that names a local folder of BOP models, if the config does."""
     folder = config["datasets"][wildcards.dataset]["models_folder"]
     return step_options({"models": folder and shlex.quote(os.path.relpath(ROOT / folder))})
-
-
-def height_option(wildcards):
-    """The option that gives the height of a photographed object, if its row does."""
-    return step_options({"height_m": photos_of(wildcards)["height_m"]})
 
 
 def checked_object(wildcards):

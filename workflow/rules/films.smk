@@ -28,8 +28,8 @@ rule film:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=rising(4000),
+        runtime=rising(20),
     params:
         board=film_board,
         seed=config["seed"],
@@ -59,8 +59,8 @@ rule mask_error:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=rising(1000),
+        runtime=rising(5),
     message:
         "Comparing the masks of {wildcards.object}, {wildcards.registration}, with the true ones"
     shell:
@@ -83,8 +83,8 @@ rule mask_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=rising(1000),
+        runtime=rising(5),
     message:
         "Gathering how right the masks of {wildcards.dataset} are"
     shell:
@@ -107,8 +107,8 @@ rule film_height_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=rising(1000),
+        runtime=rising(5),
     message:
         "Comparing the heights measured in {wildcards.dataset} with the true ones"
     shell:

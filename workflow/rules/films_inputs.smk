@@ -7,7 +7,7 @@ from zeroshop_steps import failures
 
 def is_filmed(dataset):
     """Whether the captures of a dataset are rendered films, which from there on go the way of a user's own."""
-    return config["datasets"][dataset]["kind"] == "films"
+    return dataset_named(dataset)["kind"] == "films"
 
 
 def film_row(wildcards):
@@ -23,8 +23,7 @@ def filmed_model(wildcards):
     check_object(wildcards)
     of = config["datasets"][wildcards.dataset]["of"]
     [dataset] = [name for name, names in of.items() if wildcards.object in names]
-    known("virtual dataset", dataset, [name for name in config["datasets"] if is_virtual(name)], "Films are of models.")
-    return f"results/{dataset}/{wildcards.object}/model"
+    return f"results/{virtual_dataset(dataset, 'Films are of models.')}/{wildcards.object}/model"
 
 
 def film_board(wildcards):

@@ -26,12 +26,13 @@ rule height:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].mem_mb,
-        runtime=lambda wildcards: methods.HEIGHTS[height_method(wildcards)].runtime_min,
+        mem_mb=lambda wildcards, attempt: methods.HEIGHTS[height_method(wildcards)].mem_mb * attempt,
+        runtime=lambda wildcards, attempt: methods.HEIGHTS[height_method(wildcards)].runtime_min * attempt,
         gpu=lambda wildcards: int(bool(methods.HEIGHTS[height_method(wildcards)].weights)),
     params:
         method=height_method,
         options=height_options,
+        weights=lambda wildcards: weights_stamp("height", height_method(wildcards), methods.HEIGHTS),
     message:
         "Measuring the height of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -55,8 +56,8 @@ rule capture_with_board:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=10,
+        mem_mb=rising(4000),
+        runtime=rising(10),
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
@@ -83,8 +84,8 @@ rule capture_empty_scene:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=4000,
-        runtime=10,
+        mem_mb=rising(4000),
+        runtime=rising(10),
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
@@ -116,8 +117,8 @@ rule height_by_board:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=3000,
-        runtime=10,
+        mem_mb=rising(3000),
+        runtime=rising(10),
     params:
         options=step_options({**config["height"]["marker"], "seed": config["seed"]}),
         photos=empty_scene_option,
@@ -156,8 +157,8 @@ rule height_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=rising(1000),
+        runtime=rising(5),
     message:
         "Comparing the measured heights of {wildcards.dataset} with the true ones"
     shell:

@@ -31,6 +31,8 @@ def height_options(wildcards):
     """The options of the height method."""
     name = height_method(wildcards)
     options = dict(config["height"].get(name, {}))
+    if not is_virtual(wildcards.dataset):
+        options["height_m"] = photos_of(wildcards)["height_m"]
     if name == "marker":
         options["seed"] = config["seed"]
     if name == "depth_camera" and not photos_of(wildcards)["depth"]:
@@ -56,7 +58,7 @@ def height_options(wildcards):
 
 def board_cells(wildcards):
     """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
-    known("virtual dataset", wildcards.dataset, [name for name in config["datasets"] if is_virtual(name)], "")
+    virtual_dataset(wildcards.dataset)
     os.environ[failures.SWITCH] = "1"
     nvs = table_axis("nvs")[0]
     cell = "results/{}/{}/{}/{}/{}/height_by_board.json"

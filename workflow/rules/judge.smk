@@ -17,8 +17,8 @@ rule evidence:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=3000,
-        runtime=10,
+        mem_mb=rising(3000),
+        runtime=rising(10),
     message:
         "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -45,8 +45,8 @@ rule quality:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=3000,
-        runtime=10,
+        mem_mb=rising(3000),
+        runtime=rising(10),
     message:
         "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -72,8 +72,8 @@ rule grade:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=3000,
-        runtime=10,
+        mem_mb=rising(3000),
+        runtime=rising(10),
     params:
         options=step_options(config["finish"]["grade"]),
         quality=quality_option,

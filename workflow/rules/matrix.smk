@@ -31,8 +31,8 @@ checkpoint outcome:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=500,
-        runtime=5,
+        mem_mb=rising(500),
+        runtime=rising(5),
     message:
         "Noting how {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, ended"
     shell:
@@ -53,8 +53,8 @@ rule cell:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=500,
-        runtime=5,
+        mem_mb=rising(500),
+        runtime=rising(5),
     message:
         "Gathering the figures of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -74,8 +74,8 @@ rule object_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=500,
-        runtime=5,
+        mem_mb=rising(500),
+        runtime=rising(5),
     message:
         "Gathering every cell of {wildcards.dataset} {wildcards.object}"
     shell:
@@ -95,8 +95,8 @@ rule column_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=500,
-        runtime=5,
+        mem_mb=rising(500),
+        runtime=rising(5),
     message:
         "Gathering scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs} of every object of {wildcards.dataset}"
     shell:

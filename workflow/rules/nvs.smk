@@ -18,8 +18,8 @@ rule stereo:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=3000,
-        runtime=30,
+        mem_mb=rising(3000),
+        runtime=rising(30),
     params:
         seed=config["seed"],
         folder=subpath(output.seeds, parent=True),
@@ -47,8 +47,8 @@ rule train_2dgs:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=6000,
-        runtime=60,
+        mem_mb=rising(6000),
+        runtime=rising(60),
     params:
         options=step_options(config["nvs"]["2dgs"]["train"]),
         seed=config["seed"],
@@ -76,8 +76,8 @@ rule fuse_2dgs:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=4000,
-        runtime=15,
+        mem_mb=rising(4000),
+        runtime=rising(15),
     params:
         options=step_options(config["nvs"]["2dgs"]["fuse"]),
     message:
@@ -104,8 +104,8 @@ rule train_svraster:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=6000,
-        runtime=60,
+        mem_mb=rising(6000),
+        runtime=rising(60),
     params:
         options=step_options(config["nvs"]["svraster"]["train"]),
         seed=config["seed"],
@@ -133,8 +133,8 @@ rule mesh_svraster:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=4000,
-        runtime=15,
+        mem_mb=rising(4000),
+        runtime=rising(15),
     params:
         options=step_options(config["nvs"]["svraster"]["mesh"]),
     message:

@@ -25,6 +25,7 @@ rule register:
         gpu=registration_gpus,
     params:
         options=registration_options,
+        weights=registration_weights,
     message:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:
@@ -52,6 +53,7 @@ rule register_photos:
         gpu=registration_gpus,
     params:
         options=registration_options,
+        weights=registration_weights,
     message:
         "Registering the photos of {wildcards.object} with {wildcards.registration}"
     shell:
@@ -76,8 +78,8 @@ rule camera_error:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=5,
+        mem_mb=rising(1000),
+        runtime=rising(5),
     message:
         "Comparing the cameras of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, with the true ones"
     shell:

@@ -22,9 +22,11 @@ rule capture_object:
     threads: 2
     resources:
         mem_mb=segmentation_memory_mb,
-        runtime=60,
+        runtime=rising(60),
+        gpu=segmentation_gpus,
     params:
         options=network_options,
+        weights=segmentation_weights,
     message:
         "Taking the pictures of {wildcards.object} with their masks, to register the object alone"
     shell:
@@ -49,10 +51,12 @@ rule segment:
     threads: 2
     resources:
         mem_mb=segmentation_memory_mb,
-        runtime=60,
+        runtime=rising(60),
+        gpu=segmentation_gpus,
     params:
         method=segmentation_method,
         options=segmentation_options,
+        weights=segmentation_weights,
     message:
         "Masking {wildcards.object} in its photos ({params.method})"
     shell:

@@ -21,8 +21,8 @@ rule weights:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
-        runtime=240,
+        mem_mb=rising(1000),
+        runtime=rising(240),
     params:
         licence=lambda wildcards: known_weights(wildcards.file).licence,
     message:

@@ -110,7 +110,6 @@ def rows_of(tiles: list[np.ndarray]) -> np.ndarray:
 def write_record(
     folder: Path,
     size_px: tuple[int, int],
-    height_m: float | None,
     sharpnesses: Sequence[float],
     levels: Sequence[float],
     blurs_px: Sequence[float],
@@ -121,7 +120,6 @@ def write_record(
     Args:
         folder: the capture.
         size_px: (width, height) of every picture.
-        height_m: of the object, None where unknown.
         sharpnesses, levels, blurs_px: of every picture.
         facts: further ones; warnings and seconds belong to them.
     """
@@ -134,7 +132,6 @@ def write_record(
             "width_px": size_px[0],
             "height_px": size_px[1],
             "images": len(levels),
-            "known_height_m": height_m,
             "sharpness": [round(float(value), 4) for value in sharpnesses],
             "level": [round(float(value), 1) for value in levels],
             "edge_blur_px": [round(float(value), 2) for value in blurs_px],

@@ -5,7 +5,6 @@ problems of all files are reported at once.
 """
 
 import argparse
-import math
 import shutil
 import time
 from dataclasses import dataclass
@@ -20,7 +19,6 @@ from zeroshop_steps.files import written_whole_dir
 from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
 
 MIN_IMAGES = 8
-HEIGHT_RANGE_M = (0.005, 3.0)
 SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98
 MOST_LISTED = 12
 UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raw")
@@ -54,17 +52,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--images", type=Path, required=True, help="folder of PNG or JPEG photos, all of one size")
     parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png; none when left out")
-    parser.add_argument("--height-m", type=float, help="height of the standing object in metres; unknown when left out")
     parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help=f"fewest photos that are accepted (default {MIN_IMAGES})")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    take_photos(args.images, args.masks, args.height_m, args.min_images, args.out)
+    take_photos(args.images, args.masks, args.min_images, args.out)
 
 
-def take_photos(images: Path, masks: Path | None, height_m: float | None, min_images: int, out: Path) -> None:
+def take_photos(images: Path, masks: Path | None, min_images: int, out: Path) -> None:
     """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
 
     Refused besides unreadable, missing and mismatched files: fewer than `min_images` photos, or photos that differ from each
@@ -75,9 +72,8 @@ def take_photos(images: Path, masks: Path | None, height_m: float | None, min_im
         StepError: with a line for every problem found.
     """
     start_s = time.monotonic()
-    odd = format_problems(images)
-    problems = height_problems(height_m) + odd
-    paths = [] if odd else list_images(images)
+    problems = format_problems(images)
+    paths = [] if problems else list_images(images)
     if masks is not None and not Path(masks).is_dir():
         raise StepError(f"mask folder {masks} does not exist; give one mask a photo, named like it but .png")
     photos = []
@@ -111,16 +107,7 @@ def take_photos(images: Path, masks: Path | None, height_m: float | None, min_im
             "seconds": round(time.monotonic() - start_s, 2),
         }
         measured = ([getattr(photo, name) for photo in photos] for name in ("sharpness", "level", "blur_px"))
-        write_record(folder, photos[0].size_px, height_m, *measured, facts)
-
-
-def height_problems(height_m: float | None) -> list[str]:
-    """What is wrong with the height that the user gave, in words."""
-    low, high = HEIGHT_RANGE_M
-    if height_m is None or (math.isfinite(height_m) and low <= height_m <= high):
-        return []
-    hint = " (is it in centimetres or millimetres?)" if height_m > high else ""
-    return [f"height {height_m:g} m is out of range{hint}; give the height in metres, {low:g} to {high:g}, or none"]
+        write_record(folder, photos[0].size_px, *measured, facts)
 
 
 def format_problems(images: Path) -> list[str]:

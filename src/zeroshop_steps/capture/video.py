@@ -23,7 +23,6 @@ from zeroshop_steps.capture.frames import (
     thumbnail,
     write_record,
 )
-from zeroshop_steps.capture.photos import height_problems
 from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import written_whole_dir
 from zeroshop_steps.images import write_image
@@ -59,25 +58,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--images", type=Path, required=True, help=f"video file: {', '.join(VIDEO_SUFFIXES)}")
     parser.add_argument("--frames", type=int, default=FRAMES, help="frames to take (default: %(default)s)")
     parser.add_argument("--max-side-px", type=int, default=MAX_SIDE_PX, help="larger frames are scaled down (default: %(default)s)")
-    parser.add_argument("--height-m", type=float, help="height of the standing object in metres; unknown when left out")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    take_frames(args.images, args.frames, args.max_side_px, args.height_m, args.out)
+    take_frames(args.images, args.frames, args.max_side_px, args.out)
 
 
-def take_frames(video: Path, count: int, max_side_px: int, height_m: float | None, out: Path) -> None:
+def take_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
     """Write `count` frames to `out`/images, a picture of them all, and what to film again to capture.json.
 
     Raises:
         StepError: no video, a damaged or cut-off one, or one in which the camera hardly moves.
     """
     start_s = time.monotonic()
-    problems = height_problems(height_m)
-    if problems:
-        raise StepError("; ".join(problems))
     film = watch(video)
     chosen = choose_frames(film, count)
     needed = min(MIN_FRAMES, count)
@@ -108,7 +103,7 @@ def take_frames(video: Path, count: int, max_side_px: int, height_m: float | Non
             "seconds": round(time.monotonic() - start_s, 2),
         }
         height_px, width_px = scaled[0].shape[:2]
-        write_record(folder, (width_px, height_px), height_m, film.sharpnesses[chosen], film.levels[chosen], blurs_px, facts)
+        write_record(folder, (width_px, height_px), film.sharpnesses[chosen], film.levels[chosen], blurs_px, facts)
     for warning in warnings:
         warn(warning)
 

@@ -25,7 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--texture", type=Path, required=True)
     parser.add_argument("--frame", type=Path, required=True, help="frame.json")
     parser.add_argument("--stages", type=Path, nargs="*", default=[], help="JSONs of earlier stages, whose seconds and parameters are kept")
-    parser.add_argument("--quality", type=Path, help="quality.json")
     parser.add_argument("--out", type=Path, required=True, help="mesh.ply; .png, .glb and .json go beside it")
 
 
@@ -36,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
     product = in_object_frame(mesh, np.array(frame["object_from_registration"]), read_image(args.texture))
     stages = {_stage_name(path): read_json(path) for path in [*args.stages, args.frame]}
-    write_product(args.out, product, product_notes(product, frame, stages, args.quality))
+    write_product(args.out, product, product_notes(product, frame, stages))
     print(f"export: {args.out} {notes_line(product, frame)}", file=sys.stderr)
 
 
@@ -46,7 +45,7 @@ def in_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: n
     return Mesh(vertices, mesh.faces, None, mesh.uv, texture).with_normals()
 
 
-def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict], quality: Path | None) -> dict:
+def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
     """The content of the product's JSON."""
     seconds = {name: _seconds(content) for name, content in stages.items() if _seconds(content) is not None}
     cpu_seconds = {name: content["cpu_seconds"] for name, content in stages.items() if "cpu_seconds" in content}
@@ -67,7 +66,6 @@ def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict], quality: Pat
         "cpu_seconds": cpu_seconds,
         "parameters": {name: content["parameters"] for name, content in stages.items() if "parameters" in content},
         "versions": {"zeroshop": __version__} | {name: _version(name) for name in PACKAGES},
-        "quality": read_json(quality) if quality else None,
     }
 
 

@@ -12,6 +12,7 @@ import argparse
 import csv
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,38 @@ F_SCORE_MM = 2.0
 F_SCORE_DIAMETER = 0.01
 
 
+@dataclass(frozen=True)
+class Truth:
+    """What a mesh is measured against, in the true frame, in mm.
+
+    Attributes:
+        surface: the true one.
+        diameter_mm: the object's.
+        support_z_mm: height of the support plane, None without one.
+        cameras: of the photos, matched with registered ones by file stem.
+        held_out: photos that the reconstruction never saw.
+    """
+
+    surface: Mesh
+    diameter_mm: float
+    support_z_mm: float | None
+    cameras: tuple[Camera, ...]
+    held_out: list[View]
+
+    @staticmethod
+    def read(capture: Path, model: Path) -> "Truth":
+        """That of a virtual capture of a model."""
+        surface = read_ply(model)
+        on_ground = str(read_json(capture / "capture.json")["scene"]).startswith("su_")
+        return Truth(
+            surface,
+            read_json(model.with_name("model_info.json"))["diameter"],
+            float(surface.vertices[:, 2].min()) if on_ground else None,
+            read_sparse_model(capture / "truth").cameras,
+            read_views(capture / "held_out", sparse="truth")[0],
+        )
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method\'s command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
@@ -43,21 +76,11 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     notes = read_json(args.mesh.with_suffix(".json"))
     facts = notes["frame_facts"]
-    capture = read_json(args.capture / "capture.json")
-    true_cameras = read_sparse_model(args.capture / "truth").cameras
-    held_out, _ = read_views(args.capture / "held_out", sparse="truth")
-    registered = read_sparse_model(args.cameras / "sparse").cameras
-    truth, info = read_ply(args.model), read_json(args.model.with_name("model_info.json"))
-    support_z_mm = float(truth.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None
-    figures = grade(
+    figures = figures_of(
         without_underside(read_ply(args.mesh), notes),
         np.array(facts["object_from_registration"]),
-        registered,
-        true_cameras,
-        held_out,
-        truth,
-        info["diameter"],
-        support_z_mm,
+        read_sparse_model(args.cameras / "sparse").cameras,
+        Truth.read(args.capture, args.model),
     )
     figures["scale_known"] = facts["scale"] == "known"
     if not figures["scale_known"]:
@@ -78,31 +101,19 @@ def run(args: argparse.Namespace) -> None:
     )
 
 
-def grade(
-    mesh: Mesh,
-    object_from_registration: np.ndarray,
-    registered: tuple[Camera, ...],
-    true_cameras: tuple[Camera, ...],
-    held_out: list[View],
-    truth: Mesh,
-    diameter_mm: float,
-    support_z_mm: float | None,
-) -> dict:
+def figures_of(mesh: Mesh, object_from_registration: np.ndarray, registered: tuple[Camera, ...], truth: Truth) -> dict:
     """All figures of one mesh in the object frame; see the module's text.
 
     Args:
         mesh: the textured product, object frame.
         object_from_registration: (4, 4) similarity.
-        registered, true_cameras: matched by file stem.
-        held_out: photos that the reconstruction never saw, with true cameras.
-        truth: the true surface, true frame, mm.
-        diameter_mm: the object's diameter.
-        support_z_mm: height of the support plane, None without one.
+        registered: the cameras that were found.
     """
-    truth_from_registration = similarity_to_truth(registered, true_cameras)
+    truth_from_registration = similarity_to_truth(registered, truth.cameras)
     truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
     aligned = Mesh(mesh.vertices @ truth_from_object[:3, :3].T + truth_from_object[:3, 3], mesh.faces)
-    error = surface_error(aligned, truth, list(true_cameras), support_z_mm)
+    error = surface_error(aligned, truth.surface, list(truth.cameras), truth.support_z_mm)
+    one_percent_mm = F_SCORE_DIAMETER * truth.diameter_mm
     up_in_truth = truth_from_object[:3, 2] / np.linalg.norm(truth_from_object[:3, 2])
     rotation_scale = np.cbrt(np.linalg.det(truth_from_object[:3, :3]))
     figures = {
@@ -111,16 +122,16 @@ def grade(
         "completeness_mm": error.to_mesh_mm.mean(),
         "completeness_median_mm": np.median(error.to_mesh_mm),
         "f_score_2_mm": error.f_score(F_SCORE_MM),
-        "f_score_1_percent": error.f_score(F_SCORE_DIAMETER * diameter_mm),
-        "precision_1_percent": (error.to_truth_mm < F_SCORE_DIAMETER * diameter_mm).mean(),
-        "recall_1_percent": (error.to_mesh_mm < F_SCORE_DIAMETER * diameter_mm).mean(),
+        "f_score_1_percent": error.f_score(one_percent_mm),
+        "precision_1_percent": error.precision(one_percent_mm),
+        "recall_1_percent": error.recall(one_percent_mm),
         "normal_error_deg": error.normal_deg.mean(),
         "seen_share": error.seen_share,
         "scale_error_percent": (1.0 / rotation_scale - 1.0) * 100.0,
         "up_error_deg": np.degrees(np.arccos(np.clip(up_in_truth[2], -1.0, 1.0))),
         "faces": len(mesh.faces),
     }
-    figures |= _appearance(mesh, np.linalg.inv(truth_from_object), held_out)
+    figures |= _appearance(mesh, np.linalg.inv(truth_from_object), truth.held_out)
     return {key: round(float(value), 5) if not isinstance(value, int | list) else value for key, value in figures.items()}
 
 

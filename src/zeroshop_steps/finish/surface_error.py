@@ -29,9 +29,17 @@ class SurfaceError:
     normal_deg: np.ndarray
     seen_share: float
 
+    def precision(self, threshold_mm: float) -> float:
+        """Share of the reconstruction that lies within a distance of the truth."""
+        return float((self.to_truth_mm < threshold_mm).mean())
+
+    def recall(self, threshold_mm: float) -> float:
+        """Share of the seen true surface that lies within a distance of the reconstruction."""
+        return float((self.to_mesh_mm < threshold_mm).mean())
+
     def f_score(self, threshold_mm: float) -> float:
         """Harmonic mean of precision and recall at a distance (Knapitsch et al. 2017, Tanks and Temples)."""
-        precision, recall = (self.to_truth_mm < threshold_mm).mean(), (self.to_mesh_mm < threshold_mm).mean()
+        precision, recall = self.precision(threshold_mm), self.recall(threshold_mm)
         return float(2 * precision * recall / max(precision + recall, 1e-12))
 
 

@@ -113,7 +113,7 @@ def depth_files(subject: Subject, folder: Path) -> list[tuple[View, Path]]:
 
 def read_depth(path: Path, view: View) -> np.ndarray:
     """(height, width) float32 steps. Raises StepError for an image that is no depth image, or not aligned with its photo."""
-    depth = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    depth = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
     if depth is None:
         raise StepError(f"depth image {path} cannot be read; export it again as 16-bit PNG")
     if depth.ndim != 2 or depth.dtype != np.uint16:

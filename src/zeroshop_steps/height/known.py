@@ -1,4 +1,4 @@
-"""The height is known: measured with a ruler and given in the capture (height_m in objects.tsv), or true in a rendered one."""
+"""The height is known: measured with a ruler (height_m in objects.tsv), or true, in a rendered capture."""
 
 import argparse
 
@@ -20,7 +20,8 @@ def scale_of(subject: Subject) -> Scale:
     """The scale that gives the object its known height. Raises StepError where none is given."""
     if subject.known_height_m is None:
         raise StepError(
-            f"{subject.capture / 'capture.json'} has no known_height_m; give the height in metres as height_m, or use another height_method"
+            f"no height is given, and {subject.capture / 'capture.json'} has no known_height_m; give the height in metres as height_m,"
+            " or use another height_method"
         )
     height_m, extent = subject.known_height_m, subject.standing.extent
     return Scale("known_height", height_m / extent, RULER_M / height_m, {"known_height_m": height_m})

@@ -62,7 +62,8 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all height methods share."""
     parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images, masks and sparse points")
-    parser.add_argument("--capture", type=Path, required=True, help="capture folder; its capture.json holds the known height")
+    parser.add_argument("--capture", type=Path, required=True, help="capture folder; capture.json of a rendered one holds the height")
+    parser.add_argument("--height-m", type=float, help="height of the standing object in metres, by a ruler; left out where unknown")
     parser.add_argument(
         "--stereo", type=Path, help="seeds.npz: surface that neither its depths nor outlines measured has no say in the top"
     )
@@ -85,7 +86,7 @@ def write_height(
     standing = standing_of(_mesh_with_evidence(args, views), views, model)
     if standing.top_of_mesh - standing.top > BULGE * standing.extent:
         warn(BULGES.format((standing.top_of_mesh - standing.top) / standing.extent))
-    subject = Subject(standing, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json"))
+    subject = Subject(standing, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json", args.height_m))
     scale = measure(subject)
     if scale and else_wrong:
         check_known(scale, subject, else_wrong)
@@ -162,11 +163,12 @@ def height_line(content: dict[str, Any]) -> str:
     return f"height: {content['height_m'] * 1000:.1f} mm +- {content['height_deviation_m'] * 1000:.1f} mm, from {content['scale_source']}"
 
 
-def known_height_m(path: Path) -> float | None:
-    """The known height from capture.json, None when it is unknown."""
-    height_m = read_json(path).get("known_height_m")
+def known_height_m(path: Path, given_m: float | None = None) -> float | None:
+    """The height that the user gives, or else that in capture.json; None where neither is known."""
+    height_m = read_json(path).get("known_height_m") if given_m is None else given_m
     if height_m is None:
         return None
     if not isinstance(height_m, int | float) or not 0.001 <= height_m <= 10.0:
-        raise StepError(f"{path}: known_height_m is {height_m}; expected metres between 0.001 and 10")
+        where = f"{path}: known_height_m" if given_m is None else "the height, height_m,"
+        raise StepError(f"{where} is {height_m}; expected metres between 0.001 and 10")
     return float(height_m)

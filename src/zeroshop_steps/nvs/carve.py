@@ -23,7 +23,7 @@ FREE_NEEDS = 2.0
 VOTES_FULL = 3.0
 """A majority of this many views counts fully."""
 FILL = 0.1
-"""Vote for solid where at most one view says anything."""
+"""Vote for solid where at most `FREE_NEEDS` views say empty and none says solid."""
 SMOOTHNESS = 0.3
 """Cost of a voxel's face of surface, in units of a full vote."""
 STEPS = 200

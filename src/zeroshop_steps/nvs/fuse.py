@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.errors import StepError, is_out_of_memory
 from zeroshop_steps.files import write_json
 from zeroshop_steps.meshes import Mesh, write_ply
 from zeroshop_steps.nvs.silhouettes import fitted_to_masks
@@ -88,7 +88,9 @@ def fuse(depths: list[np.ndarray], views: list[TrainingView], surfels: Surfels, 
         grid.integrate(blocks, image, k, pose, 1.0, 1e3, TRUNCATION_VOXELS)
     try:
         surface = grid.extract_triangle_mesh(weight_threshold=min_views - 0.5)
-    except RuntimeError:  # what Open3D makes of a grid without any triangle
+    except RuntimeError as error:  # what Open3D makes of a grid without any triangle
+        if is_out_of_memory(error):
+            raise
         return None
     vertices, faces = surface.vertex.positions.numpy().astype(float), surface.triangle.indices.numpy().astype(np.int64)
     if len(faces) == 0:

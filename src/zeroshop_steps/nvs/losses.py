@@ -51,3 +51,12 @@ def normals_from_depth(depth: torch.Tensor, fx: float, fy: float, cx: float, cy:
     # Five times as fast on the CPU as torch's own norm over three planes.
     lengths = (normals * normals).sum(0).clamp(min=1e-24).sqrt()
     return F.pad(normals / lengths, (1, 1, 1, 1))
+
+
+def has_normal(depth: torch.Tensor) -> torch.Tensor:
+    """(H, W) bool: where `normals_from_depth` of an (H, W) depth map, 0 beside the surface, is a normal of the surface.
+
+    At a contour one of the four neighbours has no depth: the difference is taken to the camera's centre, and points inwards.
+    """
+    known = depth > 0
+    return F.pad(known[1:-1, 2:] & known[1:-1, :-2] & known[2:, 1:-1] & known[:-2, 1:-1], (1, 1, 1, 1))

@@ -82,9 +82,11 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
     chosen = np.random.default_rng(seed).permutation(len(surface))[:hull_points]
     surface, surface_normals = surface[chosen], surface_normals[chosen]
 
+    others = np.concatenate([seeds.positions, surface])
+    if len(others) == 0:  # nothing to take a normal from
+        sparse, trusted = sparse[:0], np.zeros_like(trusted)
     sparse_normals = np.zeros((0, 3))
     if len(sparse):
-        others = np.concatenate([seeds.positions, surface])
         sparse_normals = np.concatenate([seed_normals, surface_normals])[cKDTree(others).query(sparse)[1]]
     return Start(
         np.concatenate([sparse, seeds.positions, surface]),

@@ -49,9 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--voxels-file", type=Path, required=True, help="voxels.npz of the training")
     parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
-    parser.add_argument(
-        "--field", choices=("depth", "density"), default="density", help="what draws the surface: the voxels' density, or depth maps"
-    )
     parser.add_argument("--image-width-px", type=int, default=800, help="width at which depth is rendered, at most that of the images")
     parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
 
@@ -62,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     views = training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
     field = Field.of(voxels.octree, voxels.densities.numpy(), border=2)
     depths = [view_depth(voxels, view) for view in views]
-    mesh = surface(field, views, depths, args.field == "density")
+    mesh = surface(field, views, depths)
     if mesh is None:
         raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
     mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
@@ -88,19 +85,18 @@ def view_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
     return np.where(view.mask.numpy() > 0.5, rendering.median_depth.numpy(), np.float32(0.0))
 
 
-def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray], of_density: bool) -> Mesh | None:
+def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
     """The surface of a field, in normalized coordinates; None when there is none.
 
     Args:
-        depths: (H, W) depth of the surface in each view, 0 where it sees past the object.
-        of_density: whether the density draws the surface, within a narrow band around the one that the depths show, or they alone.
+        depths: (H, W) depth of the surface in each view, 0 where it sees past the object; the density draws the surface within a narrow
+            band around the one that they show.
     """
     points = field.points(np.argwhere(np.ones(field.values.shape, bool)))
     cameras, reach = [view.camera for view in views], REACH_STEPS * field.step
     values = -signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(field.values.shape)
-    if of_density:
-        density = np.where(field.covered, np.clip(field.values - half_value(field.step), -SOFT, SOFT), -SOFT)
-        values = np.where(np.abs(values) < BAND_STEPS * field.step, density, np.sign(values) * SOFT)
+    density = np.where(field.covered, np.clip(field.values - half_value(field.step), -SOFT, SOFT), -SOFT)
+    values = np.where(np.abs(values) < BAND_STEPS * field.step, density, np.sign(values) * SOFT)
     values = gaussian_filter(values, SMOOTH_STEPS)
     outside = values.min()
     values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = outside

@@ -52,19 +52,10 @@ def read_camera_set(folder: Path) -> CameraSet:
     return CameraSet(model, tuple(view.image() for view in views), tuple(object_masks(views)))
 
 
-def training_views(
-    camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int, names: tuple[str, ...] | None = None
-) -> list[TrainingView]:
-    """Resample to `image_width_px` (never up), crop to the mask's box and `border_px`, and blacken the background.
-
-    Args:
-        names: the images to take, all when None.
-    """
-    views = []
-    for camera, image, mask in zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True):
-        if names is None or camera.name in names:
-            views.append(_training_view(image, mask, crop(camera, mask, sphere, image_width_px, border_px)))
-    return views
+def training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
+    """Resample to `image_width_px` (never up), crop to the mask's box and `border_px`, and blacken the background."""
+    parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
+    return [_training_view(image, mask, crop(camera, mask, sphere, image_width_px, border_px)) for camera, image, mask in parts]
 
 
 def seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:

@@ -19,13 +19,15 @@ def activated(value: torch.Tensor) -> torch.Tensor:
 
 
 def render_reference(
-    octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: int, camera: torch.Tensor, width_px: int, height_px: int, near: float
-) -> tuple[torch.Tensor, torch.Tensor]:
+    octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: int, camera: torch.Tensor, width_px: int, height_px: int,
+    near: float, kept: dict[str, torch.Tensor] | None = None,
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
     """The eleven planes colour (3), depth, normal (3), opacity, median depth, squared colour and away as (11, height, width).
 
     The second result, (height, width) bool, marks pixels where some decision (light spent or not, which voxel holds the median)
     is so close that single precision may rightly decide otherwise. densities (M,) and sh (N, K, 3) as in `render.render`;
-    camera (16,) as in `project.project_forward`.
+    camera (16,) as in `project.project_forward`. `kept` is given the optical thickness of each voxel along each ray, (N, P), which keeps
+    its gradient, and its blending weight.
     """
     rotation, translation = camera[:9].reshape(3, 3), camera[9:12]
     fx, fy, cx, cy = camera[12:16]
@@ -54,6 +56,9 @@ def render_reference(
         weights = torch.where(offsets[:, None, None] > 0, local, 1 - local).prod(-1)
         thickness = thickness + activated(torch.einsum("cnp,nc->np", weights, corner_values))
     thickness = thickness * length * rays.norm(dim=1) * DENSITY_SCALE / SAMPLES
+    if kept is not None:
+        thickness.retain_grad()
+        kept["thickness"] = thickness
 
     order = torch.argsort(torch.where(length > 0, entry, torch.inf), dim=0)
 
@@ -65,6 +70,8 @@ def render_reference(
     before = after - thickness
     lit = torch.exp(-before) >= STOP
     weight = torch.where(lit, torch.exp(-before) * (1 - torch.exp(-thickness)), 0.0)
+    if kept is not None:
+        kept["weight"] = torch.zeros_like(weight).scatter(0, order, weight).detach()
     facing = (normals @ in_camera.T) / rays.norm(dim=1)
     values = [colors[:, :1], colors[:, 1:2], colors[:, 2:], None, *normals.T[:, :, None], torch.ones(len(centres), 1)]
     planes = [(weight * (sorted_(value) if value is not None else entry + 0.5 * length)).sum(0) for value in values]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from zeroshop_steps.nvs.losses import normals_from_depth
+from zeroshop_steps.nvs.losses import has_normal, normals_from_depth
 from zeroshop_steps.nvs.optimizer import AdamWithSurgery
 from zeroshop_steps.nvs.start import Start
 from zeroshop_steps.nvs.svraster.adapt import VoxelMeter, prune_and_subdivide
@@ -45,7 +45,7 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettin
     if with_normals:
         k = view.camera.intrinsics
         surface = normals_from_depth(rendering.median_depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
-        solid = active & (rendering.alpha.detach() > 0.5)
+        solid = active & has_normal(rendering.median_depth) & (rendering.alpha.detach() > 0.5)
         mismatch = rendering.alpha.detach() - (rendering.normal * surface).sum(0)
         terms["normal"] = settings.lambda_normal * (mismatch * solid).sum() / pixels
     return terms
@@ -59,7 +59,11 @@ class Trainer(ViewTrainer):
     def __init__(self, voxels: Voxels, views: Views, start: Start, settings: TrainingSettings) -> None:
         super().__init__(voxels, AdamWithSurgery(voxels, LEARNING_RATES, BETAS), views, start, settings)
         self.voxels = voxels
-        self.meter = VoxelMeter(len(voxels))
+        self.forget_views()
+
+    def forget_views(self) -> None:
+        """Begin anew to count what the views say of the voxels."""
+        self.meter, self.asked = VoxelMeter(len(self.voxels)), set[int]()
 
     def render_views_of(self, views: list[TrainingView]) -> list[RenderView]:
         return [RenderView.around_object(view) for view in views]
@@ -76,6 +80,7 @@ class Trainer(ViewTrainer):
 
     def learn(self, rendering: Rendering, index: int, share: float) -> None:
         self.meter.add(rendering.footprint.weight, rendering.footprint.priority)
+        self.asked.add(index)
         for name, rate in LEARNING_RATES.items():
             self.optimizer.set_learning_rate(name, rate * RATE_FALL**share)
         self.optimizer.step()
@@ -84,13 +89,22 @@ class Trainer(ViewTrainer):
         settings = self.settings
         if self.iteration not in [math.ceil(share * settings.iterations) for share in settings.adapt_shares]:
             return
+        self._ask_the_others()
         octree = self.voxels.octree
         # What is dense and hidden stays: light that leaks through a thin spot must not reach the far wall, where nothing would tell.
         solid = self.voxels.densities.detach().numpy()[octree.corners].mean(axis=1) > SOLID_DENSITY
         keep = (self.meter.weight > settings.weight_min) | solid
         wanted = np.where(octree.sizes > SPLIT_PX * self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
         prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
-        self.meter = VoxelMeter(len(self.voxels))
+        self.forget_views()
+
+    def _ask_the_others(self) -> None:
+        """Count the weights in the views that were not drawn since the last change: no view's voxel is dropped unasked."""
+        for index in sorted(set(range(len(self.views))) - self.asked):
+            rendering = self.render(index, 0)
+            rendering.alpha.sum().backward()
+            self.meter.add(rendering.footprint.weight, np.zeros_like(self.meter.priority))
+        self.optimizer.adam.zero_grad(set_to_none=True)
 
     def _pixel_size(self, octree: Octree) -> np.ndarray:
         """(N,) the least edge of a pixel, in normalized units, at a leaf's depth, over the views in use."""
@@ -103,10 +117,12 @@ class Trainer(ViewTrainer):
         return {
             "leaves": leaves,
             "meter": (torch.from_numpy(self.meter.weight), torch.from_numpy(self.meter.priority)),
+            "asked": sorted(self.asked),
         }
 
     def restore(self, content: dict[str, Any]) -> None:
         self.meter.weight, self.meter.priority = (tensor.numpy() for tensor in content["meter"])
+        self.asked = set(content["asked"])
 
     @classmethod
     def around(cls, content: dict[str, Any], views: Views, start: Start, settings: TrainingSettings) -> "Trainer":

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.nvs.optimizer import AdamWithSurgery
-from zeroshop_steps.nvs.twodgs.reference import rotation_matrices
+from zeroshop_steps.nvs.twodgs.surfels import rotation_matrices
 
 
 class GradientMeter:
@@ -27,7 +27,7 @@ def densify_and_prune(
     optimizer: AdamWithSurgery, meter: GradientMeter, threshold: float, large: float, opacity_min: float, doomed: np.ndarray,
     count_max: int, generator: torch.Generator,
 ) -> None:  # fmt: skip
-    """Clone small disks and split large ones where the mean gradient passes the threshold; drop faint, oversized and doomed ones.
+    """Clone small disks and split large ones where the mean gradient passes the threshold; drop faint and doomed ones.
 
     Args:
         threshold: gradient, in loss per pixel of shift summed over the image's pixels.
@@ -41,7 +41,7 @@ def densify_and_prune(
         scales = surfels.log_scales.exp()
         widest = scales.max(dim=1).values
         faint = torch.sigmoid(surfels.opacity_logits) < opacity_min
-        gone = faint | torch.from_numpy(doomed) | (widest > 0.5)
+        gone = faint | torch.from_numpy(doomed)
         gradient = torch.from_numpy(meter.mean())
         gradient[gone] = 0.0
         room = max(count_max - int((~gone).sum()), 0)

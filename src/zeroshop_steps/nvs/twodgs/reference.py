@@ -8,15 +8,7 @@ import torch
 
 from zeroshop_steps.nvs.harmonics import spherical_harmonics
 from zeroshop_steps.nvs.twodgs.project import ALPHA_MIN, GRAZING_MIN
-
-
-def rotation_matrices(quaternions: torch.Tensor) -> torch.Tensor:
-    """(N, 4) quaternions, w first, any length, to (N, 3, 3)."""
-    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=-1).unbind(-1)
-    rows = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
-    rows += [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
-    rows += [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
-    return torch.stack(rows, -1).reshape(-1, 3, 3)
+from zeroshop_steps.nvs.twodgs.surfels import rotation_matrices
 
 
 def render_reference(
