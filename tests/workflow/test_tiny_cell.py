@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 
+import numpy as np
 import pytest
 from PIL import Image
 from running import command_and_environment, planned, run_snakemake
@@ -22,7 +23,9 @@ CONFIG = """
 chosen: {virtual: {registration: truth}}
 capture: {image_width_px: 320, image_height_px: 240}
 register: {colmap: {min_images: 1000}}
-nvs: {2dgs: {train: {iterations: 60, image_width_px: 160, sh_degree: 0}, fuse: {voxels: 64, image_width_px: 160}}}
+nvs:
+  2dgs: {train: {iterations: 60, image_width_px: 160, sh_degree: 0}, fuse: {voxels: 64, image_width_px: 160}}
+  svraster: {train: {iterations: 40, image_width_px: 160, sh_degree: 0}, mesh: {image_width_px: 160}}
 finish: {texture_size_px: 256, clean: {max_faces: 3000}}
 datasets: {demo: {objects: [mustard_bottle]}}
 tables: {scenes: [su_h], registrations: [truth, colmap], nvs: [2dgs]}
@@ -66,6 +69,18 @@ def test_every_step_left_a_log_and_a_benchmark(cell):
     logs = {path.stem for path in cell.rglob("logs/*.log")}
     assert logs == {path.stem for path in cell.rglob("benchmarks/*.tsv")}
     assert {"model", "capture", "register", "train", "fuse", "clean", "texture", "publish.2dgs"} <= logs
+
+
+def test_sparse_voxels_go_the_same_way(cell):
+    target = CELL.replace("2dgs", "svraster") + "/mesh.ply"
+    run = again(cell, target)
+    assert run.returncode == 0, run.stdout
+    rules = {"train_svraster", "mesh_svraster", "clean", "height", "underside", "frame", "unwrap", "texture", "export"}
+    assert set(planned(run.stdout)) == rules, "cameras and stereo are shared"
+    size_mm, true_mm = (np.ptp(read_ply(cell / path).vertices, axis=0) for path in (target, "results/demo/mustard_bottle/model/model.ply"))
+    assert abs(np.sort(size_mm) / np.sort(true_mm) - 1).max() < 0.1
+    record = json.loads((cell / target).with_name("raw_mesh.json").read_text())
+    assert record["voxels"] > 100 and abs(record["offset_voxels"]) < 2
 
 
 def test_a_second_run_does_nothing(cell):
