@@ -6,8 +6,8 @@ import torch
 
 from zeroshop_steps.cameras import Camera
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.nvs.blocks import STOP
 from zeroshop_steps.nvs.svraster.octree import CELLS, MAX_LEVEL, Octree
-from zeroshop_steps.nvs.svraster.rasterize import STOP
 from zeroshop_steps.nvs.svraster.reference import render_reference
 from zeroshop_steps.nvs.svraster.render import RenderView, render
 from zeroshop_steps.nvs.views import TILE_PX
@@ -100,7 +100,7 @@ def test_what_prunes_and_subdivides_matches_the_twin(kind: str) -> None:
     """The largest blending weight, and the sum of |alpha d loss / d alpha| (Sun et al. 2025, sec. 3.2)."""
     (_, _, footprint), (_, twins, kept) = both(kind, 0)
     left = torch.exp(-kept["thickness"].detach())
-    priority = ((1 - left) * kept["thickness"].grad / left.clamp(min=STOP)).abs().sum(1).numpy()
+    priority = ((1 - left) * kept["thickness"].grad / left.clamp(min=float(STOP))).abs().sum(1).numpy()
     assert np.linalg.norm(footprint.priority - priority) < 3e-3 * np.linalg.norm(priority)
     # Tiles are drawn whole: where a voxel reaches beyond the image's edge, pixels there may raise its weight.
     view, drawn = RenderView.of(camera(kind)), {}

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.errors import StepError
+from zeroshop_steps.finish import exposure
 from zeroshop_steps.finish.render import Hits, MeshRenderer
 from zeroshop_steps.finish.surface_error import face_normals, sampled
 from zeroshop_steps.finish.surface_fields import neighbour_matrix, smoothed, welded
@@ -32,7 +33,6 @@ MIN_TRUST = 0.1
 LEAST_VIEWS = 3  # photos that must see a point for it to count
 OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # along the normal, outwards positive; hollows are deep
 MARGIN = 0.015  # another depth must explain the colours (0 to 1) better by this and by what one pixel's shift changes
-GAIN_ROUNDS = 5
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAg
     places = points + OFFSETS_DIAMETERS[:, None, None] * diameter * normals
     places = np.concatenate([points[None], places])
     look = _look(joined, places, normals, views, diameter)
-    weight, colors = look.weight, look.colors * _gains(look.colors[0].mean(2), look.weight)[:, None]
+    weight, colors = look.weight, look.colors * exposure.gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
     spread = np.stack([_spread(shown, weight) for shown in colors])
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
@@ -158,20 +158,6 @@ def _slope(image: np.ndarray) -> np.ndarray:
     x, y = (cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
     # By planes: a maximum over three neighbours in memory is slow.
     return np.maximum.reduce(cv2.split(np.hypot(x, y)))
-
-
-def _gains(brightness: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(V,) factors that undo exposure differences: (N, V) brightness becomes like the mean over the photos."""
-    gains = np.ones(brightness.shape[1], np.float32)
-    several = (weight > 0).sum(1) > 1
-    for _ in range(GAIN_ROUNDS):
-        mean = (brightness * gains * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
-        for k in range(len(gains)):
-            good = several & (weight[:, k] > 0) & (brightness[:, k] > 0.02)
-            if good.sum() >= 50:
-                gains[k] = np.clip(np.median(mean[good] / brightness[good, k]), 0.5, 2.0)
-        gains /= np.exp(np.log(gains).mean())
-    return gains
 
 
 def _spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:

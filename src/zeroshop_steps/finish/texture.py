@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix
 
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import write_json
+from zeroshop_steps.finish import exposure
 from zeroshop_steps.finish.atlas import fill_gutters, rasterize
 from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.finish.surface_fields import harmonic_fill, neighbour_matrix, smoothed, welded
@@ -101,17 +102,9 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
 
 
 def _equalised(images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps]) -> tuple[list[np.ndarray], np.ndarray]:
-    """Undo exposure differences: each image's gain is the median ratio between what all photos and what it shows."""
-    colors = _vertex_colors(images, mesh, maps).mean(2)
-    gains = np.ones(len(images), np.float32)
-    for _ in range(5):
-        mean = (colors * gains * quality).sum(1) / np.maximum(quality.sum(1), 1e-12)
-        for k in range(len(images)):
-            good = (quality[:, k] > 0.05) & (colors[:, k] > 0.02) & ((quality > 0).sum(1) > 1)
-            if good.sum() >= 50:
-                gains[k] = np.clip(np.median(mean[good] / colors[good, k]), 0.5, 2.0)
-        gains /= np.exp(np.log(gains).mean())
-    return [image * gain for image, gain in zip(images, gains, strict=True)], gains
+    """The images without differences of exposure, and the factor of each."""
+    factors = exposure.gains(_vertex_colors(images, mesh, maps).mean(2), quality, quality > 0.05)
+    return [image * factor for image, factor in zip(images, factors, strict=True)], factors
 
 
 def _broad_colors(

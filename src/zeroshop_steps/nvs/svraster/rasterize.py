@@ -11,6 +11,7 @@ interpolated value v, sigma the exponential-linear activation, and its opacity 1
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, ZERO
 from zeroshop_steps.nvs.svraster.intersection import exp, expm1, meet, value_at
 from zeroshop_steps.nvs.svraster.project import (
     A0,
@@ -45,19 +46,12 @@ from zeroshop_steps.nvs.svraster.project import (
 from zeroshop_steps.nvs.svraster.tiles import octant_of, ray_direction
 from zeroshop_steps.nvs.views import TILE_PX
 
-BLOCK_PX = 4
-"""Width and height of a block: as many pixels as fit into one 512-bit register in single precision."""
-ACROSS = TILE_PX // BLOCK_PX
-LANES = BLOCK_PX * BLOCK_PX
-BLOCKS = ACROSS * ACROSS
 SAMPLES = 2
 """Samples K of the density on each segment."""
 DENSITY_SCALE = 100.0
 """Optical thickness, for each normalized unit of length, of an activated value of one."""
 LINEAR_FROM = 1.1
 """Value from which the activation is linear (Sun et al. 2025, eq. 3)."""
-STOP = 1e-4
-"""Transmittance below which a pixel is finished."""
 
 # Planes of the image that `blend_forward` fills: colour, depth, normal, opacity, median depth, weighted square of the
 # colour, weighted cosine of normals that face away, and, by-product, the median depth's change with optical thickness.
@@ -70,12 +64,7 @@ GRAD_PLANES = 11
 # depth, transmittance, thickness so far; then, in the forward pass, the outputs.
 X, Y, D, R, LENGTH, THICK, T, SUM_X, _OUT = 0, 1, 2, 5, 8, 9, 10, 11, 12
 _PLANES = _OUT + OUT_PLANES
-PLANE = tuple(np.uint64(plane * LANES) for plane in range(30))
-"""Where each plane of a block begins. Unsigned, since a signed index might count from the end, and is not vectorized."""
-BIT = np.array([0, 0, 1, 13, 2, 0, 14, 6, 3, 8, 0, 12, 15, 5, 7, 11, 4, 10, 9], np.uint64)
-"""The number of a single bit, at the remainder of its value by 19: two is a primitive root of 19."""
-ONE, HALF, TWO, ZERO = np.float32(1.0), np.float32(0.5), np.float32(2.0), np.float32(0.0)
-STOP_32, LOG2, TINY = np.float32(STOP), np.float32(np.log(2.0)), np.float32(1e-20)
+LOG2, TINY = np.float32(np.log(2.0)), np.float32(1e-20)
 KNEE, INVERSE_KNEE = np.float32(LINEAR_FROM), np.float32(1.0 / LINEAR_FROM)
 STEP = np.float32(1.0 / SAMPLES)
 
@@ -184,10 +173,10 @@ def _blend_voxel(rows, index, n0, n1, n2, b, blocks):
             along = length * size
             x = total * along * b[i + PLANE[THICK]]
             t = b[i + PLANE[T]]
-            x = x if t >= STOP_32 else ZERO
+            x = x if t >= STOP else ZERO
             w = -t * expm1(-x)
             b[i + PLANE[T]] = t - w
-            lit += ONE if t - w >= STOP_32 else ZERO
+            lit += ONE if t - w >= STOP else ZERO
             z = zc + size * (tau + HALF * length)
             b[i + PLANE[_OUT + OUT_R]] += w * red
             b[i + PLANE[_OUT + OUT_G]] += w * green

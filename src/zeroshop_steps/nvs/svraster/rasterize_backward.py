@@ -12,6 +12,7 @@ Gradients go to one row for each (item, voxel) pair, which are then summed in fi
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
 from zeroshop_steps.nvs.svraster.intersection import exp, expm1, meet, value_at
 from zeroshop_steps.nvs.svraster.project import (
     A0,
@@ -50,33 +51,22 @@ from zeroshop_steps.nvs.svraster.project import (
     ZC,
 )  # fmt: skip
 from zeroshop_steps.nvs.svraster.rasterize import (
-    ACROSS,
-    BIT,
-    BLOCK_PX,
-    BLOCKS,
     GRAD_PLANES,
-    HALF,
     INVERSE_KNEE,
     KNEE,
-    LANES,
     LENGTH,
     LOG2,
-    ONE,
     OUT_ALPHA,
     OUT_AWAY,
     OUT_DEPTH,
     OUT_MEDIAN,
     OUT_SLOPE,
     OUT_SQUARE,
-    PLANE,
     SAMPLES,
     STEP,
-    STOP_32,
     SUM_X,
     THICK,
     TINY,
-    TWO,
-    ZERO,
     D,
     R,
     T,
@@ -149,7 +139,7 @@ def _differentiate_voxel(rows, index, n0, n1, n2, b, sums, blocks, away, out, sl
             t = b[i + PLANE[T]]
             along = length * size
             thick = along * b[i + PLANE[THICK]]
-            thick = thick if t >= STOP_32 else ZERO
+            thick = thick if t >= STOP else ZERO
             x = total * thick
             alpha = -expm1(-x)
             w = t * alpha
@@ -198,7 +188,7 @@ def _differentiate_voxel(rows, index, n0, n1, n2, b, sums, blocks, away, out, sl
             sums[lane + PLANE[16]] += d_cosine * d2
             sums[lane + PLANE[_LARGEST]] = max(sums[lane + PLANE[_LARGEST]], w)
             # |alpha d loss / d alpha|, where d alpha = exp(-x) dx.
-            sums[lane + PLANE[18]] += abs(d_x) * alpha / max(ONE - alpha, STOP_32)
+            sums[lane + PLANE[18]] += abs(d_x) * alpha / max(ONE - alpha, STOP)
     # One loop for all sums, which leaves zeros behind: the compiler sums the registers across at once.
     g_1 = g_x = g_y = g_z = g_xy = g_xz = g_yz = g_xyz = ZERO
     g_red = g_green = g_blue = g_nx = g_ny = g_nz = g_a0 = g_a1 = g_a2 = g_square = priority = ZERO

@@ -7,10 +7,11 @@ depth, ray by ray, and autograd gives the gradients. Slow, for tests alone.
 
 import torch
 
+from zeroshop_steps.nvs.blocks import STOP
 from zeroshop_steps.nvs.harmonics import spherical_harmonics
 from zeroshop_steps.nvs.svraster.octree import CORNER_OFFSETS, Octree
 from zeroshop_steps.nvs.svraster.project import FLAT
-from zeroshop_steps.nvs.svraster.rasterize import DENSITY_SCALE, LINEAR_FROM, SAMPLES, STOP
+from zeroshop_steps.nvs.svraster.rasterize import DENSITY_SCALE, LINEAR_FROM, SAMPLES
 
 
 def activated(value: torch.Tensor) -> torch.Tensor:
@@ -68,7 +69,7 @@ def render_reference(
     thickness, entry, length = sorted_(thickness), sorted_(entry), sorted_(length)
     after = thickness.cumsum(0)
     before = after - thickness
-    lit = torch.exp(-before) >= STOP
+    lit = torch.exp(-before) >= float(STOP)
     weight = torch.where(lit, torch.exp(-before) * (1 - torch.exp(-thickness)), 0.0)
     if kept is not None:
         kept["weight"] = torch.zeros_like(weight).scatter(0, order, weight).detach()
@@ -79,7 +80,7 @@ def render_reference(
     crosses = (before < half) & (after >= half)
     median = torch.where(crosses, entry + length * (half - before) / thickness.clamp(min=1e-30), 0.0).sum(0)
     planes += [median, (weight * sorted_(colors.square().sum(1, keepdim=True))).sum(0), (weight * sorted_(facing.clamp(min=0))).sum(0)]
-    cut = (((torch.exp(-before) / STOP - 1).abs() < 1e-2) & (thickness > 0)).any(0)
+    cut = (((torch.exp(-before) / float(STOP) - 1).abs() < 1e-2) & (thickness > 0)).any(0)
     # Where a voxel is seen from its edge, the kink of what faces away lies within single precision.
     edge_on = ((sorted_(facing).abs() < 1e-4) & (weight > 0)).any(0)
     undecided = cut | edge_on | (((after - half).abs() < 1e-4) & (thickness > 0)).any(0)

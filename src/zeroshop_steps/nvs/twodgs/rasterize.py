@@ -8,14 +8,10 @@ the planes of a block lie one behind the other in one buffer, so that the compil
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
 from zeroshop_steps.nvs.twodgs.intersection import HALF_SQRT, meet
 from zeroshop_steps.nvs.twodgs.project import A1, A2, ALPHA_MIN, BLUE, CX, CY, GREEN, NX, NY, NZ, OPACITY, RED, U1, U2, V1, V2, ZC
-from zeroshop_steps.nvs.twodgs.tiles import ACROSS, BLOCK_PX
 from zeroshop_steps.nvs.views import TILE_PX
-
-LANES = BLOCK_PX * BLOCK_PX
-"""Pixels of a block."""
-BLOCKS = ACROSS * ACROSS
 
 # Planes of the image that `blend_forward` fills: colour, depth, normal, opacity, median depth, and the distortion
 # sum of eq. 13 with its first and second moments of the mapped depth.
@@ -24,16 +20,8 @@ OUT_PLANES = 12
 GRAD_PLANES = 10
 """Planes with a gradient: colour, depth, normal, opacity, median depth, distortion."""
 
-PLANE = tuple(np.uint64(plane * LANES) for plane in range(20))
-"""Where each plane of a block begins. Unsigned, since a signed index might be a negative one that counts from the end, and the
-compiler then gives up on vector instructions."""
-BIT = np.array([0, 0, 1, 13, 2, 0, 14, 6, 3, 8, 0, 12, 15, 5, 7, 11, 4, 10, 9], np.uint64)
-"""The number of a single bit, at the remainder of its value by 19: two is a primitive root of 19."""
 CUT = np.float32(ALPHA_MIN)
-STOP = np.float32(1e-4)
-"""Transmittance below which a pixel is finished."""
 ALPHA_MAX = np.float32(0.99)
-ONE, HALF, TWO, ZERO = np.float32(1.0), np.float32(0.5), np.float32(2.0), np.float32(0.0)
 
 # Planes of a block's buffer: x, y, transmittance, then the outputs.
 _T, _OUT = 2, 3

@@ -11,6 +11,7 @@ Gradients go to one row for each (tile, splat) pair, which are then summed in fi
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
 from zeroshop_steps.nvs.twodgs.intersection import HALF_SQRT, meet
 from zeroshop_steps.nvs.twodgs.project import (
     A1,
@@ -33,25 +34,15 @@ from zeroshop_steps.nvs.twodgs.project import (
 )  # fmt: skip
 from zeroshop_steps.nvs.twodgs.rasterize import (
     ALPHA_MAX,
-    BIT,
-    BLOCKS,
     CUT,
     GRAD_PLANES,
-    HALF,
-    LANES,
-    ONE,
     OUT_ALPHA,
     OUT_DISTORTION,
     OUT_M1,
     OUT_M2,
     OUT_MEDIAN,
-    PLANE,
-    STOP,
-    TWO,
-    ZERO,
     load_pixels,
 )  # fmt: skip
-from zeroshop_steps.nvs.twodgs.tiles import ACROSS, BLOCK_PX
 from zeroshop_steps.nvs.views import TILE_PX
 
 # Planes of a block's buffer: x, y, transmittance, running sum, its total, the gradients, then the forward pass's totals.

@@ -6,10 +6,10 @@ The median alone jumps from disk to disk; the mean of all mixes a surface with w
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, LANES, PLANE, STOP, ZERO
 from zeroshop_steps.nvs.twodgs.intersection import HALF_SQRT, meet
 from zeroshop_steps.nvs.twodgs.project import A1, A2, CX, CY, OPACITY, U1, U2, V1, V2, ZC
-from zeroshop_steps.nvs.twodgs.rasterize import ALPHA_MAX, BIT, BLOCKS, CUT, LANES, PLANE, STOP, ZERO, load_pixels
-from zeroshop_steps.nvs.twodgs.tiles import ACROSS, BLOCK_PX
+from zeroshop_steps.nvs.twodgs.rasterize import ALPHA_MAX, CUT, load_pixels
 from zeroshop_steps.nvs.views import TILE_PX
 
 # Planes of a block's buffer: x, y, transmittance, median depth, weighted depth, weight.

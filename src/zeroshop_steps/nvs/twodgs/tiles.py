@@ -10,12 +10,10 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from zeroshop_steps.nvs.blocks import ACROSS, BLOCK_PX
 from zeroshop_steps.nvs.twodgs.project import COVARIANCE, CX, CY, HALF_X, HALF_Y, LOW_PASS, MARGIN_PX, MID_X, MID_Y, ZC
 from zeroshop_steps.nvs.views import TILE_PX
 
-BLOCK_PX = 4
-"""Width and height of a block: as many pixels as fit into one 512-bit register in single precision."""
-ACROSS = TILE_PX // BLOCK_PX
 _FAR, _TINY = np.float32(1e30), np.float32(1e-6)
 
 
