@@ -72,7 +72,7 @@ def write_depth_mm(path: Path, depth_mm: np.ndarray) -> None:
 def _decode(path: Path, flags: int) -> np.ndarray:
     path = Path(path)
     if not path.is_file():
-        raise StepError(f"image {path} does not exist")
+        raise StepError(f"image {path} does not exist; check the path, or run the step that writes it")
     image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), flags) if path.stat().st_size else None
     if image is None:
         raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image; export it again as PNG or JPEG")

@@ -89,7 +89,7 @@ def read_ply(path: Path) -> Mesh:
     """
     path = Path(path)
     if not path.is_file():
-        raise StepError(f"mesh {path} does not exist")
+        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
     vertices, faces, data = _read_as_written(path) or _read_by_trimesh(path)
     if len(vertices) == 0 or len(faces) == 0:
         raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed")

@@ -43,7 +43,10 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     raw = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
-    mesh, dropped = clean_mesh(raw, views, args.max_faces, args.min_part, args.smooth, args.max_hole_edges)
+    try:
+        mesh, dropped = clean_mesh(raw, views, args.max_faces, args.min_part, args.smooth, args.max_hole_edges)
+    except StepError as error:
+        raise StepError(f"{args.mesh}: {error}") from error.__cause__
     write_ply(args.out, mesh.with_normals())
     write_json(
         args.out.with_suffix(".json"),

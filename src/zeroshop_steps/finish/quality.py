@@ -140,7 +140,10 @@ def similarity_to_truth(registered: tuple[Camera, ...], true_cameras: tuple[Came
     true_centres = {Path(camera.name).stem: camera.centre_in_world for camera in true_cameras}
     pairs = [(camera.centre_in_world, true_centres[stem]) for camera in registered if (stem := Path(camera.name).stem) in true_centres]
     if len(pairs) < 3:
-        raise StepError(f"only {len(pairs)} registered cameras have a true one of the same name; three are needed to align the mesh")
+        raise StepError(
+            f"only {len(pairs)} registered cameras have a true one of the same name; three are needed to align the mesh: register the"
+            " images of this capture again"
+        )
     source, target = (np.array(centres) for centres in zip(*pairs, strict=True))
     return similarity_between(source, target)
 

@@ -47,7 +47,8 @@ def object_sphere(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> Obj
     centre = np.linalg.solve(matrix, vector)
     depths = [camera.project(centre[None])[1][0] for camera in cameras]
     if min(depths) <= 0:
-        raise StepError("the masked object lies behind a registered camera: the registration is wrong; capture again or drop that image")
+        name = cameras[int(np.argmin(depths))].name
+        raise StepError(f"the masked object lies behind the camera of {name}: its registration is wrong; leave it out or take it again")
     radius = max(half * depth / camera.intrinsics[0, 0] for half, depth, camera in zip(half_diagonals, depths, cameras, strict=True))
     return ObjectSphere(centre, float(radius))
 

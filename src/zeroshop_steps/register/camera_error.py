@@ -80,7 +80,10 @@ def camera_error(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> Ca
     true_cameras = {Path(camera.name).stem: camera for camera in truth}
     pairs = [(camera, true_cameras[Path(camera.name).stem]) for camera in estimated if Path(camera.name).stem in true_cameras]
     if len(pairs) < 3:
-        raise StepError(f"only {len(pairs)} registered image(s) have a true camera of the same name; three are needed to align them")
+        raise StepError(
+            f"only {len(pairs)} registered image(s) have a true camera of the same name; three are needed to align them: register this"
+            " capture again"
+        )
     centres = np.array([camera.centre_in_world for camera, _ in pairs])
     true_centres = np.array([camera.centre_in_world for _, camera in pairs])
     truth_from_estimate = similarity_between(centres, true_centres)
