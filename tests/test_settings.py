@@ -58,7 +58,7 @@ def test_windows_line_ends_and_byte_order_mark(read):
         (HEADER + "\timages\n", "the column images is there twice"),
         (HEADER.replace("\t", "  ") + "\n", "lacks the column dataset, object"),
         (f"{HEADER}\nphotos\tcup\ta\tb\t-0.1\n", "line 2: height_m: -0.1 is less than"),
-        (f"{HEADER}\nphotos\tcup\ta\tb\t120\n", "line 2: height_m: 120.0 is greater than the maximum of 10"),
+        (f"{HEADER}\nphotos\tcup\ta\tb\t120\n", "line 2: height_m: 120.0 is greater than the maximum of 3"),
         (f"{HEADER}\nphotos\tcup\ta\tb\tnan\n", "line 2: height_m"),
         (f"{HEADER}\nphotos\tcup\ta\tb\ttall\n", "line 2: height_m: 'tall' is not of type"),
         (f"{HEADER}\nphotos\tmy cup\ta\tb\t0.1\n", "line 2: object: 'my cup' does not match"),

@@ -1,13 +1,16 @@
 """Heights that are known, and scales that stay unknown."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 
 from zeroshop_steps.cli import stage_main
 from zeroshop_steps.errors import StepError
 from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.height.__main__ import METHODS
-from zeroshop_steps.height.record import known_height_m
+from zeroshop_steps.height.record import HEIGHT_RANGE_M, known_height_m
 from zeroshop_steps.meshes import write_ply
 
 
@@ -57,8 +60,18 @@ def test_absurd_heights_are_refused(tmp_path, absurd):
     write_json(tmp_path / "capture.json", {"known_height_m": absurd})
     with pytest.raises(StepError, match="capture.json: known_height_m is"):
         known_height_m(tmp_path / "capture.json")
-    with pytest.raises(StepError, match="height_m, is"):
-        known_height_m(tmp_path / "capture.json", absurd)
+
+
+@pytest.mark.parametrize("height_m", [-0.1, 0.0, 190.0, 3.5, float("nan"), float("inf")])
+def test_absurd_heights_of_the_user_are_refused(tmp_path, height_m):
+    with pytest.raises(StepError) as error:
+        known_height_m(tmp_path / "capture.json", height_m)
+    assert f"height {height_m:g} m is out of range" in str(error.value) and "0.005 to 3" in str(error.value)
+
+
+def test_both_bounds_of_a_given_height_are_those_of_the_table():
+    schema = yaml.safe_load((Path(__file__).parents[2] / "workflow/schemas/objects.schema.yaml").read_text())
+    assert tuple(schema["properties"]["height_m"][bound] for bound in ("minimum", "maximum")) == HEIGHT_RANGE_M
 
 
 def test_the_height_that_the_user_gives_goes_before_that_of_the_capture(tmp_path):

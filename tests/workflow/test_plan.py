@@ -109,6 +109,7 @@ def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
 @pytest.mark.parametrize(
     ("columns", "command"),
     [
+        ({"height_m": "0.1"}, "--method known"),
         ({"height_m": "0.1"}, "--height-m 0.1"),
         ({}, "--method none"),
         ({"height_method": "marker"}, "--method marker"),

@@ -20,6 +20,7 @@ UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
     "metres as height_m in config/objects.tsv, or measure it with a printed board (config/README.md)."
 )
+HEIGHT_RANGE_M = (0.005, 3.0)  # of a height that a user gives; the table of photos has the same bounds
 RULER_M = 0.0005  # how well a height is read off a ruler
 CONTRADICTION = 0.03
 """A known height that differs from the measured one by more than this, and by three deviations, contradicts it."""
@@ -165,10 +166,15 @@ def height_line(content: dict[str, Any]) -> str:
 
 def known_height_m(path: Path, given_m: float | None = None) -> float | None:
     """The height that the user gives, or else that in capture.json; None where neither is known."""
-    height_m = read_json(path).get("known_height_m") if given_m is None else given_m
+    if given_m is not None:
+        low, high = HEIGHT_RANGE_M
+        if not low <= given_m <= high:
+            hint = " (is it in centimetres or millimetres?)" if given_m > high else ""
+            raise StepError(f"height {given_m:g} m is out of range{hint}; give the height in metres, {low:g} to {high:g}, or none")
+        return given_m
+    height_m = read_json(path).get("known_height_m")
     if height_m is None:
         return None
     if not isinstance(height_m, int | float) or not 0.001 <= height_m <= 10.0:
-        where = f"{path}: known_height_m" if given_m is None else "the height, height_m,"
-        raise StepError(f"{where} is {height_m}; expected metres between 0.001 and 10")
+        raise StepError(f"{path}: known_height_m is {height_m}; expected metres between 0.001 and 10")
     return float(height_m)
