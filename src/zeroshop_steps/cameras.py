@@ -3,6 +3,7 @@
 On disk they travel as COLMAP sparse models (binary). Here they are arrays.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,6 +120,24 @@ def write_cameras(folder: Path, cameras: tuple[Camera, ...] | list[Camera]) -> N
         reconstruction.add_image_with_trivial_frame(pycolmap.Image(name=camera.name, camera_id=shared[key], image_id=image_id), pose)
     Path(folder).mkdir(parents=True, exist_ok=True)
     reconstruction.write_binary(str(folder))
+
+
+def paired_with_truth(registered: Iterable[Camera], truth: Iterable[Camera]) -> list[tuple[Camera, Camera]]:
+    """Registered cameras with the true ones whose images have the same stem. Raises StepError below three, too few to align by."""
+    true_cameras = {Path(camera.name).stem: camera for camera in truth}
+    pairs = [(camera, true_cameras[stem]) for camera in registered if (stem := Path(camera.name).stem) in true_cameras]
+    if len(pairs) < 3:
+        raise StepError(
+            f"only {len(pairs)} registered camera(s) have a true one of the same name; three are needed to align them: register the images"
+            " of this capture again"
+        )
+    return pairs
+
+
+def similarity_to_truth(pairs: Iterable[tuple[Camera, Camera]]) -> np.ndarray:
+    """The (4, 4) similarity truth_from_registration of such pairs, by their centres."""
+    source, target = (np.array([camera.centre_in_world for camera in cameras]) for cameras in zip(*pairs, strict=True))
+    return similarity_between(source, target)
 
 
 def similarity_between(source: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -65,8 +65,8 @@ def is_result(error: BaseException) -> bool:
     """Whether an error says something about the cell, and not about the machine."""
     machine = (OSError, MemoryError, ImportError)
     # Libraries raise these as errors of their own or as RuntimeErrors.
-    device = is_out_of_memory(error) or "CUDA error" in str(error) or "start new thread" in str(error)
-    return isinstance(error, Exception) and not device and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
+    by_words = is_out_of_memory(error) or "CUDA error" in str(error) or "start new thread" in str(error)
+    return isinstance(error, Exception) and not by_words and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
 
 
 def reason_of(error: BaseException) -> str:

@@ -50,9 +50,10 @@ def written_whole_dir(path: Path) -> Iterator[Path]:
 
 def _not_written(path: Path, temporary: Path, error: OSError) -> StepError:
     """Why a product was not written; where another file is at fault, such as one it is made from, its name."""
-    other = error.filename is not None and not str(error.filename).startswith((str(temporary), str(path)))
-    reason = f"{error.strerror or error}: {error.filename}. Check that file" if other else f"{error.strerror or error}. Check"
-    return StepError(f"cannot write {path}: {reason}{', ' if other else ' '}free disk space and permissions.")
+    reason, remedy = error.strerror or error, "Check free disk space and permissions."
+    if error.filename is not None and not str(error.filename).startswith((str(temporary), str(path))):
+        reason, remedy = f"{reason}: {error.filename}", "Check that file, free disk space and permissions."
+    return StepError(f"cannot write {path}: {reason}. {remedy}")
 
 
 def write_json(path: Path, content: Any) -> None:

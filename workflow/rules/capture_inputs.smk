@@ -68,23 +68,26 @@ def segmentation_method(wildcards):
     return "given" if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
 
 
+def segmentations():
+    """The segmentation methods, with the networks that the config names."""
+    models = config["segment"]["grounded_sam"]
+    return {**methods.SEGMENTATIONS, "grounded_sam": methods.grounded_sam(models["detector"], models["tracker"])}
+
+
 def mask_method(wildcards):
     """How the masks of photos come about, whenever: given by the user, or by the method that the config chooses."""
     if photos_of(wildcards)["masks"]:
         return "given"
-    models = config["segment"]["grounded_sam"]
-    able = {**methods.SEGMENTATIONS, "grounded_sam": methods.grounded_sam(models["detector"], models["tracker"])}
     name = config["segmentation"]
     if name == "auto":
-        return next(name for name, method in able.items() if not methods.lacks(method))
-    return usable("segmentation", name, able, "")
+        return next(name for name, method in segmentations().items() if not methods.lacks(method))
+    return usable("segmentation", name, segmentations(), "")
 
 
 def segmentation_weights(wildcards):
     """What its networks are read from."""
-    models = config["segment"]["grounded_sam"]
-    networks = {"grounded_sam": methods.grounded_sam(models["detector"], models["tracker"])}
-    return weights_stamp("segment", "grounded_sam", networks) if mask_method(wildcards) == "grounded_sam" else []
+    name = mask_method(wildcards)
+    return [] if name == "given" else weights_stamp("segment", name, segmentations()[name])
 
 
 def segmentation_options(wildcards):

@@ -117,13 +117,13 @@ def with_own_weights(stage, name, method):
     return replace(method, weights=()) if config[stage].get(name, {}).get("weights") else method
 
 
-def weights_stamp(stage, name, table):
-    """Size and time of the files that a method reads its networks from: a parameter, so that other weights make its results stale.
+def weights_stamp(stage, name, method):
+    """Size and time of the files that a method of a stage reads its networks from: a parameter, so that other weights make its results stale.
 
     Not an input: Snakemake would delete and download weights again whenever their rule changes.
     """
     own = config[stage].get(name, {}).get("weights")
-    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in table[name].weights]
+    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in method.weights]
     return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
 
 
@@ -212,7 +212,7 @@ def registration_gpus(wildcards):
 
 def registration_weights(wildcards):
     """What its networks are read from."""
-    return weights_stamp("register", wildcards.registration, methods.REGISTRATIONS) if registration_needs(wildcards).weights else []
+    return weights_stamp("register", wildcards.registration, registration_needs(wildcards))
 
 
 def environment_of(options):

@@ -26,13 +26,13 @@ rule height:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=lambda wildcards, attempt: methods.HEIGHTS[height_method(wildcards)].mem_mb * attempt,
-        runtime=lambda wildcards, attempt: methods.HEIGHTS[height_method(wildcards)].runtime_min * attempt,
-        gpu=lambda wildcards: int(bool(methods.HEIGHTS[height_method(wildcards)].weights)),
+        mem_mb=lambda wildcards, attempt: height_needs(wildcards).mem_mb * attempt,
+        runtime=lambda wildcards, attempt: height_needs(wildcards).runtime_min * attempt,
+        gpu=lambda wildcards: int(bool(height_needs(wildcards).weights)),
     params:
         method=height_method,
         options=height_options,
-        weights=lambda wildcards: weights_stamp("height", height_method(wildcards), methods.HEIGHTS),
+        weights=lambda wildcards: weights_stamp("height", height_method(wildcards), height_needs(wildcards)),
     message:
         "Measuring the height of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:

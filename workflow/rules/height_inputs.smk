@@ -15,6 +15,11 @@ def height_method(wildcards):
     return usable("height method", name, {key: with_own_weights("height", key, method) for key, method in methods.HEIGHTS.items()}, "")
 
 
+def height_needs(wildcards):
+    """What this method needs."""
+    return methods.HEIGHTS[height_method(wildcards)]
+
+
 def extra_photos(column):
     """An input function: the files in a folder of objects.tsv that only some height methods read; none where they do not."""
     readers = {"marker_images": ("marker", "mast3r"), "depth": ("depth_camera",)}

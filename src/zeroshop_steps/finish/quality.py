@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.cameras import Camera, read_sparse_model, similarity_between
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.cameras import Camera, paired_with_truth, read_sparse_model, similarity_to_truth
 from zeroshop_steps.files import read_json, write_json, written_whole
 from zeroshop_steps.finish.preview import seen_from
 from zeroshop_steps.finish.render import MeshRenderer
@@ -109,7 +108,7 @@ def figures_of(mesh: Mesh, object_from_registration: np.ndarray, registered: tup
         object_from_registration: (4, 4) similarity.
         registered: the cameras that were found.
     """
-    truth_from_registration = similarity_to_truth(registered, truth.cameras)
+    truth_from_registration = similarity_to_truth(paired_with_truth(registered, truth.cameras))
     truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
     aligned = Mesh(mesh.vertices @ truth_from_object[:3, :3].T + truth_from_object[:3, 3], mesh.faces)
     error = surface_error(aligned, truth.surface, list(truth.cameras), truth.support_z_mm)
@@ -133,19 +132,6 @@ def figures_of(mesh: Mesh, object_from_registration: np.ndarray, registered: tup
     }
     figures |= _appearance(mesh, np.linalg.inv(truth_from_object), truth.held_out)
     return {key: round(float(value), 5) if not isinstance(value, int | list) else value for key, value in figures.items()}
-
-
-def similarity_to_truth(registered: tuple[Camera, ...], true_cameras: tuple[Camera, ...]) -> np.ndarray:
-    """The (4, 4) similarity truth_from_registration, by the centres of cameras of equal name. Raises StepError below three pairs."""
-    true_centres = {Path(camera.name).stem: camera.centre_in_world for camera in true_cameras}
-    pairs = [(camera.centre_in_world, true_centres[stem]) for camera in registered if (stem := Path(camera.name).stem) in true_centres]
-    if len(pairs) < 3:
-        raise StepError(
-            f"only {len(pairs)} registered cameras have a true one of the same name; three are needed to align the mesh: register the"
-            " images of this capture again"
-        )
-    source, target = (np.array(centres) for centres in zip(*pairs, strict=True))
-    return similarity_between(source, target)
 
 
 def _appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View]) -> dict:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.cameras import Camera, read_sparse_model, similarity_between
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.cameras import Camera, paired_with_truth, read_sparse_model, similarity_to_truth
 from zeroshop_steps.files import read_json, write_json, written_whole
 
 
@@ -77,16 +76,10 @@ def camera_error(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> Ca
     Raises:
         StepError: fewer than three cameras in common.
     """
-    true_cameras = {Path(camera.name).stem: camera for camera in truth}
-    pairs = [(camera, true_cameras[Path(camera.name).stem]) for camera in estimated if Path(camera.name).stem in true_cameras]
-    if len(pairs) < 3:
-        raise StepError(
-            f"only {len(pairs)} registered image(s) have a true camera of the same name; three are needed to align them: register this"
-            " capture again"
-        )
+    pairs = paired_with_truth(estimated, truth)
     centres = np.array([camera.centre_in_world for camera, _ in pairs])
     true_centres = np.array([camera.centre_in_world for _, camera in pairs])
-    truth_from_estimate = similarity_between(centres, true_centres)
+    truth_from_estimate = similarity_to_truth(pairs)
     scale = np.cbrt(np.linalg.det(truth_from_estimate[:3, :3]))
     aligned = centres @ truth_from_estimate[:3, :3].T + truth_from_estimate[:3, 3]
     rotation = truth_from_estimate[:3, :3] / scale

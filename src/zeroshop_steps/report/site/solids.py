@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.cameras import read_sparse_model
+from zeroshop_steps.cameras import paired_with_truth, read_sparse_model, similarity_to_truth
 from zeroshop_steps.errors import StepError, warn
 from zeroshop_steps.files import read_json
-from zeroshop_steps.finish.quality import similarity_to_truth
 from zeroshop_steps.finish.surface_error import distances_to, seen_count
 from zeroshop_steps.meshes import Mesh, read_ply
 from zeroshop_steps.o3d import o3d, ray_caster
@@ -77,7 +76,7 @@ def truth_from_object(cell: Cell, run: Run) -> np.ndarray:
     """(4, 4) similarity from the product's frame to the true one, by the cameras."""
     registered = read_sparse_model(run.folder / "cameras/sparse").cameras
     true_cameras = read_sparse_model(run.capture / "truth").cameras
-    return similarity_to_truth(registered, true_cameras) @ np.linalg.inv(object_frame(cell))
+    return similarity_to_truth(paired_with_truth(registered, true_cameras)) @ np.linalg.inv(object_frame(cell))
 
 
 def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out: Path) -> str | None:
