@@ -4,14 +4,14 @@ import math
 
 import numba
 import numpy as np
+from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
 
-from zeroshop_steps.nvs.svraster import project as voxels
-from zeroshop_steps.nvs.svraster import rasterize as voxel_rasterize
-from zeroshop_steps.nvs.svraster import render as voxel_render
-from zeroshop_steps.nvs.svraster.tiles import octant_of, ray_direction
-from zeroshop_steps.nvs.twodgs import project as disks
-from zeroshop_steps.nvs.twodgs import render as disk_render
-from zeroshop_steps.nvs.views import TILE_PX
+from zeroshop_steps.surface.svraster import project as voxels
+from zeroshop_steps.surface.svraster import rasterize as voxel_rasterize
+from zeroshop_steps.surface.svraster import render as voxel_render
+from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.twodgs import project as disks
+from zeroshop_steps.surface.twodgs import render as disk_render
 
 LIGHT_MIN = 1e-4
 """Transmittance below which both optimizers end a pixel."""

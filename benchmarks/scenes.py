@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from zeroshop_steps.surface.svraster.octree import Octree
+from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.svraster import render as voxel_render
-from zeroshop_steps.nvs.svraster.octree import Octree
-from zeroshop_steps.nvs.svraster.reference import render_reference as voxel_reference
-from zeroshop_steps.nvs.twodgs import render as disk_render
-from zeroshop_steps.nvs.twodgs.reference import render_reference as disk_reference
-from zeroshop_steps.nvs.twodgs.surfels import quaternions_towards
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.surface.svraster import render as voxel_render
+from zeroshop_steps.surface.twodgs import render as disk_render
+from zeroshop_steps.surface.twodgs.reference import render_reference as disk_reference
+from zeroshop_steps.surface.twodgs.surfels import quaternions_towards
 
 DISTANCE, RADIUS = 3.0, 0.8
 NEAR, FAR = 1.0, 5.0

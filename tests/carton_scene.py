@@ -7,13 +7,13 @@ import numpy as np
 import pycolmap
 import trimesh
 
-from zeroshop_steps.cameras import Camera, write_cameras
-from zeroshop_steps.files import write_json
 from zeroshop_steps.finish.atlas import fill_gutters, rasterize
-from zeroshop_steps.finish.render import MeshRenderer
 from zeroshop_steps.finish.unwrap import unwrap_mesh
-from zeroshop_steps.images import write_image, write_mask
-from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.cameras import Camera, write_cameras
+from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.runtime.files import write_json
 
 SIZE_MM = np.array([60.0, 40.0, 90.0])
 WIDTH_PX, HEIGHT_PX = 320, 240

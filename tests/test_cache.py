@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 import zeroshop_steps
-from zeroshop_steps import cache
-from zeroshop_steps.cache import Cached, cache_folder, content_digest, entry_name, run_cached
-from zeroshop_steps.code_version import code_version
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.register import mast3r, vggt
+from zeroshop_steps.runtime import cache
+from zeroshop_steps.runtime.cache import Cached, cache_folder, content_digest, entry_name, run_cached
+from zeroshop_steps.runtime.code_version import code_version
+from zeroshop_steps.runtime.errors import StepError
 
 STEP = "report.table"  # any step that exists: its code counts
 
@@ -175,9 +175,9 @@ def sources(folder: Path) -> Path:
         "__init__.py": "",
         "nvs/__init__.py": "",
         "nvs/train.py": "import numpy\ndef run(args):\n    from zeroshop_steps.nvs import kernels\n",
-        "nvs/kernels.py": "from zeroshop_steps.cameras import Camera\n",
+        "nvs/kernels.py": "from zeroshop_steps.geometry.cameras import Camera\n",
         "nvs/unused.py": "",
-        "cameras.py": "class Camera: pass\n",
+        "geometry/cameras.py": "class Camera: pass\n",
         "table.csv": "1\n",
     }.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -186,7 +186,7 @@ def sources(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("file", "counts"), [("nvs/kernels.py", True), ("cameras.py", True), ("table.csv", True), ("nvs/unused.py", False)]
+    ("file", "counts"), [("nvs/kernels.py", True), ("geometry/cameras.py", True), ("table.csv", True), ("nvs/unused.py", False)]
 )
 def test_the_code_that_a_step_can_run_counts_and_no_other(tmp_path, file, counts):
     folder = sources(tmp_path)
@@ -198,7 +198,7 @@ def test_the_code_that_a_step_can_run_counts_and_no_other(tmp_path, file, counts
 def test_the_libraries_count(tmp_path, monkeypatch):
     folder = sources(tmp_path)
     before = code_version("nvs.train", folder)
-    monkeypatch.setattr("zeroshop_steps.code_version.version", lambda name: "0.0")
+    monkeypatch.setattr("zeroshop_steps.runtime.code_version.version", lambda name: "0.0")
     assert code_version("nvs.train", folder) != before
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from zeroshop_steps import check_install
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime import check_install
+from zeroshop_steps.runtime.errors import StepError
 
 
 def test_missing_libraries_are_named_by_their_packages():

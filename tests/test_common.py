@@ -1,6 +1,8 @@
 """What every step builds on: whole files or none, named errors, cameras, meshes."""
 
 import errno
+import importlib
+import pkgutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,14 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zeroshop_steps import capture, finish, height, nvs, register
-from zeroshop_steps.cameras import Camera, read_sparse_model, similarity_between, write_cameras
-from zeroshop_steps.cli import stage_main, stage_methods
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.failures import is_result
-from zeroshop_steps.files import read_json, write_json, written_whole, written_whole_dir
-from zeroshop_steps.images import list_images, read_depth_mm, read_image, read_mask, write_depth_mm, write_image, write_mask
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+import zeroshop_steps
+from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, similarity_between, write_cameras
+from zeroshop_steps.geometry.images import list_images, read_depth_mm, read_image, read_mask, write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.runtime.cli import stage_main, stage_methods
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import is_result
+from zeroshop_steps.runtime.files import atomic_directory, atomic_write, read_json, write_json
 
 
 def square(texture: bool = True) -> Mesh:
@@ -30,16 +32,16 @@ def square(texture: bool = True) -> Mesh:
 def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_else(tmp_path: Path) -> None:
     target = tmp_path / "product.json"
     write_json(target, {"a": 1})
-    with pytest.raises(ValueError, match="boom"), written_whole(target) as temporary:
+    with pytest.raises(ValueError, match="boom"), atomic_write(target) as temporary:
         temporary.write_text("half")
         raise ValueError("boom")
     assert read_json(target) == {"a": 1} and [path.name for path in tmp_path.iterdir()] == ["product.json"]
 
 
 def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
-    with pytest.raises(StepError, match=r"mesh.ply: No space left on device. Check free disk space"), written_whole(tmp_path / "mesh.ply"):
+    with pytest.raises(StepError, match=r"mesh.ply: No space left on device. Check free disk space"), atomic_write(tmp_path / "mesh.ply"):
         raise OSError(errno.ENOSPC, "No space left on device")
-    with pytest.raises(StepError, match="No space left"), written_whole_dir(tmp_path / "folder") as folder:
+    with pytest.raises(StepError, match="No space left"), atomic_directory(tmp_path / "folder") as folder:
         (folder / "image.png").write_bytes(b"x")
         raise OSError(errno.ENOSPC, "No space left on device")
     assert list(tmp_path.iterdir()) == []
@@ -47,7 +49,7 @@ def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
 
 def test_a_file_that_could_not_be_read_is_named(tmp_path: Path) -> None:
     message = r"cannot write .*mesh.ply: No such file or directory: .*absent.ply"
-    with pytest.raises(StepError, match=message), written_whole(tmp_path / "mesh.ply"):
+    with pytest.raises(StepError, match=message), atomic_write(tmp_path / "mesh.ply"):
         (tmp_path / "absent.ply").read_bytes()
 
 
@@ -59,32 +61,32 @@ def test_an_image_that_cannot_be_written_is_a_fault_of_the_machine(tmp_path: Pat
 
 
 def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path) -> None:
-    step = (
-        "import sys, types, time, zeroshop_steps.finish as stage\n"
+    (tmp_path / "stage").mkdir()
+    (tmp_path / "stage/__init__.py").touch()
+    (tmp_path / "stage/slow.py").write_text(
+        "import time\n"
         "from pathlib import Path\n"
-        "from zeroshop_steps.cli import stage_main\n"
-        "from zeroshop_steps.files import written_whole_dir\n"
+        "from zeroshop_steps.runtime.files import atomic_directory\n"
+        "def add_arguments(parser): pass\n"
         "def run(args):\n"
-        f"    with written_whole_dir(Path({str(tmp_path / 'out')!r})) as folder:\n"
+        f"    with atomic_directory(Path({str(tmp_path / 'made/out')!r})) as folder:\n"
         "        (folder / 'half').touch()\n"
         "        print('writing', flush=True)\n"
         "        time.sleep(60)\n"
-        "slow = types.ModuleType('zeroshop_steps.finish.slow')\n"
-        "slow.add_arguments, slow.run = lambda parser: None, run\n"
-        "sys.modules[slow.__name__] = slow\n"
-        "sys.exit(stage_main('zeroshop_steps.finish', ('slow',)))\n"
     )
-    with subprocess.Popen([sys.executable, "-c", step], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    step = "import sys; from zeroshop_steps.runtime.cli import stage_main; sys.exit(stage_main('stage'))"
+    command = [sys.executable, "-c", step, "--method", "slow"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
         assert process.stdout.readline() == "writing\n"
         process.terminate()
         assert "interrupted" in process.communicate()[1]
-    assert process.returncode == 130 and list(tmp_path.iterdir()) == []
+    assert process.returncode == 130 and list((tmp_path / "made").iterdir()) == []
 
 
 def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "stale").touch()
-    with written_whole_dir(tmp_path / "out") as folder:
+    with atomic_directory(tmp_path / "out") as folder:
         (folder / "fresh").touch()
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["fresh"]
 
@@ -97,28 +99,28 @@ def test_damaged_json_is_named(tmp_path: Path) -> None:
         read_json(tmp_path / "absent.json")
 
 
-@pytest.mark.parametrize(
-    ("stage", "name"), [(capture, "capture"), (register, "register"), (nvs, "nvs"), (finish, "finish"), (height, "height")]
-)
-def test_every_listed_method_is_a_module(stage: object, name: str) -> None:
-    import importlib
+NO_STAGES = ("runtime", "geometry")
+STAGES = [found.name for found in pkgutil.iter_modules(zeroshop_steps.__path__) if found.ispkg and found.name not in NO_STAGES]
 
-    methods = importlib.import_module(f"zeroshop_steps.{name}.__main__").METHODS
-    assert set(methods) <= set(stage_methods(stage.__path__))
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_method_of_a_stage_is_a_command(stage: str) -> None:
+    methods = stage_methods(f"zeroshop_steps.{stage}")
+    assert methods, "a stage without a method"
     for method in methods:
-        module = importlib.import_module(f"zeroshop_steps.{name}.{method}")
+        module = importlib.import_module(f"zeroshop_steps.{stage}.{method}")
         assert callable(module.add_arguments) and callable(module.run) and module.__doc__
 
 
 def test_an_unknown_method_lists_those_that_exist(capsys: pytest.CaptureFixture) -> None:
     with pytest.raises(SystemExit) as stop:
-        stage_main("zeroshop_steps.nvs", ("twodgs", "fuse"), ["--method", "nerf"])
+        stage_main("zeroshop_steps.surface", ["--method", "nerf"])
     assert stop.value.code == 2 and "twodgs" in capsys.readouterr().err
 
 
 def test_a_step_error_is_one_line_and_status_one(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     arguments = ["--method", "fuse", "--splats", f"{tmp_path}/none.ply", "--cameras", str(tmp_path), "--out", f"{tmp_path}/mesh.ply"]
-    assert stage_main("zeroshop_steps.nvs", ("twodgs", "fuse"), arguments) == 1
+    assert stage_main("zeroshop_steps.surface", arguments) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ") and "none.ply does not exist" in error and "Traceback" not in error
     assert list(tmp_path.iterdir()) == []

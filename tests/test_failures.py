@@ -5,23 +5,21 @@ from pathlib import Path
 import pytest
 import torch
 
-from zeroshop_steps import failures
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.failures import Failure, read_failure, write_failure
-
-METHODS = ("clean", "outcome", "export")
+from zeroshop_steps.runtime import failures
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import Failure, read_failure, write_failure
 
 
 def outcome(folder: Path, *more: str) -> int:
     """Run a light step on one part of a mesh."""
-    return stage_main("zeroshop_steps.finish", METHODS, ["--method", "outcome", "--parts", f"{folder}/part.ply", *more])
+    return stage_main("zeroshop_steps.evaluate", ["--method", "outcome", "--parts", f"{folder}/part.ply", *more])
 
 
 def clean(folder: Path) -> int:
     """Run a step that fails, because its mesh does not exist, with two outputs."""
     words = ["--method", "clean", "--mesh", f"{folder}/none.ply", "--cameras", str(folder), "--out", f"{folder}/clean.ply"]
-    return stage_main("zeroshop_steps.finish", METHODS, [*words, "--record-failure", f"{folder}/clean.ply", f"{folder}/clean.json"])
+    return stage_main("zeroshop_steps.finish", [*words, "--record-failure", f"{folder}/clean.ply", f"{folder}/clean.json"])
 
 
 def test_a_table_run_records_a_failure_in_place_of_every_output(tmp_path, monkeypatch):
@@ -40,7 +38,7 @@ def test_any_other_run_fails_and_writes_nothing(tmp_path, monkeypatch, capsys):
 
 
 def test_a_record_is_passed_on_in_a_table_run_and_refused_in_any_other(tmp_path, monkeypatch, capsys):
-    failure = Failure("nvs.twodgs", "left 3 disks")
+    failure = Failure("surface.twodgs", "left 3 disks")
     write_failure([tmp_path / "part.ply"], failure)
     out = str(tmp_path / "outcome.json")
     monkeypatch.delenv(failures.SWITCH, raising=False)
@@ -55,7 +53,7 @@ def test_a_record_is_passed_on_in_a_table_run_and_refused_in_any_other(tmp_path,
 def test_a_step_run_again_takes_no_notice_of_the_record_in_its_own_place(tmp_path, monkeypatch):
     monkeypatch.setenv(failures.SWITCH, "1")
     out = tmp_path / "outcome.json"
-    write_failure([out], Failure("nvs.twodgs", "left 3 disks"))
+    write_failure([out], Failure("surface.twodgs", "left 3 disks"))
     (tmp_path / "part.ply").write_bytes(b"ply\n")
     assert outcome(tmp_path, "--out", str(out), "--record-failure", str(out)) == 0
     assert read_failure(out) is None

@@ -2,8 +2,8 @@
 
 import pytest
 
-from zeroshop_steps import progress
-from zeroshop_steps.progress import ProgressReport
+from zeroshop_steps.runtime import progress
+from zeroshop_steps.runtime.progress import ProgressReport
 
 
 @pytest.fixture

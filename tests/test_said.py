@@ -2,8 +2,8 @@
 
 import os
 
-from zeroshop_steps.errors import warn
-from zeroshop_steps.said import SHOWN, say_warnings, warnings_since
+from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.run_warnings import SHOWN, say_warnings, warnings_since
 
 
 def log_of(folder, name, *lines, age_s=0.0):

@@ -55,8 +55,8 @@ SEGMENTATIONS = {
 }
 """Of captures without masks; "auto" is the first that can run here."""
 NVS = {
-    "2dgs": Method("nvs.twodgs"),
-    "svraster": Method("nvs.svraster"),
+    "2dgs": Method("surface.twodgs"),
+    "svraster": Method("surface.svraster"),
 }
 HEIGHTS = {
     "known": Method("height.known"),

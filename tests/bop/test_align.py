@@ -10,14 +10,12 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.bop.align import align, scale_notice
 from zeroshop_steps.bop.models import listed_objects, read_models
 from zeroshop_steps.bop.symmetry import symmetry_transforms
-from zeroshop_steps.capture.demo_objects import write_demo_object
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.failures import Failure, write_failure
-from zeroshop_steps.finish.evidence import ASSUMED, MEASURED
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
-
-METHODS = ("align", "export_models")
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.failures import Failure, write_failure
+from zeroshop_steps.synthetic.demo_objects import write_demo_object
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +80,7 @@ def test_a_mesh_in_metres_is_said():
 
 
 def run(method, words) -> int:
-    return stage_main("zeroshop_steps.bop", METHODS, ["--method", method, *map(str, words)], reads_failures=("export_models",))
+    return stage_main("zeroshop_steps.bop", ["--method", method, *map(str, words)])
 
 
 def test_commands_make_a_folder_of_models(models, tmp_path, capsys):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.bop import blender_tables
-from zeroshop_steps.bop.clutter import GAP_MM, body_of, dropped
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.synthetic import blender_tables
+from zeroshop_steps.synthetic.clutter import GAP_MM, body_of, dropped
 
 SOLIDS = [trimesh.creation.box((80, 60, 30)), trimesh.creation.cylinder(30, 90), trimesh.creation.icosphere(3, 35)] * 2
 

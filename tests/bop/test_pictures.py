@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 from small_dataset import true_estimates
 
-from zeroshop_steps.bop.__main__ import METHODS
 from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
 from zeroshop_steps.bop.estimates import write_estimates
 from zeroshop_steps.bop.pictures import CAPTION_PX, ESTIMATED_COLOR, TILE_PX, TRUE_COLOR
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.images import read_image
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.runtime.cli import stage_main
 
 
 def test_detections_poses_and_the_worst_are_drawn(dataset, capsys):
@@ -25,14 +24,12 @@ def test_detections_poses_and_the_worst_are_drawn(dataset, capsys):
     where = ["--scenes", dataset.scenes, "--targets", dataset.targets_path, "--models", folder / "models"]
     score = ["--method", "score_poses", *where, "--estimates", folder / "poses.csv", "--errors", "mssd", "mspd"]
     assert (
-        stage_main(
-            "zeroshop_steps.bop", METHODS, [*map(str, score), "--errors-out", str(folder / "errors.csv"), "--out", str(folder / "s.csv")]
-        )
+        stage_main("zeroshop_steps.bop", [*map(str, score), "--errors-out", str(folder / "errors.csv"), "--out", str(folder / "s.csv")])
         == 0
     )
     draw = ["--method", "pictures", *where, "--out", folder / "pictures"]
     given = ["--estimates", folder / "poses.csv", "--errors", folder / "errors.csv", "--detections", folder / "found.json"]
-    assert stage_main("zeroshop_steps.bop", METHODS, [*map(str, draw), *map(str, given)]) == 0
+    assert stage_main("zeroshop_steps.bop", [*map(str, draw), *map(str, given)]) == 0
     picture, worst = read_image(folder / "pictures/000001_000000.png"), read_image(folder / "pictures/worst.png")
     assert picture.shape == (72, 2 * 96, 3) and picture[:, :96].any() and picture[:, 96:].any()
     assert worst.shape[0] == TILE_PX + CAPTION_PX and worst.shape[1] % TILE_PX == 0
@@ -41,11 +38,9 @@ def test_detections_poses_and_the_worst_are_drawn(dataset, capsys):
     write_estimates(folder / "poses.csv", replace(estimates, **{name: getattr(estimates, name)[:0] for name in vars(estimates)}))
     write_detections(folder / "found.json", [replace(found[0], mask=encode_mask(np.zeros_like(frame.mask(0))))])
     assert (
-        stage_main(
-            "zeroshop_steps.bop", METHODS, [*map(str, score), "--errors-out", str(folder / "errors.csv"), "--out", str(folder / "none.csv")]
-        )
+        stage_main("zeroshop_steps.bop", [*map(str, score), "--errors-out", str(folder / "errors.csv"), "--out", str(folder / "none.csv")])
         == 0
     )
-    assert stage_main("zeroshop_steps.bop", METHODS, [*map(str, draw), *map(str, given)]) == 0, "without any estimate"
+    assert stage_main("zeroshop_steps.bop", [*map(str, draw), *map(str, given)]) == 0, "without any estimate"
     assert not (folder / "pictures/worst.png").exists()
-    assert stage_main("zeroshop_steps.bop", METHODS, list(map(str, draw))) == 1 and "nothing to draw" in capsys.readouterr().err
+    assert stage_main("zeroshop_steps.bop", list(map(str, draw))) == 1 and "nothing to draw" in capsys.readouterr().err

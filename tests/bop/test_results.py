@@ -12,7 +12,7 @@ from small_dataset import true_estimates
 
 from zeroshop_steps.bop.detections import Detection, _compressed, decode_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.estimates import HEADER, read_estimates, write_estimates
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
 
 GOOD = "1,0,1,0.9,1 0 0 0 1 0 0 0 1,10 -20 500,0.5"
 

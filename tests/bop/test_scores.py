@@ -14,10 +14,8 @@ from small_dataset import BOX, CAN, true_estimates
 from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.estimates import write_estimates
 from zeroshop_steps.bop.precision import average_precision
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-
-METHODS = ("score_poses", "score_detections")
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
 
 
 def score(dataset, estimates, *options) -> dict[tuple[str, str], float]:
@@ -30,7 +28,7 @@ def run(dataset, words) -> dict[tuple[str, str], float]:
     words = [str(dataset.folder / word) if word in ("poses.csv", "models", "detections.json") else word for word in words]
     out = dataset.folder / "scores.csv"
     status = stage_main(
-        "zeroshop_steps.bop", METHODS, [*words, "--targets", str(dataset.targets_path), "--scenes", str(dataset.scenes), "--out", str(out)]
+        "zeroshop_steps.bop", [*words, "--targets", str(dataset.targets_path), "--scenes", str(dataset.scenes), "--out", str(out)]
     )
     assert status == 0
     with out.open() as file:
@@ -91,7 +89,7 @@ def test_unknown_objects_are_refused(dataset, capsys):
     write_estimates(dataset.folder / "poses.csv", replace(estimates, object_ids=estimates.object_ids + 7))
     words = ["--method", "score_poses", "--estimates", str(dataset.folder / "poses.csv"), "--models", str(dataset.folder / "models")]
     words += ["--targets", str(dataset.targets_path), "--scenes", str(dataset.scenes), "--out", str(dataset.folder / "scores.csv")]
-    assert stage_main("zeroshop_steps.bop", METHODS, words) == 1
+    assert stage_main("zeroshop_steps.bop", words) == 1
     assert "[8, 9], which have no model" in capsys.readouterr().err and not (dataset.folder / "scores.csv").exists()
 
 
@@ -138,7 +136,7 @@ def test_a_real_submission_scores_as_bop_toolkit_says(shared_data, tmp_path):
     words = ["--method", "score_poses", "--estimates", str(submission), "--errors", "mssd", "mspd", "--image-width", "640"]
     words += ["--targets", str(source / "test_targets_scene48_subset.json"), "--models", str(shared_data / "ycbv" / "models")]
     words += ["--scenes", str(tmp_path / "test"), "--out", str(tmp_path / "scores.csv")]
-    assert stage_main("zeroshop_steps.bop", METHODS, words) == 0
+    assert stage_main("zeroshop_steps.bop", words) == 0
     with (tmp_path / "scores.csv").open() as file:
         scores = {row["measure"]: float(row["value"]) for row in csv.DictReader(file) if not row["object"]}
     assert scores["ar_mssd"] == pytest.approx(0.3371428571428571, abs=1e-9)
@@ -153,7 +151,7 @@ def test_a_real_frame_scores_one_against_its_own_truth(shared_data, tmp_path):
     (tmp_path / "poses.csv").write_text("\n".join(rows))
     words = ["--method", "score_poses", "--estimates", str(tmp_path / "poses.csv"), "--models", str(shared_data / "ycbv" / "models")]
     words += ["--targets", str(folder / "test_targets_bop19.json"), "--scenes", str(folder / "test"), "--out", str(tmp_path / "scores.csv")]
-    assert stage_main("zeroshop_steps.bop", METHODS, words) == 0
+    assert stage_main("zeroshop_steps.bop", words) == 0
     with (tmp_path / "scores.csv").open() as file:
         scores = {row["measure"]: float(row["value"]) for row in csv.DictReader(file) if not row["object"]}
     assert scores["ar"] == 1.0

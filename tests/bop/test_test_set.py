@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.bop.clutter import GAP_MM, body_of, lie_down, place
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.distractors import distractor
 from zeroshop_steps.bop.models import model_file, read_models
 from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.bop.table_scene import TILE_PX, merged
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
-from zeroshop_steps.bop.test_set import chosen_objects
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.images import read_image, write_image
-from zeroshop_steps.meshes import write_ply
+from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.synthetic.clutter import GAP_MM, body_of, lie_down, place
+from zeroshop_steps.synthetic.distractors import distractor
+from zeroshop_steps.synthetic.make_test_scenes import chosen_objects
+from zeroshop_steps.synthetic.table_scene import TILE_PX, merged
 
 
 def test_things_rest_on_the_table_and_keep_apart():
@@ -89,7 +89,7 @@ def models(tmp_path_factory) -> Path:
 def make(models: Path, out: Path, seed: int) -> Path:
     words = ["--method", "test_set", "--models", models, "--scenes", 1, "--images", 1, "--width-px", 160, "--height-px", 120]
     words += ["--seed", seed, "--targets", out / "targets.json", "--camera", out / "camera.json", "--out", out / "test"]
-    assert stage_main("zeroshop_steps.bop", ("test_set",), list(map(str, words))) == 0
+    assert stage_main("zeroshop_steps.synthetic", ["--method", "make_test_scenes", *map(str, words)]) == 0
     return out
 
 

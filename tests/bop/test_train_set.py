@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.distractors import distractor
 from zeroshop_steps.bop.scene import read_scene
-from zeroshop_steps.capture.raycast import capture
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.files import write_json
-from zeroshop_steps.images import read_image, read_mask, write_image
-from zeroshop_steps.meshes import write_ply
+from zeroshop_steps.geometry.images import read_image, read_mask, write_image
+from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.synthetic.distractors import distractor
+from zeroshop_steps.synthetic.raycast import capture
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def captured(tmp_path_factory):
 
 def make(out, captures, models) -> int:
     words = ["--method", "train_set", "--captures", *captures, "--models", *models, "--camera", out / "camera.json", "--out", out / "train"]
-    return stage_main("zeroshop_steps.bop", ("train_set",), list(map(str, words)))
+    return stage_main("zeroshop_steps.synthetic", ["--method", "make_train_scenes", *map(str, words)])
 
 
 def test_the_layout_is_bops_and_the_poses_put_the_model_where_it_is(captured, tmp_path):

@@ -2,10 +2,10 @@
 
 import pytest
 
-from zeroshop_steps.capture import blender_environment
-from zeroshop_steps.capture.blender_environment import make_environment
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.synthetic import blender_environment
+from zeroshop_steps.synthetic.blender_environment import make_environment
 
 
 def test_an_environment_without_blender_is_made_and_not_taken_for_done(tmp_path, capfd, monkeypatch):
@@ -13,7 +13,7 @@ def test_an_environment_without_blender_is_made_and_not_taken_for_done(tmp_path,
     monkeypatch.setattr(blender_environment, "find_spec", lambda name: None)
     (tmp_path / "packages.txt").write_text("# nothing\n")
     words = ["--method", "blender_environment", "--requirements", tmp_path / "packages.txt", "--folder", tmp_path / "environment"]
-    assert stage_main("zeroshop_steps.capture", ("blender_environment",), [*map(str, words), "--out", str(tmp_path / "record.json")]) == 1
+    assert stage_main("zeroshop_steps.synthetic", [*map(str, words), "--out", str(tmp_path / "record.json")]) == 1
     said = capfd.readouterr().err
     assert "lacks the module" in said and "renderer: raycast" in said
     assert (tmp_path / "environment/bin/python").exists() and not (tmp_path / "record.json").exists()

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from pretend_blender import prepare
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.capture import blenderproc, raycast
-from zeroshop_steps.capture.blender_environment import SYSTEM_PACKAGES, fault
-from zeroshop_steps.capture.demo_objects import write_demo_object
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.images import read_depth_mm, read_image, read_mask, write_image
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import read_depth_mm, read_image, read_mask, write_image
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.synthetic import blenderproc, raycast
+from zeroshop_steps.synthetic.blender_environment import SYSTEM_PACKAGES, fault
+from zeroshop_steps.synthetic.demo_objects import write_demo_object
 
 WIDTH, HEIGHT = 64, 48
 
@@ -77,10 +77,10 @@ def test_a_test_set_goes_on_after_a_kill(box, tmp_path, capsys):
     ]
     words += ["--targets", tmp_path / "targets.json", "--out", tmp_path / "test"]
     prepare(tmp_path, killed_after=2)
-    assert stage_main("zeroshop_steps.bop", ("test_set",), list(map(str, words))) == 1
+    assert stage_main("zeroshop_steps.synthetic", ["--method", "make_test_scenes", *map(str, words)]) == 1
     assert "Blender was killed" in capsys.readouterr().err and not (tmp_path / "test").exists()
     prepare(tmp_path)
-    assert stage_main("zeroshop_steps.bop", ("test_set",), list(map(str, words))) == 0
+    assert stage_main("zeroshop_steps.synthetic", ["--method", "make_test_scenes", *map(str, words)]) == 0
     assert "(2 of 3 were there)" in capsys.readouterr().err
     poses = read_json(tmp_path / "test/000001/scene_gt.json")
     assert len(poses) == 3 and all(pose["obj_id"] == 1 for pose in poses["0"])

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from capture_box import BOX_SIZE_MM, write_box
 
-from zeroshop_steps.capture import bop_models
-from zeroshop_steps.capture.bop_models import diameter_mm, hosted_models, take_model
-from zeroshop_steps.downloads import fetched
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.bop.models import diameter_mm
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.runtime.downloads import download
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.synthetic import bop_models
+from zeroshop_steps.synthetic.bop_models import hosted_models, take_model
 
 
 @pytest.fixture
@@ -96,7 +97,7 @@ def test_blocked_download_says_what_to_do(tmp_path, monkeypatch, capsys):
         free.bind(("127.0.0.1", 0))
         url = f"http://127.0.0.1:{free.getsockname()[1]}/boxes_models.zip"
     with pytest.raises(StepError) as error:
-        fetched(url, tmp_path / "downloads" / "boxes_models.zip", "name a local folder", attempts=2, pause_s=0.0)
+        download(url, tmp_path / "downloads" / "boxes_models.zip", "name a local folder", attempts=2, pause_s=0.0)
     message = str(error.value)
     assert url in message and str(tmp_path / "downloads" / "boxes_models.zip") in message and "name a local folder" in message
     assert "attempt 1 of 2" in capsys.readouterr().err
@@ -118,7 +119,7 @@ def test_a_connection_that_breaks_is_tried_again(tmp_path, capsys):
 
         thread = threading.Thread(target=serve)
         thread.start()
-        path = fetched(f"http://127.0.0.1:{server.getsockname()[1]}/boxes_models.zip", tmp_path / "boxes_models.zip", "", pause_s=0.0)
+        path = download(f"http://127.0.0.1:{server.getsockname()[1]}/boxes_models.zip", tmp_path / "boxes_models.zip", "", pause_s=0.0)
         thread.join()
     assert path.read_bytes() == content
     assert "attempt 1 of 3, trying again" in capsys.readouterr().err
@@ -126,12 +127,12 @@ def test_a_connection_that_breaks_is_tried_again(tmp_path, capsys):
 
 def test_changed_bytes_are_refused(archive, tmp_path):
     target = tmp_path / "downloads" / "boxes_models.zip"
-    fetched(archive.as_uri(), target, "")
+    download(archive.as_uri(), target, "")
     target.unlink()
     with zipfile.ZipFile(archive, "a") as opened:
         opened.writestr("models/more.txt", "changed")
     with pytest.raises(StepError, match="recorded at first use.*Delete"):
-        fetched(archive.as_uri(), target, "")
+        download(archive.as_uri(), target, "")
 
 
 def test_file_put_there_by_hand_is_used(archive, tmp_path, monkeypatch):

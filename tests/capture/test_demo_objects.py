@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from zeroshop_steps.capture.demo_objects import demo_object_names, write_demo_object
-from zeroshop_steps.capture.products.printing import ean13_bars
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.synthetic.demo_objects import demo_object_names, write_demo_object
+from zeroshop_steps.synthetic.products.printing import ean13_bars
 
 NAMES = demo_object_names()
 
@@ -107,7 +107,7 @@ def test_print_is_upright_on_walls(meshes: dict[str, Mesh], name: str) -> None:
 
 def test_bar_code_on_the_carton_reads_from_left_to_right(meshes: dict[str, Mesh]) -> None:
     """Scan the back of the small carton from outside, bar by bar: geometry, coordinates and print agree."""
-    from zeroshop_steps.o3d import o3d
+    from zeroshop_steps.runtime.open3d_loader import o3d
 
     mesh = meshes["gelatin_carton"]
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)

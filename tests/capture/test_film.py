@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from capture_box import box_mesh, write_box
 
-from zeroshop_steps.bop import table_scene
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.capture import lighting, scenes
-from zeroshop_steps.capture.board_scene import BOARD, empty_cameras
-from zeroshop_steps.capture.film import film
-from zeroshop_steps.capture.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, TableView, laid
-from zeroshop_steps.capture.hand import DURATION_S, ELEVATIONS_DEG, Hand, Lens
-from zeroshop_steps.capture.rings import Subject
 from zeroshop_steps.capture.video import take_frames
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import list_images, read_mask
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.synthetic import lighting, scenes, table_scene
+from zeroshop_steps.synthetic.board_scene import BOARD, empty_cameras
+from zeroshop_steps.synthetic.film import film
+from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, TableView, laid
+from zeroshop_steps.synthetic.handheld_camera import DURATION_S, ELEVATIONS_DEG, Hand, Lens
+from zeroshop_steps.synthetic.rings import Subject
 
 SIZE_PX = (320, 180)
 FRAMES = 20

@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from zeroshop_steps.capture.photos import take_photos
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import read_mask, write_image, write_mask
+from zeroshop_steps.geometry.images import read_mask, write_image, write_mask
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 
 WIDTH, HEIGHT = 160, 120
 

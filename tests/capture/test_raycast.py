@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.capture.raycast import capture
-from zeroshop_steps.capture.rings import DISTANCE_IN_SIZES, Subject, capture_cameras
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import read_depth_mm, read_image, read_mask
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import read_depth_mm, read_image, read_mask
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.synthetic.raycast import capture
+from zeroshop_steps.synthetic.rings import DISTANCE_IN_SIZES, Subject, capture_cameras
 
 WIDTH, HEIGHT = 160, 120
 HALF_MM = np.array([20.0, 30.0, 50.0])

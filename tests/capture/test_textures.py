@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.capture.textures import LINEAR_OF_BYTE, build_pyramid, encode, linear_to_srgb, sample, srgb_to_linear
+from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, build_pyramid, encode, linear_to_srgb, sample, srgb_to_linear
 
 
 def look(pyramid, u, v, footprint=0.0):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.capture.video import choose_frames, read_frames, take_frames, watch
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import list_images, read_image
+from zeroshop_steps.geometry.images import list_images, read_image
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 
 WIDTH, HEIGHT = 320, 240
 

@@ -78,7 +78,7 @@ echo "== submitted: $(grep -c 'has been submitted with SLURM jobid' "$folder/cel
 killer() {
   local left=$1 pid
   while [ "$left" -gt 0 ]; do
-    for pid in $(pgrep -f '^[^ ]*python -m zeroshop_steps.nvs --method twodgs'); do
+    for pid in $(pgrep -f '^[^ ]*python -m zeroshop_steps.surface --method twodgs'); do
       [ "$(readlink "/proc/$pid/cwd")" = "$folder" ] || continue
       kill -9 "$pid" 2> /dev/null && left=$((left - 1)) && sleep 3
     done

@@ -10,16 +10,15 @@ import trimesh
 from zeroshop_steps.bop.models import model_file
 from zeroshop_steps.bop.scene import Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, write_targets
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.capture.rings import look_at
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.images import write_image, write_mask
-from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.synthetic.rings import look_at
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 320, 240, 420.0
 CARTON, CAN = 3, 8
-METHODS = ("templates", "contour", "cnos")
 
 
 def painted(solid: trimesh.Trimesh, colors: list[tuple[int, int, int]]) -> Mesh:
@@ -84,7 +83,7 @@ def write_painted_dataset(folder: Path) -> SimpleNamespace:
     write_scene(scene, frames)
     write_targets(folder / "test_targets_bop19.json", targets)
     words = ["--method", "templates", "--models", folder / "models", "--side-px", 112, "--out", folder / "templates"]
-    assert stage_main("zeroshop_steps.detect", METHODS, list(map(str, words))) == 0
+    assert stage_main("zeroshop_steps.detect", list(map(str, words))) == 0
     return SimpleNamespace(folder=folder, scenes=folder / "test", scene=scene, frames=frames)
 
 
@@ -92,4 +91,4 @@ def detect(dataset: SimpleNamespace, method: str, *options: str) -> int:
     """Run a detector on the whole dataset; its exit status. Writes detections.json."""
     words = ["--method", method, "--models", dataset.folder / "models", "--templates", dataset.folder / "templates"]
     words += ["--scenes", dataset.scenes, "--out", dataset.folder / "detections.json", *options]
-    return stage_main("zeroshop_steps.detect", METHODS, list(map(str, words)))
+    return stage_main("zeroshop_steps.detect", list(map(str, words)))

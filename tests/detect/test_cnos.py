@@ -7,11 +7,11 @@ from painted_scene import CAN, CARTON, detect
 
 from zeroshop_steps import methods
 from zeroshop_steps.bop.detections import decode_mask, read_detections
-from zeroshop_steps.detect.__main__ import METHODS
 from zeroshop_steps.detect.cnos import described_views, named, object_scores
 from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, masked_crop
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, distinct, stability, without_small
-from zeroshop_steps.images import read_image, read_mask
+from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.runtime.cli import stage_methods
 
 
 def save_segmenter(folder):
@@ -69,7 +69,7 @@ def test_without_weights_it_says_how_to_get_them(dataset, tmp_path, monkeypatch,
     assert "sam-vit-huge/config.json are not there" in message and "contour needs no weights" in message
     reason = methods.refusal("detector", "cnos", methods.DETECTORS, tmp_path)
     assert "sam-vit-huge/model.safetensors" in reason and "Those that can: contour" in reason
-    assert {"contour", "cnos"} <= set(methods.DETECTORS) & set(METHODS)
+    assert {"contour", "cnos"} <= set(methods.DETECTORS) & set(stage_methods("zeroshop_steps.detect"))
 
 
 def test_damaged_weights_are_named(dataset, weights, capsys):

@@ -12,8 +12,8 @@ from zeroshop_steps.bop.detections import decode_mask, read_detections
 from zeroshop_steps.detect.contour import explained
 from zeroshop_steps.detect.contour.surface import ground_of, surface_of
 from zeroshop_steps.detect.pictures import Found, suppressed, suppressed_boxes
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import read_mask
+from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.runtime.errors import StepError
 
 INTRINSICS = np.array([[420.0, 0, 80], [0, 420.0, 60], [0, 0, 1]])
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, read_detections, write_detections
-from zeroshop_steps.cli import stage_main
 from zeroshop_steps.detect.filter_masks import filtered
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
 
 
 def detection(object_id: int, score: float, columns: slice, image: int = 0, size: int = 20) -> Detection:
@@ -50,7 +50,7 @@ def test_bad_detections_are_named():
 def run(dataset, found) -> int:
     write_detections(dataset.folder / "found.json", found)
     words = ["--method", "filter_masks", "--detections", dataset.folder / "found.json", "--models", dataset.folder / "models"]
-    return stage_main("zeroshop_steps.detect", ("filter_masks",), [*map(str, words), "--out", str(dataset.folder / "masks.json")])
+    return stage_main("zeroshop_steps.detect", ["--method", "filter_masks", *map(str, words), "--out", str(dataset.folder / "masks.json")])
 
 
 def test_the_command(dataset, capsys):

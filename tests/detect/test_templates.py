@@ -6,10 +6,10 @@ import trimesh
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.models import Model
-from zeroshop_steps.cli import stage_main
 from zeroshop_steps.detect.templates import Templates, read_templates, render_templates, view_directions
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
 
 
 def box() -> Mesh:
@@ -46,7 +46,7 @@ def test_the_command_writes_what_reads_back(tmp_path):
     write_ply(tmp_path / "models" / "obj_000004.ply", box())
     (tmp_path / "models" / "models_info.json").write_text('{"4": {"diameter": 112.25}}')
     words = ["--method", "templates", "--models", tmp_path / "models", "--side-px", 32, "--out", tmp_path / "templates"]
-    assert stage_main("zeroshop_steps.detect", ("templates",), list(map(str, words))) == 0
+    assert stage_main("zeroshop_steps.detect", ["--method", "templates", *map(str, words)]) == 0
     templates = read_templates(tmp_path / "templates", 4)
     assert isinstance(templates, Templates) and templates.depths_mm.shape == (42, 32, 32)
     with pytest.raises(StepError, match="no views of object 5"):

@@ -19,18 +19,18 @@ import pymeshlab
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import Camera, read_sparse_model
-from zeroshop_steps.files import read_json
-from zeroshop_steps.finish.grade import graded, measured
-from zeroshop_steps.finish.judge import MEASURES
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.surface_error import surface_error
-from zeroshop_steps.finish.views import View
-from zeroshop_steps.images import read_image, read_mask
-from zeroshop_steps.meshes import Mesh, read_ply
-from zeroshop_steps.nvs.fuse import in_fixed_order
-from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.evaluate.grade import graded, measured
+from zeroshop_steps.evaluate.grading import MEASURES
+from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
+from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.surface_distance import surface_error
+from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.open3d_loader import o3d
+from zeroshop_steps.surface.fuse import in_fixed_order
 
 LIMITS = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
 CAMERA_NOISE_DEG = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.clean import clean_mesh, drop_floaters, part_labels
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.runtime.errors import StepError
 
 
 def ball(radius: float, centre=(0.0, 0.0, 0.0), subdivisions: int = 3) -> Mesh:

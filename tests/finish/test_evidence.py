@@ -7,15 +7,14 @@ import pytest
 import trimesh
 from carton_scene import camera_at
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.finish.__main__ import METHODS
-from zeroshop_steps.finish.evidence import evidence_of
-from zeroshop_steps.finish.evidence_record import ASSUMED, MEASURED, UNSEEN, area_shares, with_evidence
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.views import View
-from zeroshop_steps.images import write_mask
-from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.images import write_mask
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, area_shares, with_evidence
+from zeroshop_steps.geometry.surface_support import surface_support
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
 
 RADIUS_MM, HEIGHT_MM = 40.0, 60.0
 
@@ -49,7 +48,7 @@ def places(mesh: Mesh) -> dict[str, np.ndarray]:
 
 def test_outlines_measure_a_round_wall_and_no_lid(cup):
     mesh, views = cup
-    evidence = evidence_of(mesh, views, np.zeros((0, 3)))
+    evidence = surface_support(mesh, views, np.zeros((0, 3)))
     where = places(mesh)
     assert (evidence[where["wall"]] == MEASURED).mean() > 0.95
     assert (evidence[where["lid"]] == ASSUMED).mean() > 0.95, "two degrees above the lid's plane, an outline shows its rim alone"
@@ -60,9 +59,9 @@ def test_stereo_measures_what_hangs_together_with_an_outline(cup):
     mesh, views = cup
     lid = places(mesh)["lid"]
     top = mesh.vertices[mesh.vertices[:, 2] > 0.49 * HEIGHT_MM]
-    assert (evidence_of(mesh, views, top)[lid] == MEASURED).all()
+    assert (surface_support(mesh, views, top)[lid] == MEASURED).all()
     spot = top[np.linalg.norm(top[:, :2], axis=1) < 0.2 * RADIUS_MM]
-    assert (evidence_of(mesh, views, spot)[lid] == ASSUMED).mean() > 0.95
+    assert (surface_support(mesh, views, spot)[lid] == ASSUMED).mean() > 0.95
 
 
 def test_shares_are_of_the_area(cup):
@@ -84,5 +83,5 @@ def test_a_file_of_another_mesh_is_refused(cup, tmp_path):
 def test_a_stereo_of_other_cameras_is_refused(carton, tmp_path, capsys):
     write_ply(tmp_path / "unwrapped.ply", carton.mesh)
     words = ["--mesh", tmp_path / "unwrapped.ply", "--cameras", carton.cameras, "--stereo", tmp_path / "seeds.npz"]
-    assert stage_main("zeroshop_steps.finish", METHODS, ["--method", "evidence", *map(str, words), "--out", str(tmp_path / "e.npz")]) == 1
+    assert stage_main("zeroshop_steps.evaluate", ["--method", "surface_support", *map(str, words), "--out", str(tmp_path / "e.npz")]) == 1
     assert "run stereo first" in capsys.readouterr().err and not (tmp_path / "e.npz").exists()

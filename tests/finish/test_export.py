@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 import trimesh
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish import export
-from zeroshop_steps.finish.evidence_record import ASSUMED, MEASURED
 from zeroshop_steps.finish.frame import object_frame
 from zeroshop_steps.finish.preview import draw
 from zeroshop_steps.finish.publish import publish
-from zeroshop_steps.finish.render import MeshRenderer, sample_texture
-from zeroshop_steps.finish.views import read_views
+from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
+from zeroshop_steps.height.object_pose import standing_on
 from zeroshop_steps.height.record import Scale, height_record
-from zeroshop_steps.height.standing import standing_on
-from zeroshop_steps.images import read_image, write_image
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.runtime.open3d_loader import o3d
 
 
 @pytest.fixture(scope="module")

@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.files import read_json, write_json
 from zeroshop_steps.finish import frame as frame_method
 from zeroshop_steps.finish.frame import object_frame
 from zeroshop_steps.finish.preview import seen_from
-from zeroshop_steps.finish.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
-from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
+from zeroshop_steps.height.object_pose import standing_on
 from zeroshop_steps.height.record import Scale, height_record
-from zeroshop_steps.height.standing import standing_on
-from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.runtime.files import read_json, write_json
 
 HEIGHT_M = SIZE_MM[2] / 1000
 

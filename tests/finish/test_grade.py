@@ -9,20 +9,20 @@ import pytest
 import trimesh
 from carton_scene import SIZE_MM, camera_at
 
-from zeroshop_steps.capture.demo_objects import write_demo_object
-from zeroshop_steps.capture.raycast import capture
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish import photo_measures, surface_error
-from zeroshop_steps.finish.__main__ import METHODS
-from zeroshop_steps.finish.evidence import ASSUMED, MEASURED, UNSEEN
-from zeroshop_steps.finish.judge import GRADES, judge
-from zeroshop_steps.finish.photo_measures import photo_agreement
-from zeroshop_steps.finish.surface_measures import largest_part_share, open_boundary, roughness_deg
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.images import write_image, write_mask
-from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.evaluate import photo_measures
+from zeroshop_steps.evaluate.grading import GRADES, judge
+from zeroshop_steps.evaluate.photo_measures import photo_agreement
+from zeroshop_steps.evaluate.surface_measures import largest_part_share, open_boundary, roughness_deg
+from zeroshop_steps.geometry import surface_distance
+from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.synthetic.demo_objects import write_demo_object
+from zeroshop_steps.synthetic.raycast import capture
 
 WIDTH_PX, HEIGHT_PX = 320, 240
 
@@ -49,7 +49,7 @@ def bowl(tmp_path_factory) -> damage.Case:
 
 @pytest.fixture(autouse=True)
 def fewer_samples(monkeypatch):
-    monkeypatch.setattr(surface_error, "SAMPLES", 10_000)
+    monkeypatch.setattr(surface_distance, "SAMPLES", 10_000)
     monkeypatch.setattr(photo_measures, "SAMPLES", 2000)
 
 
@@ -140,7 +140,7 @@ def test_few_photos_are_no_good_even_if_all_have_their_cameras(bottle):
 
 
 def finish(*arguments: object) -> int:
-    return stage_main("zeroshop_steps.finish", METHODS, [str(argument) for argument in arguments])
+    return stage_main("zeroshop_steps.evaluate", [str(argument) for argument in arguments])
 
 
 @pytest.fixture
@@ -204,7 +204,7 @@ def test_a_surface_that_nothing_measured_is_not_good(carton, tmp_path):
         np.savez(tmp_path / "evidence.npz", evidence=evidence)
         words = ["--mesh", tmp_path / "mesh.ply", "--cameras", cameras, "--evidence", tmp_path / "evidence.npz"]
         words += ["--out", tmp_path / "grade.json"]
-        assert stage_main("zeroshop_steps.finish", METHODS, ["--method", "grade", *map(str, words)]) == 0
+        assert stage_main("zeroshop_steps.evaluate", ["--method", "grade", *map(str, words)]) == 0
         photos = read_json(tmp_path / "grade.json")["photos"]
         shares.append(photos["measures"]["assumed_share"])
     assert shares[0] == 0.0 and 0.4 < shares[1] < 0.6

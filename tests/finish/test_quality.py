@@ -6,16 +6,16 @@ import pytest
 from carton_scene import SIZE_MM
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish import quality
+from zeroshop_steps.evaluate import quality
+from zeroshop_steps.evaluate.quality import Truth, figures_of
 from zeroshop_steps.finish.preview import seen_from
-from zeroshop_steps.finish.quality import Truth, figures_of
-from zeroshop_steps.finish.surface_error import seen_count, surface_error
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.surface_distance import seen_count, surface_error
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json, write_json
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ import trimesh
 from carton_scene import camera_at
 
 from zeroshop_steps.finish.atlas import rasterize
-from zeroshop_steps.finish.render import MeshRenderer, sample_texture
 from zeroshop_steps.finish.texture import bake
 from zeroshop_steps.finish.unwrap import atlas_use, unwrap_mesh
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.images import read_image, write_image
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.registered_views import read_views
 
 
 @pytest.fixture(scope="module")

@@ -8,15 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.__main__ import METHODS
-from zeroshop_steps.finish.surface_fields import welded
 from zeroshop_steps.finish.texture import bake
 from zeroshop_steps.finish.underside import closed, open_borders, without_underside
 from zeroshop_steps.finish.unwrap import unwrap_mesh
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.surface_fields import welded
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json, write_json
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -158,7 +157,7 @@ def test_the_step_says_what_it_did(tmp_path, wanted, up_source, state):
     write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": 0.0, "up_source": up_source})
     words = ["--method", "underside", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json"]
     words += ["--underside", wanted, "--out", tmp_path / "underside.ply"]
-    assert stage_main("zeroshop_steps.finish", METHODS, [str(word) for word in words]) == 0
+    assert stage_main("zeroshop_steps.finish", [str(word) for word in words]) == 0
     facts = read_json(tmp_path / "underside.json")
     notes, mesh = facts["underside"], read_ply(tmp_path / "underside.ply")
     assert notes["state"] == state and notes["seen"] is False and facts["parameters"] == {"underside": wanted}

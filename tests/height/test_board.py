@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.capture.rings import look_at
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.height.__main__ import METHODS
-from zeroshop_steps.height.board import BOARDS, MM_PER_INCH, Board, drawn, sheet
+from zeroshop_steps.geometry.printed_board import BOARDS, MM_PER_INCH, Board, drawn, sheet
 from zeroshop_steps.height.board_fit import fit_board
 from zeroshop_steps.height.board_photos import BoardView, board_in, check_views, corners_in, view_of
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.synthetic.rings import look_at
 
 A4 = BOARDS["a4"]
 
@@ -42,7 +41,7 @@ def test_the_sheet_shows_the_board_at_its_size(board):
 
 def test_the_pdf_is_a_vector_drawing_of_exact_size(tmp_path):
     out = tmp_path / "board.pdf"
-    assert stage_main("zeroshop_steps.height", METHODS, ["--method", "print_board", "--out", str(out)]) == 0
+    assert stage_main("zeroshop_steps.height", ["--method", "print_board", "--out", str(out)]) == 0
     data = out.read_bytes()
     box = [float(value) for value in re.search(rb"/MediaBox \[([^\]]*)\]", data)[1].split()]
     assert [box[2] / 72 * MM_PER_INCH, box[3] / 72 * MM_PER_INCH] == pytest.approx([210.0, 297.0], abs=0.01)
@@ -62,12 +61,12 @@ def test_the_pdf_is_a_vector_drawing_of_exact_size(tmp_path):
     assert (np.abs(sides_mm - 25.0) < 1e-3).sum() == 35
     assert b"/Subtype /Image" not in data
     again = tmp_path / "again.pdf"
-    assert stage_main("zeroshop_steps.height", METHODS, ["--method", "print_board", "--out", str(again)]) == 0
+    assert stage_main("zeroshop_steps.height", ["--method", "print_board", "--out", str(again)]) == 0
     assert again.read_bytes() == data
 
 
 def test_a_board_is_only_written_as_pdf(tmp_path, capsys):
-    assert stage_main("zeroshop_steps.height", METHODS, ["--method", "print_board", "--out", str(tmp_path / "board.png")]) == 1
+    assert stage_main("zeroshop_steps.height", ["--method", "print_board", "--out", str(tmp_path / "board.png")]) == 1
     assert ".pdf" in capsys.readouterr().err
 
 

@@ -7,13 +7,12 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.height.__main__ import METHODS
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import write_ply
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json, write_json
 
 MM_A_UNIT = 2.5  # the true size of a unit of the registration
 
@@ -40,7 +39,7 @@ def measure(carton, tmp_path, capsys):
         write_json(tmp_path / "capture" / "capture.json", capture or {})
         words = ["--method", "depth_camera", "--mesh", tmp_path / "clean.ply", "--cameras", carton.cameras, "--depth", folder]
         words += ["--capture", tmp_path / "capture", "--step-mm", step_mm, "--out", tmp_path / "height.json"]
-        status = stage_main("zeroshop_steps.height", METHODS, [str(word) for word in words])
+        status = stage_main("zeroshop_steps.height", [str(word) for word in words])
         return read_json(tmp_path / "height.json") if status == 0 else capsys.readouterr().err
 
     return run
@@ -100,7 +99,7 @@ def test_mast3r_says_what_it_lacks(carton, tmp_path, capsys):
     write_ply(tmp_path / "clean.ply", carton.mesh)
     write_json(tmp_path / "capture" / "capture.json", {})
     words = ["--method", "mast3r", "--mesh", tmp_path / "clean.ply", "--cameras", carton.cameras, "--capture", tmp_path / "capture"]
-    assert stage_main("zeroshop_steps.height", METHODS, [str(word) for word in [*words, "--out", tmp_path / "height.json"]]) == 1
+    assert stage_main("zeroshop_steps.height", [str(word) for word in [*words, "--out", tmp_path / "height.json"]]) == 1
     error = capsys.readouterr().err
     for part in ("the weights", "are not there", "MASt3R", "CC BY-NC-SA 4.0", "put that file at", "known and marker need no weights"):
         assert part in error

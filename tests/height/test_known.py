@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import yaml
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.height.__main__ import METHODS
+from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.height.record import HEIGHT_RANGE_M, known_height_m
-from zeroshop_steps.meshes import write_ply
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json, write_json
 
 
 @pytest.fixture
@@ -22,7 +21,7 @@ def height(carton, tmp_path):
         write_ply(tmp_path / "clean.ply", carton.mesh)
         write_json(tmp_path / "capture" / "capture.json", {"known_height_m": known})
         words = ["--method", method, "--mesh", tmp_path / "clean.ply", "--cameras", carton.cameras, "--capture", tmp_path / "capture"]
-        status = stage_main("zeroshop_steps.height", METHODS, [str(word) for word in [*words, "--out", tmp_path / "height.json"]])
+        status = stage_main("zeroshop_steps.height", [str(word) for word in [*words, "--out", tmp_path / "height.json"]])
         return status, read_json(tmp_path / "height.json") if status == 0 else None
 
     return run

@@ -6,24 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zeroshop_steps.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.capture import METHODS as CAPTURE
-from zeroshop_steps.capture.demo_objects import write_demo_object
-from zeroshop_steps.capture.raycast import capture
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.height.__main__ import METHODS
+from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.images import list_images, read_image, write_image
+from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.height.scene_photos import place
-from zeroshop_steps.images import list_images, read_image, write_image
-from zeroshop_steps.register.__main__ import METHODS as REGISTER
 from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.synthetic.demo_objects import write_demo_object
+from zeroshop_steps.synthetic.raycast import capture
 
 SIZE = ("--width", "640", "--height", "480")
 
 
-def run(stage: str, methods: tuple[str, ...], *words: object) -> int:
-    return stage_main(f"zeroshop_steps.{stage}", methods, [str(word) for word in words])
+def run(stage: str, *words: object) -> int:
+    return stage_main(f"zeroshop_steps.{stage}", [str(word) for word in words])
 
 
 def registered_ring(whole: Path, folder: Path) -> Path:
@@ -35,7 +32,7 @@ def registered_ring(whole: Path, folder: Path) -> Path:
             shutil.copy(whole / part / name, folder / "ring" / part / name)
     write_cameras(folder / "ring" / "truth", [camera for camera in read_sparse_model(whole / "truth").cameras if camera.name in names])
     words = ("--method", "truth", "--capture", folder / "ring", "--scene", "su_h", "--out", folder / "cameras")
-    assert run("register", REGISTER, *words) == 0
+    assert run("register", *words) == 0
     return folder / "cameras"
 
 
@@ -50,7 +47,7 @@ def model(tmp_path_factory) -> Path:
 def beside(model, tmp_path_factory) -> Path:
     """Registered views of the carton beside the board."""
     folder = tmp_path_factory.mktemp("beside")
-    assert run("capture", CAPTURE, "--method", "board_scene", "--view", "object", "--model", model, *SIZE, "--out", folder / "capture") == 0
+    assert run("synthetic", "--method", "board_scene", "--view", "object", "--model", model, *SIZE, "--out", folder / "capture") == 0
     assert read_json(folder / "capture" / "capture.json")["scene"] == "su_b"
     return registered_ring(folder / "capture", folder)
 
@@ -61,7 +58,7 @@ def apart(model, tmp_path_factory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("apart")
     capture(model, "su_h", 640, 480, 0, folder / "capture")
     words = ("--method", "board_scene", "--view", "empty", "--model", model, *SIZE, "--out", folder / "empty")
-    assert run("capture", CAPTURE, *words) == 0
+    assert run("synthetic", *words) == 0
     return registered_ring(folder / "capture", folder), folder / "empty"
 
 
@@ -72,7 +69,7 @@ def measure(model, tmp_path, capsys):
     def by_board(cameras: Path, *words, known_height_m=None):
         write_json(tmp_path / "capture" / "capture.json", {"known_height_m": known_height_m})
         words = ("--mesh", model, "--cameras", cameras, "--capture", tmp_path / "capture", *words, "--out", tmp_path / "height.json")
-        status = run("height", METHODS, "--method", "marker", *words)
+        status = run("height", "--method", "marker", *words)
         return read_json(tmp_path / "height.json") if status == 0 else capsys.readouterr().err
 
     return by_board

@@ -13,11 +13,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "networks"))
 from made_pairs import MadePairs, Noise  # noqa: E402
 from made_scene import SIZE_MM, made_scene  # noqa: E402
 
-from zeroshop_steps.cameras import Camera, read_sparse_model, write_cameras  # noqa: E402
-from zeroshop_steps.errors import StepError  # noqa: E402
-from zeroshop_steps.finish.views import View  # noqa: E402
+from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras  # noqa: E402
+from zeroshop_steps.geometry.registered_views import View  # noqa: E402
 from zeroshop_steps.height.mast3r import object_views, scale_of  # noqa: E402
 from zeroshop_steps.networks.mast3r.alignment import align  # noqa: E402
+from zeroshop_steps.runtime.errors import StepError  # noqa: E402
 
 UNITS_A_MM = 0.0137
 """Of the registration, whose scale is arbitrary."""

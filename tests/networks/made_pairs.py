@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.networks.mast3r.model import Prediction
 from zeroshop_steps.networks.mast3r.pictures import Framing, framing_of
 

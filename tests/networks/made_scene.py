@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.images import write_image, write_mask
-from zeroshop_steps.o3d import o3d
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.runtime.open3d_loader import o3d
 
 SIZE_MM = (120.0, 80.0, 160.0)
 GROUND_MM = 900.0

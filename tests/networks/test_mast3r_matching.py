@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import write_image
+from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.devices import Needs, check_fits, chosen_device, running
 from zeroshop_steps.networks.mast3r import matching
@@ -13,6 +12,7 @@ from zeroshop_steps.networks.mast3r.inference import PairPredictor, predicted_by
 from zeroshop_steps.networks.mast3r.matching import nearest, reciprocal, starts
 from zeroshop_steps.networks.mast3r.model import Configuration, MASt3R
 from zeroshop_steps.networks.mast3r.pictures import framing_of, framing_of_file, load_picture
+from zeroshop_steps.runtime.errors import StepError
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,11 @@ sys.path.insert(0, str(PARITY))
 from mast3r_cases import SMALL, images, parameters, unfolded  # noqa: E402
 from seeded import relative_error, seeded_tensor  # noqa: E402
 
-from zeroshop_steps.errors import StepError  # noqa: E402
-from zeroshop_steps.files import write_json  # noqa: E402
 from zeroshop_steps.networks.mast3r.model import Configuration, MASt3R, grid_of, load_mast3r  # noqa: E402
 from zeroshop_steps.networks.mast3r.transformer import rotate, rotation_of_grid  # noqa: E402
 from zeroshop_steps.networks.weights import read_table  # noqa: E402
+from zeroshop_steps.runtime.errors import StepError  # noqa: E402
+from zeroshop_steps.runtime.files import write_json  # noqa: E402
 
 TOLERANCE = 1e-4
 

@@ -12,10 +12,10 @@ from safetensors.torch import save_file
 from torch import nn
 
 from zeroshop_steps import methods
-from zeroshop_steps.downloads import fetched
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.networks import weights
 from zeroshop_steps.networks.weights import WeightsFile, fetch, read_table, require, strict_load
+from zeroshop_steps.runtime.downloads import download
+from zeroshop_steps.runtime.errors import StepError
 
 CONTENT = b"weights" * 1000
 
@@ -84,7 +84,7 @@ def test_a_download_of_other_bytes_is_refused(published, tmp_path):
 def test_offline_says_where_to_put_the_file(tmp_path):
     path = tmp_path / "net.pth"
     with pytest.raises(StepError, match=rf"put it at {path}; or use colmap"):
-        fetched((tmp_path / "gone").as_uri(), path, "use colmap", attempts=1)
+        download((tmp_path / "gone").as_uri(), path, "use colmap", attempts=1)
 
 
 def test_a_full_disk_is_said_before_the_download(published, tmp_path, monkeypatch):

@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.carve import Volume
-from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.start import FreeSpace, Start
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.surface.free_space import Volume
+from zeroshop_steps.surface.initialization import FreeSpace, Start
+from zeroshop_steps.surface.training_views import TrainingView
 
 SIZE_PX, FOCAL_PX, RADIUS = 64, 90.0, 0.6
 

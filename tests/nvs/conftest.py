@@ -6,7 +6,7 @@ import pytest
 import torch
 from ball import ball_views
 
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.surface.training_views import TrainingView
 
 
 @pytest.fixture(autouse=True)

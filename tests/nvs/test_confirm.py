@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from cup import RIM, camera_above, depth_of_cup
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.confirm import confirmed
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.surface.depth_consistency import confirmed
+from zeroshop_steps.surface.training_views import TrainingView
 
 RAISED = 0.15
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from ball import ball_view
 
-from zeroshop_steps.nvs.crops import STRIDE_PX
-from zeroshop_steps.nvs.patch_cost import BAD, BEST_VIEWS, PATCH_STEPS, facing_normal, plane_cost, reference_patch
+from zeroshop_steps.geometry.crops import STRIDE_PX
+from zeroshop_steps.surface.patch_cost import BAD, BEST_VIEWS, PATCH_STEPS, facing_normal, plane_cost, reference_patch
 
 SIZE_PX = 192
 NO_LIMIT = 10.0

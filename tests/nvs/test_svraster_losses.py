@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
+from zeroshop_steps.surface.svraster.settings import TrainingSettings
+from zeroshop_steps.surface.svraster.train import view_loss
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.svraster.settings import TrainingSettings
-from zeroshop_steps.nvs.svraster.train import view_loss
-from zeroshop_steps.nvs.training import depth_loss
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.surface.training import depth_loss
+from zeroshop_steps.surface.training_views import TrainingView
 
 HEIGHT_PX, WIDTH_PX, SAMPLES = 14, 16, 4
 FOCAL_PX = 30.0

@@ -8,21 +8,21 @@ import pytest
 import torch
 import trimesh
 from ball import RADIUS, ball_start
+from zeroshop_steps.surface.svraster.adapt import prune_and_subdivide
+from zeroshop_steps.surface.svraster.field import Field, half_value, signed_distances
+from zeroshop_steps.surface.svraster.octree import CELLS, Octree
+from zeroshop_steps.surface.svraster.settings import TrainingSettings
+from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, Trainer
+from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels, write_voxels
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.nvs.crops import ObjectSphere
-from zeroshop_steps.nvs.optimizer import AdamWithSurgery
-from zeroshop_steps.nvs.svraster.adapt import prune_and_subdivide
-from zeroshop_steps.nvs.svraster.field import Field, half_value, signed_distances
-from zeroshop_steps.nvs.svraster.octree import CELLS, Octree
-from zeroshop_steps.nvs.svraster.settings import TrainingSettings
-from zeroshop_steps.nvs.svraster.start import start_voxels
-from zeroshop_steps.nvs.svraster.train import BETAS, LEARNING_RATES, Trainer
-from zeroshop_steps.nvs.svraster.voxels import Voxels, read_voxels, write_voxels
-from zeroshop_steps.nvs.svraster_mesh import marching_cubes, seen, surface, view_depth
-from zeroshop_steps.nvs.training import Views
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.geometry.crops import ObjectSphere
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.surface.optimizer import AdamWithSurgery
+from zeroshop_steps.surface.svraster.initialization import start_voxels
+from zeroshop_steps.surface.svraster_mesh import marching_cubes, seen, surface, view_depth
+from zeroshop_steps.surface.training import Views
+from zeroshop_steps.surface.training_views import TrainingView
 
 
 def trainer_for(views: list[TrainingView], **settings) -> Trainer:
@@ -128,8 +128,8 @@ def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
 
 
 def test_half_of_the_light_is_stopped_at_the_half_value() -> None:
-    from zeroshop_steps.nvs.svraster.rasterize import DENSITY_SCALE
-    from zeroshop_steps.nvs.svraster.reference import activated
+    from zeroshop_steps.surface.svraster.rasterize import DENSITY_SCALE
+    from zeroshop_steps.surface.svraster.reference import activated
 
     for step in (0.1, 0.0078, 1e-3):
         density = float(activated(torch.tensor(half_value(step), dtype=torch.float64)))

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 from ball import ball_start, ball_views
+from zeroshop_steps.surface.svraster.settings import TrainingSettings as VoxelSettings
+from zeroshop_steps.surface.svraster.train import Trainer as VoxelTrainer
 
-from zeroshop_steps.nvs.start import Start
-from zeroshop_steps.nvs.svraster.settings import TrainingSettings as VoxelSettings
-from zeroshop_steps.nvs.svraster.start import start_voxels
-from zeroshop_steps.nvs.svraster.train import Trainer as VoxelTrainer
-from zeroshop_steps.nvs.training import Views, ViewTrainer, anchors
-from zeroshop_steps.nvs.twodgs.surfels import start_surfels
-from zeroshop_steps.nvs.twodgs.train import Trainer as DiskTrainer
-from zeroshop_steps.nvs.twodgs.train import TrainingSettings as DiskSettings
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.surface.initialization import Start
+from zeroshop_steps.surface.svraster.initialization import start_voxels
+from zeroshop_steps.surface.training import Views, ViewTrainer, anchors
+from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.twodgs.surfels import start_surfels
+from zeroshop_steps.surface.twodgs.train import Trainer as DiskTrainer
+from zeroshop_steps.surface.twodgs.train import TrainingSettings as DiskSettings
 
 ITERATIONS, SWITCH = 24, 12
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.nvs.twodgs.reference import render_reference
-from zeroshop_steps.nvs.twodgs.render import RenderView, render, render_surface_depth
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.surface.twodgs.reference import render_reference
+from zeroshop_steps.surface.twodgs.render import RenderView, render, render_surface_depth
 
 WIDTH_PX, HEIGHT_PX = 40, 35
 NEAR, FAR = 1.5, 6.0

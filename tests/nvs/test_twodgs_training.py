@@ -8,18 +8,18 @@ import torch
 import trimesh
 from ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.nvs.crops import ObjectSphere, object_sphere
-from zeroshop_steps.nvs.fuse import fuse, view_depth
-from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.losses import has_normal, normals_from_depth, ssim_map
-from zeroshop_steps.nvs.silhouettes import fitted_to_masks
-from zeroshop_steps.nvs.ssim import dissimilarity
-from zeroshop_steps.nvs.training import Views
-from zeroshop_steps.nvs.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
-from zeroshop_steps.nvs.twodgs.train import Trainer, TrainingSettings
-from zeroshop_steps.nvs.views import TrainingView
+from zeroshop_steps.geometry.crops import ObjectSphere, object_sphere
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.surface.fuse import fuse, view_depth
+from zeroshop_steps.surface.losses import has_normal, normals_from_depth, ssim_map
+from zeroshop_steps.surface.silhouettes import fitted_to_masks
+from zeroshop_steps.surface.ssim import dissimilarity
+from zeroshop_steps.surface.training import Views
+from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
+from zeroshop_steps.surface.twodgs.train import Trainer, TrainingSettings
 
 
 def trainer_for(views: list[TrainingView], settings: TrainingSettings) -> Trainer:

@@ -14,10 +14,9 @@ from small_dataset import BOX, CAN, dataset_in, make_dataset  # noqa: E402
 from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections  # noqa: E402
 from zeroshop_steps.bop.estimates import read_estimates  # noqa: E402
 from zeroshop_steps.bop.targets import Target  # noqa: E402
-from zeroshop_steps.cli import stage_main  # noqa: E402
-from zeroshop_steps.pose.__main__ import METHODS  # noqa: E402
 from zeroshop_steps.pose.confidence import confidence  # noqa: E402
 from zeroshop_steps.pose.dataset import looked_at  # noqa: E402
+from zeroshop_steps.runtime.cli import stage_main  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +33,7 @@ def small(made, tmp_path):
 def estimated(small, *words: str) -> tuple[int, Path]:
     out = small.folder / "poses.csv"
     given = ["--models", small.folder / "models", "--scenes", small.scenes, "--targets", small.targets_path, "--out", out]
-    return stage_main("zeroshop_steps.pose", METHODS, ["--method", "render_compare", *map(str, given), *words]), out
+    return stage_main("zeroshop_steps.pose", ["--method", "render_compare", *map(str, given), *words]), out
 
 
 def test_a_dataset_is_estimated_from_its_true_masks_and_from_detections(small):

@@ -7,15 +7,15 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.bop.distractors import distractor
 from zeroshop_steps.bop.models import Model
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.pose.compare import Comparison, patch_of
 from zeroshop_steps.pose.icp import stepped
 from zeroshop_steps.pose.render_compare import Ready, estimate, measured_points
+from zeroshop_steps.synthetic.distractors import distractor
 
 INTRINSICS = np.array([[500.0, 0, 79.5], [0, 500.0, 59.5], [0, 0, 1]])
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from zeroshop_steps.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.capture.demo_objects import write_demo_object
-from zeroshop_steps.capture.raycast import capture
+from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.synthetic.demo_objects import write_demo_object
+from zeroshop_steps.synthetic.raycast import capture
 
 
 @pytest.fixture(scope="session")
@@ -32,7 +32,7 @@ def blank_capture(tmp_path) -> Path:
     """Ten pictures with a mask but with nothing to match in them."""
     import numpy as np
 
-    from zeroshop_steps.images import write_image, write_mask
+    from zeroshop_steps.geometry.images import write_image, write_mask
 
     for index in range(10):
         mask = np.zeros((120, 160), bool)

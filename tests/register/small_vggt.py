@@ -9,14 +9,14 @@ import torch
 from safetensors.torch import save_file
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import Camera, read_sparse_model
-from zeroshop_steps.files import write_json
-from zeroshop_steps.images import list_images, read_depth_mm
+from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
+from zeroshop_steps.geometry.images import list_images, read_depth_mm
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import Settings
 from zeroshop_steps.register.vggt.frames import Frames
 from zeroshop_steps.register.vggt.network import Predicted
 from zeroshop_steps.register.vggt.predicted import unproject
+from zeroshop_steps.runtime.files import write_json
 
 SETTINGS = Settings(
     image_px=140,

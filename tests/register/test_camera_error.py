@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.register.__main__ import METHODS
-from zeroshop_steps.register.camera_error import camera_error
+from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json, write_json
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +71,7 @@ def test_command_writes_json_and_table(truth, carton_capture, tmp_path):
         "--out",
         tmp_path / "error.json",
     ]
-    assert stage_main("zeroshop_steps.register", METHODS, [str(word) for word in words]) == 0
+    assert stage_main("zeroshop_steps.evaluate", [str(word) for word in words]) == 0
     record = read_json(tmp_path / "error.json")
     assert record["registered"] == record["images"] == 10 and record["mean_centre_error_mm"] < 1e-6
     lines = (tmp_path / "error.csv").read_text().splitlines()

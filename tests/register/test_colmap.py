@@ -8,20 +8,19 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import list_images, read_image, read_mask
-from zeroshop_steps.register.__main__ import METHODS
-from zeroshop_steps.register.camera_error import camera_error
+from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.sift import SiftOptions, extract, focal_source
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json
 
 FEWER = ("--max-features", 1000)
 
 
 def register(*words) -> int:
-    return stage_main("zeroshop_steps.register", METHODS, [str(word) for word in words])
+    return stage_main("zeroshop_steps.register", [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")
@@ -86,11 +85,11 @@ def test_bad_captures_are_refused_by_name(blank_capture, tmp_path, capsys, damag
     elif damage == "no mask":
         masks[3].unlink()
     elif damage == "empty mask":
-        from zeroshop_steps.images import write_mask
+        from zeroshop_steps.geometry.images import write_mask
 
         write_mask(masks[3], np.zeros((120, 160), bool))
     elif damage == "small mask":
-        from zeroshop_steps.images import write_mask
+        from zeroshop_steps.geometry.images import write_mask
 
         write_mask(masks[3], np.ones((12, 16), bool))
     elif damage == "damaged image":

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.images import read_mask
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.register.consistency import object_sphere, silhouette_coherence
 from zeroshop_steps.register.pair_evidence import PairEvidence, explained
 

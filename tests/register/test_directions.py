@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import Camera, write_cameras
-from zeroshop_steps.capture.rings import look_at
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.register.directions import directions_of
+from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.register.record import write_registration
+from zeroshop_steps.register.view_coverage import directions_of
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.synthetic.rings import look_at
 
 K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
 

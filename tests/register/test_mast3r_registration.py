@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "networks"))
 from made_pairs import MadePairs, Noise  # noqa: E402
 from made_scene import MadeScene, made_scene  # noqa: E402
 
-from zeroshop_steps.cameras import read_sparse_model, similarity_between  # noqa: E402
+from zeroshop_steps.geometry.cameras import read_sparse_model, similarity_between  # noqa: E402
 from zeroshop_steps.register.mast3r import Mast3rOptions, register  # noqa: E402
 from zeroshop_steps.register.record import RegistrationFailed  # noqa: E402
 from zeroshop_steps.register.structure import StructureOptions  # noqa: E402

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from zeroshop_steps.register.found_matches import long_tracks
+from zeroshop_steps.register.match_database import long_tracks
 from zeroshop_steps.register.pairs import chosen_pairs
 
 

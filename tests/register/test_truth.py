@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import list_images, read_image
-from zeroshop_steps.register.camera_error import camera_error
+from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, read_registration, write_registration
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.register.truth import register
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 
 
 def test_true_cameras_and_pictures_stay_as_they_are(carton_capture, tmp_path):
@@ -27,7 +27,7 @@ def test_true_cameras_and_pictures_stay_as_they_are(carton_capture, tmp_path):
 def test_a_picture_without_a_true_camera_is_named(carton_capture, tmp_path):
     image_set = read_image_set(carton_capture)
     (tmp_path / "truth").mkdir()
-    from zeroshop_steps.cameras import write_cameras
+    from zeroshop_steps.geometry.cameras import write_cameras
 
     write_cameras(tmp_path / "truth", read_sparse_model(carton_capture / "truth").cameras[:5])
     with pytest.raises(StepError, match="no camera for image 000015.png"):

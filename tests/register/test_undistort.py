@@ -4,7 +4,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from zeroshop_steps.images import read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.undistort import undistort, undistortion_map
 

@@ -6,17 +6,12 @@ import torch
 from small_vggt import SETTINGS, TrueNetwork, encode, write_weights
 
 from zeroshop_steps import methods
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.failures import is_result
-from zeroshop_steps.files import read_json
-from zeroshop_steps.images import list_images, write_image
+from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import list_images, write_image
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.vggt.settings import Settings
 from zeroshop_steps.networks.weights import known
-from zeroshop_steps.register.__main__ import METHODS
-from zeroshop_steps.register.camera_error import camera_error
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.vggt.frames import fitted_size, read_frames
@@ -26,6 +21,10 @@ from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.points import query_views
 from zeroshop_steps.register.vggt.predicted import decode
 from zeroshop_steps.register.vggt.solve import CHUNK, register
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import is_result
+from zeroshop_steps.runtime.files import read_json
 
 PX = (518, 14)
 FEWER = VggtOptions(tracked_points=400, query_views=4)
@@ -160,7 +159,7 @@ def test_a_device_that_is_absent_is_refused(monkeypatch):
 
 def run(capture, out, weights, *words) -> int:
     words = ("--method", "vggt", "--capture", capture, "--scene", "su_h", "--out", out, "--weights", weights, "--device", "cpu", *words)
-    return stage_main("zeroshop_steps.register", METHODS, [str(word) for word in words])
+    return stage_main("zeroshop_steps.register", [str(word) for word in words])
 
 
 @pytest.mark.parametrize("refine", ["none", "tracks"])
@@ -210,7 +209,7 @@ def test_bad_weights_are_refused_by_name(carton_capture, weights, tmp_path, caps
 def test_the_published_weights_are_asked_for_with_their_licence(carton_capture, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ("--method", "vggt", "--capture", str(carton_capture), "--scene", "su_h", "--out", "cameras")
-    assert stage_main("zeroshop_steps.register", METHODS, words) == 1
+    assert stage_main("zeroshop_steps.register", words) == 1
     message = capsys.readouterr().err
     assert "resources/weights/VGGT-1B/model.safetensors" in message and "CC BY-NC" in message and "colmap needs no weights" in message
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import write_image
+from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register.image_set import read_image_set, read_masks
 from zeroshop_steps.register.pair_evidence import PairEvidence
 from zeroshop_steps.register.verdict import Limits, Verdict, first_fault
+from zeroshop_steps.runtime.errors import StepError
 
 
 def test_images_without_masks_are_a_set(tmp_path):

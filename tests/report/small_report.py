@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from carton_scene import Carton
 
-from zeroshop_steps.failures import Failure, write_failure
-from zeroshop_steps.files import write_json
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import write_ply
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.report import gallery, object_page
+from zeroshop_steps.runtime.failures import Failure, write_failure
+from zeroshop_steps.runtime.files import write_json
 
 LIMITS = {"registered_share": [0.9, 0.6], "f_score_1_percent": [0.8, 0.4], "recall_1_percent": [0.9, 0.4]}
 

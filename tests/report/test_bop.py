@@ -5,10 +5,9 @@ import csv
 import pytest
 
 from zeroshop_steps import methods
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.report.__main__ import METHODS
 from zeroshop_steps.report.bop import page_of, published, rows_of
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
 
 
 @pytest.fixture
@@ -33,7 +32,7 @@ def scores(tmp_path):
 def test_a_row_a_measurement_and_a_row_of_the_page_for_each_set_of_models(scores, tmp_path):
     out, page = tmp_path / "bop.csv", tmp_path / "bop.md"
     words = ["--method", "bop", "--scores", *map(str, scores), "--root", str(tmp_path / "results"), "--page", str(page), "--out", str(out)]
-    assert stage_main("zeroshop_steps.report", METHODS, words) == 0
+    assert stage_main("zeroshop_steps.report", words) == 0
     with out.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 18 and {row["source"] for row in rows} == {"measured"}
@@ -47,7 +46,7 @@ def test_a_row_a_measurement_and_a_row_of_the_page_for_each_set_of_models(scores
         "| *lost with 2dgs* | 0.020 | 0.025 | -0.010 |",
         "",
     ]
-    assert stage_main("zeroshop_steps.report", METHODS, [*words, "--published"]) == 0
+    assert stage_main("zeroshop_steps.report", [*words, "--published"]) == 0
     text = page.read_text()
     assert "| ground truth | 0.500 | 0.900 | 0.600 | 0.600 | 0.603 | 0.915 | 0.731 | 0.832 |" in text
     assert "| official submission |  |  |  | 0.599 | 0.605 | 0.882 |  | 0.845 |" in text and "| trellis |  |  |  | 0.567 " in text

@@ -4,10 +4,9 @@ import csv
 
 import pytest
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.failures import Failure, write_failure
-from zeroshop_steps.files import write_json
-from zeroshop_steps.report.__main__ import METHODS
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.failures import Failure, write_failure
+from zeroshop_steps.runtime.files import write_json
 
 
 def test_a_row_a_film_with_its_difference_or_its_reason(tmp_path):
@@ -22,7 +21,7 @@ def test_a_row_a_film_with_its_difference_or_its_reason(tmp_path):
     write_failure([cells[1]], Failure("register.colmap", "too dark"))
     write_json(cells[2], {"height_m": None, "height_deviation_m": None, "evidence": {}})
     words = ["--method", "film_heights", "--heights", *cells, "--truths", *truths, "--root", root, "--out", tmp_path / "t.csv"]
-    assert stage_main("zeroshop_steps.report", METHODS, [str(word) for word in words], reads_failures=METHODS) == 0
+    assert stage_main("zeroshop_steps.report", [str(word) for word in words]) == 0
     with (tmp_path / "t.csv").open(newline="") as file:
         mug, bowl, cup = csv.DictReader(file)
     assert (mug["object"], mug["nvs"], mug["corners"]) == ("mug", "2dgs", "54")

@@ -4,12 +4,11 @@ import csv
 
 import pytest
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.failures import Failure, write_failure
-from zeroshop_steps.files import write_json
-from zeroshop_steps.report.__main__ import METHODS
 from zeroshop_steps.report.heights import APART, BESIDE, drawn, published_heights, row_of
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import Failure, write_failure
+from zeroshop_steps.runtime.files import write_json
 
 
 @pytest.fixture
@@ -29,7 +28,7 @@ def cells(tmp_path):
 def test_a_row_a_measurement_with_what_was_published(cells, tmp_path):
     out = tmp_path / "results/ycbv/tables/height.csv"
     words = ["--method", "heights", "--heights", *map(str, cells), "--root", str(tmp_path / "results"), "--out", str(out)]
-    assert stage_main("zeroshop_steps.report", METHODS, words, reads_failures=METHODS) == 0
+    assert stage_main("zeroshop_steps.report", words) == 0
     with out.open(newline="") as file:
         beside, apart, failed, *rest = list(csv.DictReader(file))
     assert (beside["how"], apart["how"]) == (BESIDE, APART)
@@ -43,7 +42,7 @@ def test_a_row_a_measurement_with_what_was_published(cells, tmp_path):
     )
     picture = out.with_suffix(".svg").read_bytes()
     assert b"<svg" in picture and out.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
-    assert stage_main("zeroshop_steps.report", METHODS, words, reads_failures=METHODS) == 0
+    assert stage_main("zeroshop_steps.report", words) == 0
     assert out.with_suffix(".svg").read_bytes() == picture, "same inputs, same bytes"
 
 

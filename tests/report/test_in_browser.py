@@ -6,7 +6,7 @@ import pytest
 from browser import browser, chromium
 from small_report import failed_cell, finished_cell, made_gallery, made_page
 
-from zeroshop_steps.files import write_json
+from zeroshop_steps.runtime.files import write_json
 
 EVIL = '<img src=x onerror="window.ran = true"><script>window.ran = true</script>'
 pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium on this machine (Debian: apt-get install chromium)")

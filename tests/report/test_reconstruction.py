@@ -2,9 +2,9 @@
 
 import pytest
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.report.reconstruction import published_cells, read_cells, rendered
 from zeroshop_steps.report.table import write_table
+from zeroshop_steps.runtime.errors import StepError
 
 
 def rows_of(name: str, scene: str, nvs: str, **figures: object) -> list[dict[str, str]]:

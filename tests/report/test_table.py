@@ -4,9 +4,9 @@ import csv
 
 import pytest
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.failures import Failure, write_failure
 from zeroshop_steps.report.table import gather, write_table
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import Failure, write_failure
 
 
 def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
@@ -16,7 +16,7 @@ def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
     good.write_text("measure,value,unit\naccuracy,0.5,mm\nf_score,0.9,\n")
     failed = root / "demo/bowl/su_h/colmap/2dgs/outcome.json"
     passed_on = failed.with_name("grade.csv")
-    write_failure([failed, passed_on], Failure("nvs.twodgs", "3 of 20 images registered"))
+    write_failure([failed, passed_on], Failure("surface.twodgs", "3 of 20 images registered"))
     write_table(gather([good, failed, passed_on], root), tmp_path / "table.csv")
     with (tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from camera_ring import ring_camera
 
-from zeroshop_steps.cameras import Camera, write_cameras
-from zeroshop_steps.files import write_json
-from zeroshop_steps.images import write_image
+from zeroshop_steps.geometry.cameras import Camera, write_cameras
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.runtime.files import write_json
 
 WIDTH, HEIGHT, FOCAL, RADIUS, DISTANCE = 160, 120, 170.0, 0.6, 3.0
 RED = (200, 30, 30)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.cameras import SparseModel, read_sparse_model
-from zeroshop_steps.capture.demo_objects import write_demo_object
-from zeroshop_steps.capture.raycast import capture
-from zeroshop_steps.finish.views import View
-from zeroshop_steps.images import read_depth_mm
+from zeroshop_steps.geometry.cameras import SparseModel, read_sparse_model
+from zeroshop_steps.geometry.images import read_depth_mm
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.synthetic.demo_objects import write_demo_object
+from zeroshop_steps.synthetic.raycast import capture
 
 WIDTH, HEIGHT = 240, 180
 

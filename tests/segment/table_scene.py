@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from camera_ring import ring_camera
 
-from zeroshop_steps.cameras import Camera, SparseModel
-from zeroshop_steps.finish.views import View
-from zeroshop_steps.images import write_image
+from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.registered_views import View
 
 WIDTH, HEIGHT, FOCAL, DISTANCE, COUNT = 240, 180, 260.0, 4.0, 12
 Ball = tuple[float, float, float]  # x and y of its foot, radius

@@ -3,7 +3,7 @@
 import pytest
 from table_scene import COUNT, table_views
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.support_plane import find_masks
 
 BALL = (0.0, 0.0, 0.5)

@@ -4,18 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.register.record import read_registration
-from zeroshop_steps.segment import METHODS
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
 
 
 @pytest.mark.parametrize("method", ["given", "support_plane"])
 def test_the_reason_stands_in_place_of_the_masks(tmp_path, method, capsys):
     words = ["--method", method, "--scene", str(tmp_path / "scene"), "--out", str(tmp_path / "cameras")]
-    assert stage_main("zeroshop_steps.segment", METHODS, words) == 1
+    assert stage_main("zeroshop_steps.segment", words) == 1
     assert not (tmp_path / "cameras").exists()
-    assert stage_main("zeroshop_steps.segment", METHODS, [*words, "--keep-going"]) == 0
+    assert stage_main("zeroshop_steps.segment", [*words, "--keep-going"]) == 0
     with pytest.raises(StepError, match="run registration again"):
         read_registration(tmp_path / "cameras")
     assert not any(Path(tmp_path / "cameras" / "masks").iterdir())

@@ -5,10 +5,10 @@ import shutil
 import numpy as np
 import pytest
 
-from zeroshop_steps.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.images import list_images, write_mask
+from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.images import list_images, write_mask
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json, write_json
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def scene(carton_scene, tmp_path):
 
 def given(scene, *more):
     words = ["--method", "given", "--scene", scene, "--rejected", scene.parent / "masks.png", "--out", scene.parent / "cameras", *more]
-    return stage_main("zeroshop_steps.segment", ("given",), list(map(str, words)))
+    return stage_main("zeroshop_steps.segment", ["--method", "user_masks", *map(str, words)])
 
 
 def test_good_masks_are_measured_and_kept(scene):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from ball_scene import ball_cameras, ball_mask, write_ball_scene
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.segment.agreement import common_hulls, corners_of, overlap
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.detector import Box, choose_box
 from zeroshop_steps.segment.grounded_sam import Pictures, find_masks
+from zeroshop_steps.segment.mask_agreement import common_hulls, corners_of, overlap
 from zeroshop_steps.segment.tracker import Tracked
 
 SIZE = (160, 120)

@@ -5,12 +5,11 @@ import csv
 import numpy as np
 import pytest
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.failures import read_failure
-from zeroshop_steps.files import write_json
-from zeroshop_steps.images import read_image, write_image, write_mask
-from zeroshop_steps.segment import METHODS
-from zeroshop_steps.segment.mask_error import intersection_over_union, undistorted
+from zeroshop_steps.evaluate.mask_error import intersection_over_union, undistorted
+from zeroshop_steps.geometry.images import read_image, write_image, write_mask
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import write_json
 
 SHAPE = (60, 80)
 
@@ -34,7 +33,7 @@ def judged(tmp_path):
     def judge(*more: str) -> int:
         words = ["--method", "mask_error", "--out", tmp_path / "mask_error.csv", *more]
         words += [word for part in ("cameras", "capture", "truth") for word in (f"--{part}", tmp_path / part)]
-        return stage_main("zeroshop_steps.segment", METHODS, [str(word) for word in words])
+        return stage_main("zeroshop_steps.evaluate", [str(word) for word in words])
 
     return judge, tmp_path
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import read_image, write_image
+from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record, touches_border
 from zeroshop_steps.segment.record import shown_if_rejected
 

@@ -7,11 +7,11 @@ import pytest
 from ball_scene import write_ball_scene
 from small_networks import write_detector, write_tracker
 
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.images import list_images, read_mask, write_mask
+from zeroshop_steps.geometry.images import list_images, read_mask, write_mask
 from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.segment.__main__ import METHODS, stage_main
-from zeroshop_steps.segment.agreement import overlap
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.segment.mask_agreement import overlap
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def pictures(tmp_path, monkeypatch):
 
 def object_capture(source, *options):
     names = ["--method", "object_capture", "--pictures", source, "--capture", "capture", "--out", "object"]
-    return stage_main("zeroshop_steps.segment", METHODS, [*names, *options])
+    return stage_main("zeroshop_steps.segment", [*names, *options])
 
 
 def test_given_masks_are_taken(pictures):

@@ -9,13 +9,13 @@ import torch
 from ball_scene import write_ball_scene
 from small_networks import write_detector, write_tracker
 
-from zeroshop_steps.files import read_json
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.images import list_images, read_mask
+from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment import grounded_sam
-from zeroshop_steps.segment.__main__ import METHODS, stage_main
-from zeroshop_steps.segment.agreement import corners_of, overlap
 from zeroshop_steps.segment.detector import Detector
+from zeroshop_steps.segment.mask_agreement import corners_of, overlap
 from zeroshop_steps.segment.tracker import Tracker
 
 CPU = torch.device("cpu")
@@ -41,7 +41,7 @@ def workplace(models, tmp_path, monkeypatch):
 
 def segment(*options):
     names = ["--method", "grounded_sam", "--detector", "small-dino", "--tracker", "small-sam", "--prompt", "Red ball"]
-    return stage_main("zeroshop_steps.segment", METHODS, [*names, "--scene", "scene", "--out", "cameras", *options])
+    return stage_main("zeroshop_steps.segment", [*names, "--scene", "scene", "--out", "cameras", *options])
 
 
 def test_boxes_lie_in_the_image_the_best_first(models):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.capture.rings import look_at
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.segment.space import splat
-from zeroshop_steps.segment.stand import Stand
-from zeroshop_steps.segment.subject import find_subject
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.object_selection import find_subject
+from zeroshop_steps.segment.voxel_carving import splat
+from zeroshop_steps.synthetic.rings import look_at
 
 INTRINSICS = np.array([[200.0, 0, 80], [0, 200, 60], [0, 0, 1]])
 STAND = Stand(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 8]), 100.0, 100)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from zeroshop_steps.cameras import SparseModel
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.segment.stand import find_stand, focus_of
+from zeroshop_steps.geometry.cameras import SparseModel
+from zeroshop_steps.geometry.scene_support import find_stand, focus_of
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.support_plane import find_masks, tidy
 
 

@@ -9,13 +9,13 @@ import pytest
 import torch
 from running import REPOSITORY, planned
 
-from zeroshop_steps.files import write_json
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import write_ply
-from zeroshop_steps.nvs.crops import object_sphere
-from zeroshop_steps.nvs.hull import VisualHull
-from zeroshop_steps.nvs.seeds import Seeds, write_seeds
-from zeroshop_steps.nvs.views import grid_view, read_camera_set, seed_views
+from zeroshop_steps.geometry.crops import object_sphere
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.meshes import write_ply
+from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.surface.seeds import Seeds, write_seeds
+from zeroshop_steps.surface.training_views import grid_view, read_camera_set, seed_views
 
 sys.path.insert(0, str(REPOSITORY / "tests" / "parity"))
 

@@ -9,7 +9,7 @@ from pretend import pretend
 from running import REPOSITORY, planned
 
 from zeroshop_steps import methods
-from zeroshop_steps.images import write_image
+from zeroshop_steps.geometry.images import write_image
 
 FINISH = ["clean", "height", "underside", "frame", "unwrap", "texture", "evidence", "export", "grade", "preview", "publish"]
 CELL = ["stereo", "train_2dgs", "fuse_2dgs", *FINISH]

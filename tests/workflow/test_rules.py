@@ -9,8 +9,8 @@ import pytest
 import yaml
 from running import REPOSITORY
 
-from zeroshop_steps.capture.blender.start import BLENDERPROC_VERSION, BPY_VERSION
-from zeroshop_steps.capture.demo_objects import demo_object_names
+from zeroshop_steps.synthetic.blender.start import BLENDERPROC_VERSION, BPY_VERSION
+from zeroshop_steps.synthetic.demo_objects import demo_object_names
 
 RULES = {
     name: body
@@ -57,16 +57,16 @@ def test_the_config_lists_every_demo_object():
         ("register.colmap", ("register", "colmap")),
         ("register.mast3r", ("register", "mast3r")),
         ("register.vggt", ("register", "vggt")),
-        ("nvs.twodgs", ("nvs", "2dgs", "train")),
-        ("nvs.fuse", ("nvs", "2dgs", "fuse")),
-        ("nvs.svraster", ("nvs", "svraster", "train")),
-        ("nvs.svraster_mesh", ("nvs", "svraster", "mesh")),
+        ("surface.twodgs", ("nvs", "2dgs", "train")),
+        ("surface.fuse", ("nvs", "2dgs", "fuse")),
+        ("surface.svraster", ("nvs", "svraster", "train")),
+        ("surface.svraster_mesh", ("nvs", "svraster", "mesh")),
         ("height.marker", ("height", "marker")),
         ("height.depth_camera", ("height", "depth_camera")),
         ("height.mast3r", ("height", "mast3r")),
         ("finish.clean", ("finish", "clean")),
-        ("finish.grade", ("finish", "grade")),
-        ("bop.test_set", ("bop", "test_set")),
+        ("evaluate.grade", ("finish", "grade")),
+        ("synthetic.make_test_scenes", ("bop", "test_set")),
         ("report.object_page", ("report", "page")),
     ],
 )

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from running import command_and_environment, planned, run_snakemake
 
-from zeroshop_steps.meshes import read_ply
+from zeroshop_steps.geometry.meshes import read_ply
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -6,7 +6,7 @@ import pytest
 from pretend import pretend
 from running import REPOSITORY, planned
 
-from zeroshop_steps.files import read_json
+from zeroshop_steps.runtime.files import read_json
 
 sys.path.append(str(REPOSITORY / "tests/register"))
 from small_vggt import write_weights  # noqa: E402

@@ -24,8 +24,8 @@ rule align:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(10),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(10),
     params:
         seed=config["seed"],
     message:
@@ -48,8 +48,8 @@ rule true_models:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(10),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(10),
     message:
         "Gathering the true models of {wildcards.dataset}"
     shell:
@@ -70,8 +70,8 @@ rule reconstructed_models:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(10),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(10),
     message:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
     shell:
@@ -94,8 +94,8 @@ rule test_set:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(max(60, RENDER_MINUTES[config["bop"]["test_set"]["renderer"]])),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(max(60, RENDER_MINUTES[config["bop"]["test_set"]["renderer"]])),
     params:
         options=step_options(config["bop"]["test_set"]),
         environment=environment_option,
@@ -103,7 +103,7 @@ rule test_set:
     message:
         "Rendering the test set of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.bop --method test_set --models {input.models} {params.options} --seed {params.seed}"
+        "python -m zeroshop_steps.synthetic --method make_test_scenes --models {input.models} {params.options} --seed {params.seed}"
         " --threads {threads} {params.environment} --targets {output.targets} --camera {output.camera} --out {output.scenes} > {log} 2>&1"
 
 
@@ -124,12 +124,12 @@ rule train_set:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(60),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(60),
     message:
         "Gathering the captures of {wildcards.dataset} in scene {wildcards.scene} as a training set"
     shell:
-        "python -m zeroshop_steps.bop --method train_set --captures {input.captures} --models {input.models}"
+        "python -m zeroshop_steps.synthetic --method make_train_scenes --captures {input.captures} --models {input.models}"
         " --camera {output.camera} --out {output.scenes} > {log} 2>&1"
 
 
@@ -150,8 +150,8 @@ rule score_poses:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(30),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(30),
     message:
         "Scoring the poses of {wildcards.estimator} in {wildcards.dataset}"
     shell:
@@ -174,8 +174,8 @@ rule score_detections:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(30),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(30),
     message:
         "Scoring the masks and boxes of {wildcards.estimator} in {wildcards.dataset}"
     shell:

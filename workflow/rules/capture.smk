@@ -14,14 +14,14 @@ rule demo_model:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(5),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(5),
     params:
         object=checked_object,
     message:
         "Making the demo object {wildcards.object}"
     shell:
-        "python -m zeroshop_steps.capture --method demo_objects --object {params.object} --out {output.model} > {log} 2>&1"
+        "python -m zeroshop_steps.synthetic --method demo_objects --object {params.object} --out {output.model} > {log} 2>&1"
 
 
 rule bop_model:
@@ -37,15 +37,15 @@ rule bop_model:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(60),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(60),
     params:
         object=checked_object,
         models=models_option,
     message:
         "Fetching the model of {wildcards.dataset} {wildcards.object}"
     shell:
-        "python -m zeroshop_steps.capture --method bop_models --dataset {wildcards.dataset} --object {params.object}"
+        "python -m zeroshop_steps.synthetic --method bop_models --dataset {wildcards.dataset} --object {params.object}"
         " {params.models} --out {output.model} > {log} 2>&1"
 
 
@@ -62,12 +62,12 @@ rule blender_environment:
         "../envs/blenderproc.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(60),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(60),
     message:
         "Setting up BlenderProc in an environment of its own"
     shell:
-        "python -m zeroshop_steps.capture --method blender_environment --requirements {input.requirements:q}"
+        "python -m zeroshop_steps.synthetic --method blender_environment --requirements {input.requirements:q}"
         " --folder resources/envs/blenderproc --out {output.record} > {log} 2>&1"
 
 
@@ -88,8 +88,8 @@ rule capture_virtual:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(RENDER_MINUTES[config["capture"]["renderer"]]),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(RENDER_MINUTES[config["capture"]["renderer"]]),
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
@@ -99,7 +99,7 @@ rule capture_virtual:
     message:
         "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
     shell:
-        "python -m zeroshop_steps.capture --method {params.method} --model {input.model}/model.ply --scene {wildcards.scene}"
+        "python -m zeroshop_steps.synthetic --method {params.method} --model {input.model}/model.ply --scene {wildcards.scene}"
         " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} {params.options} --out {output.capture} > {log} 2>&1"
 
 
@@ -120,8 +120,8 @@ rule capture_photos:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(5),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(5),
     params:
         images=photo_place,
         method=capture_method,

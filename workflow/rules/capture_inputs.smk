@@ -65,7 +65,7 @@ def capture_options(wildcards):
 
 def segmentation_method(wildcards):
     """How the masks of registered photos come about: given ones, or by the method that the config chooses."""
-    return "given" if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
+    return "user_masks" if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
 
 
 def segmentations():
@@ -77,7 +77,7 @@ def segmentations():
 def mask_method(wildcards):
     """How the masks of photos come about, whenever: given by the user, or by the method that the config chooses."""
     if photos_of(wildcards)["masks"]:
-        return "given"
+        return "user_masks"
     name = config["segmentation"]
     if name == "auto":
         return next(name for name, method in segmentations().items() if not methods.lacks(method))
@@ -87,20 +87,20 @@ def mask_method(wildcards):
 def segmentation_weights(wildcards):
     """What its networks are read from."""
     name = mask_method(wildcards)
-    return [] if name == "given" else weights_stamp("segment", name, segmentations()[name])
+    return [] if name == "user_masks" else weights_stamp("segment", name, segmentations()[name])
 
 
 def segmentation_options(wildcards):
     """The options of this method."""
     name = segmentation_method(wildcards)
-    if name == "given":
+    if name == "user_masks":
         return step_options({"capture": "results/{dataset}/{object}/{scene}/capture".format(**wildcards)})
     return options_of_segmentation(wildcards, name)
 
 
 def options_of_segmentation(wildcards, name):
     """The options of a segmentation method."""
-    if name == "given":
+    if name == "user_masks":
         return ""
     options = {**config["segment"][name], "seed": config["seed"]}
     if name == "grounded_sam":

@@ -6,7 +6,7 @@ import os
 
 from snakemake.logging import logger
 
-from zeroshop_steps import failures
+from zeroshop_steps.runtime import failures
 
 CELL = "results/{dataset}/{object}/{scene}/{registration}/{nvs}"
 

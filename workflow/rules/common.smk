@@ -9,9 +9,9 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from zeroshop_steps import methods
-from zeroshop_steps.cache import cache_folder
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.settings import check_config, config_changes, name_error, read_objects
+from zeroshop_steps.runtime.cache import cache_folder
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.settings import check_config, config_changes, name_error, read_objects
 
 ROOT = Path(workflow.basedir).parent
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
@@ -63,12 +63,12 @@ def datasets_of(*kinds):
     return "|".join(name for name, dataset in config["datasets"].items() if dataset["kind"] in kinds) or "(?!)"
 
 
-def rising(amount):
+def per_attempt(amount):
     """Memory or time for a step; as much more at every attempt, where a profile lets a job be submitted again."""
     return lambda wildcards, attempt: amount * attempt
 
 
-def known(what, name, names, remedy):
+def require_known(what, name, names, remedy):
     """`name`, or an error that lists the known names."""
     if name not in names:
         raise WorkflowError(name_error(what, name, names, remedy))
@@ -77,7 +77,9 @@ def known(what, name, names, remedy):
 
 def dataset_named(name):
     """A dataset of the config, or an error that lists those that exist."""
-    return config["datasets"][known("dataset", name, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")]
+    return config["datasets"][
+        require_known("dataset", name, config["datasets"], "Datasets are listed in config/config.yaml under datasets.")
+    ]
 
 
 def objects_of(dataset):
@@ -96,17 +98,17 @@ def is_virtual(dataset):
 
 def virtual_dataset(name, remedy=""):
     """`name`, or an error that lists the datasets that have models."""
-    return known("virtual dataset", name, [dataset for dataset in config["datasets"] if is_virtual(dataset)], remedy)
+    return require_known("virtual dataset", name, [dataset for dataset in config["datasets"] if is_virtual(dataset)], remedy)
 
 
 def check_virtual_scene(wildcards):
     """Raise an error that lists the scenes where a path of a virtual dataset names an unknown one."""
-    known("scene of a virtual dataset", wildcards.scene, VIRTUAL_SCENES, "")
+    require_known("scene of a virtual dataset", wildcards.scene, VIRTUAL_SCENES, "")
 
 
 def usable(what, name, table, remedy):
     """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods."""
-    reason = methods.refusal(what, known(what, name, table, remedy), table)
+    reason = methods.refusal(what, require_known(what, name, table, remedy), table)
     if reason:
         raise WorkflowError(reason)
     return name
@@ -140,7 +142,7 @@ def check_object(wildcards):
     """Raise an error that lists what exists where a path names an unknown dataset or object."""
     names = objects_of(wildcards.dataset)
     where = config["objects_table"] if config["datasets"][wildcards.dataset]["kind"] == "photos" else "config/config.yaml"
-    known(f"object of dataset {wildcards.dataset}", wildcards.object, names, f"Objects of this dataset are listed in {where}.")
+    require_known(f"object of dataset {wildcards.dataset}", wildcards.object, names, f"Objects of this dataset are listed in {where}.")
 
 
 def chosen_cell(wildcards):
@@ -156,7 +158,7 @@ def capture_of(wildcards):
     check_object(wildcards)
     virtual = is_virtual(wildcards.dataset)
     kind = "virtual" if virtual else "photo"
-    known(f"scene of a {kind} dataset", wildcards.scene, [*VIRTUAL_SCENES, BOARD_SCENE] if virtual else PHOTO_SCENES, "")
+    require_known(f"scene of a {kind} dataset", wildcards.scene, [*VIRTUAL_SCENES, BOARD_SCENE] if virtual else PHOTO_SCENES, "")
     usable(
         f"registration of a {kind} dataset",
         wildcards.registration,
@@ -287,7 +289,7 @@ def quality_of(wildcards):
 
 def stage_facts(wildcards):
     """The records of the stages behind a mesh, for its JSON."""
-    training = TRAINING_RECORDS[known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
+    training = TRAINING_RECORDS[require_known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
     folder = "results/{dataset}/{object}/{scene}/{registration}/{nvs}".format(**wildcards)
     stereo = "results/{dataset}/{object}/{scene}/{registration}/stereo/stereo.json".format(**wildcards)
     steps = (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")

@@ -22,8 +22,8 @@ rule templates:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(30),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(30),
     message:
         "Rendering the {wildcards.models} of {wildcards.dataset} from {wildcards.views} sides"
     shell:
@@ -49,8 +49,8 @@ rule contour:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(60),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(60),
     message:
         "Looking for the {wildcards.models} of {wildcards.dataset} by contours"
     shell:
@@ -77,8 +77,8 @@ rule cnos:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(12000),
-        runtime=rising(240),
+        mem_mb=per_attempt(12000),
+        runtime=per_attempt(240),
         gpu=1,
     message:
         "Looking for the {wildcards.models} of {wildcards.dataset} by CNOS"
@@ -104,8 +104,8 @@ rule filter_masks:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(10),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(10),
     message:
         "Choosing masks for poses of the {wildcards.models} of {wildcards.dataset}, found by {wildcards.detector}"
     shell:

@@ -28,8 +28,8 @@ rule film:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(20),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(20),
     params:
         board=film_board,
         seed=config["seed"],
@@ -37,7 +37,7 @@ rule film:
     message:
         "Filming {wildcards.object}"
     shell:
-        "python -m zeroshop_steps.capture --method film --model {input.model}/model.ply --board {params.board}"
+        "python -m zeroshop_steps.synthetic --method film --model {input.model}/model.ply --board {params.board}"
         " --seed {params.seed} --threads {threads} --out {params.folder} > {log} 2>&1"
 
 
@@ -59,12 +59,12 @@ rule mask_error:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     message:
         "Comparing the masks of {wildcards.object}, {wildcards.registration}, with the true ones"
     shell:
-        "python -m zeroshop_steps.segment --method mask_error --cameras {input.cameras} --capture {input.capture} --truth {input.truth}"
+        "python -m zeroshop_steps.evaluate --method mask_error --cameras {input.cameras} --capture {input.capture} --truth {input.truth}"
         " --out {output.table} --record-failure {output} > {log} 2>&1"
 
 
@@ -83,8 +83,8 @@ rule mask_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     message:
         "Gathering how right the masks of {wildcards.dataset} are"
     shell:
@@ -107,8 +107,8 @@ rule film_height_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     message:
         "Comparing the heights measured in {wildcards.dataset} with the true ones"
     shell:

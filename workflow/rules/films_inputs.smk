@@ -2,7 +2,7 @@
 
 import os
 
-from zeroshop_steps import failures
+from zeroshop_steps.runtime import failures
 
 
 def is_filmed(dataset):

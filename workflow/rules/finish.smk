@@ -16,8 +16,8 @@ rule clean:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     params:
         options=step_options(config["finish"]["clean"]),
     message:
@@ -43,8 +43,8 @@ rule underside:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     params:
         options=step_options({"underside": config["finish"]["underside"]}),
     message:
@@ -71,8 +71,8 @@ rule frame:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     message:
         "Finding the object frame of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -95,8 +95,8 @@ rule unwrap:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     params:
         texture_size_px=config["finish"]["texture_size_px"],
     message:
@@ -122,8 +122,8 @@ rule texture:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     params:
         texture_size_px=config["finish"]["texture_size_px"],
     message:
@@ -155,8 +155,8 @@ rule export:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     message:
         "Writing the finished mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -179,8 +179,8 @@ rule preview:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     message:
         "Rendering a preview of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -216,8 +216,8 @@ rule publish:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     params:
         quality=quality_option,
     message:

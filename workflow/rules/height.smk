@@ -56,8 +56,8 @@ rule capture_with_board:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(10),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(10),
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
@@ -65,7 +65,7 @@ rule capture_with_board:
     message:
         "Rendering the views of {wildcards.object} beside a printed board"
     shell:
-        "python -m zeroshop_steps.capture --method board_scene --view object --model {input.model}/model.ply"
+        "python -m zeroshop_steps.synthetic --method board_scene --view object --model {input.model}/model.ply"
         " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.capture} > {log} 2>&1"
 
 
@@ -84,8 +84,8 @@ rule capture_empty_scene:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(10),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(10),
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
@@ -93,7 +93,7 @@ rule capture_empty_scene:
     message:
         "Rendering the empty scene of {wildcards.object} with a printed board"
     shell:
-        "python -m zeroshop_steps.capture --method board_scene --view empty --model {input.model}/model.ply"
+        "python -m zeroshop_steps.synthetic --method board_scene --view empty --model {input.model}/model.ply"
         " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.photos} > {log} 2>&1"
 
 
@@ -117,8 +117,8 @@ rule height_by_board:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     params:
         options=step_options({**config["height"]["marker"], "seed": config["seed"]}),
         photos=empty_scene_option,
@@ -157,8 +157,8 @@ rule height_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     message:
         "Comparing the measured heights of {wildcards.dataset} with the true ones"
     shell:

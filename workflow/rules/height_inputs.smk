@@ -3,7 +3,7 @@
 import os
 import shlex
 
-from zeroshop_steps import failures
+from zeroshop_steps.runtime import failures
 
 
 def height_method(wildcards):

@@ -17,12 +17,12 @@ rule evidence:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     message:
         "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method evidence --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
+        "python -m zeroshop_steps.evaluate --method surface_support --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
         " --out {output.evidence} --record-failure {output} > {log} 2>&1"
 
 
@@ -45,12 +45,12 @@ rule quality:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     message:
         "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
+        "python -m zeroshop_steps.evaluate --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
         " --model {input.model}/model.ply --out {output.figures}"
         " --record-failure {output} > {log} 2>&1"
 
@@ -72,14 +72,14 @@ rule grade:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     params:
         options=step_options(config["finish"]["grade"]),
         quality=quality_option,
     message:
         "Grading {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method grade --mesh {input.mesh} --cameras {input.cameras} --evidence {input.evidence}"
+        "python -m zeroshop_steps.evaluate --method grade --mesh {input.mesh} --cameras {input.cameras} --evidence {input.evidence}"
         " {params.quality} {params.options} --out {output.grade}"
         " --record-failure {output} > {log} 2>&1"

@@ -31,12 +31,12 @@ checkpoint outcome:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(500),
-        runtime=rising(5),
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
     message:
         "Noting how {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, ended"
     shell:
-        "python -m zeroshop_steps.finish --method outcome --parts {input.parts} --out {output.outcome}"
+        "python -m zeroshop_steps.evaluate --method outcome --parts {input.parts} --out {output.outcome}"
         " --record-failure {output} > {log} 2>&1"
 
 
@@ -53,8 +53,8 @@ rule cell:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(500),
-        runtime=rising(5),
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
     message:
         "Gathering the figures of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
@@ -74,8 +74,8 @@ rule object_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(500),
-        runtime=rising(5),
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
     message:
         "Gathering every cell of {wildcards.dataset} {wildcards.object}"
     shell:
@@ -95,8 +95,8 @@ rule column_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(500),
-        runtime=rising(5),
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
     message:
         "Gathering scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs} of every object of {wildcards.dataset}"
     shell:

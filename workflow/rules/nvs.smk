@@ -18,15 +18,15 @@ rule stereo:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(30),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(30),
     params:
         seed=config["seed"],
         folder=subpath(output.seeds, parent=True),
     message:
         "Looking for confirmed depths of {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
     shell:
-        "python -m zeroshop_steps.nvs --method stereo --cameras {input.cameras} --out {params.folder}"
+        "python -m zeroshop_steps.surface --method stereo --cameras {input.cameras} --out {params.folder}"
         " --seed {params.seed} --threads {threads}"
         " --record-failure {output} > {log} 2>&1"
 
@@ -47,8 +47,8 @@ rule train_2dgs:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(6000),
-        runtime=rising(60),
+        mem_mb=per_attempt(6000),
+        runtime=per_attempt(60),
     params:
         options=step_options(config["nvs"]["2dgs"]["train"]),
         seed=config["seed"],
@@ -56,7 +56,7 @@ rule train_2dgs:
     message:
         "Training 2DGS on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
     shell:
-        "python -m zeroshop_steps.nvs --method twodgs --cameras {input.cameras} --stereo {input.stereo}"
+        "python -m zeroshop_steps.surface --method twodgs --cameras {input.cameras} --stereo {input.stereo}"
         " --out {params.folder} {params.options} --seed {params.seed} --threads {threads} --resume"
         " --record-failure {output} > {log} 2>&1"
 
@@ -76,14 +76,14 @@ rule fuse_2dgs:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(15),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(15),
     params:
         options=step_options(config["nvs"]["2dgs"]["fuse"]),
     message:
         "Fusing the depth maps of {wildcards.object}, scene {wildcards.scene}, into a mesh"
     shell:
-        "python -m zeroshop_steps.nvs --method fuse --splats {input.splats} --cameras {input.cameras}"
+        "python -m zeroshop_steps.surface --method fuse --splats {input.splats} --cameras {input.cameras}"
         " {params.options} --out {output.mesh}"
         " --record-failure {output} > {log} 2>&1"
 
@@ -104,8 +104,8 @@ rule train_svraster:
         "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=rising(6000),
-        runtime=rising(60),
+        mem_mb=per_attempt(6000),
+        runtime=per_attempt(60),
     params:
         options=step_options(config["nvs"]["svraster"]["train"]),
         seed=config["seed"],
@@ -113,7 +113,7 @@ rule train_svraster:
     message:
         "Training SVRaster on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
     shell:
-        "python -m zeroshop_steps.nvs --method svraster --cameras {input.cameras} --stereo {input.stereo}"
+        "python -m zeroshop_steps.surface --method svraster --cameras {input.cameras} --stereo {input.stereo}"
         " --out {params.folder} {params.options} --seed {params.seed} --threads {threads} --resume"
         " --record-failure {output} > {log} 2>&1"
 
@@ -133,13 +133,13 @@ rule mesh_svraster:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(4000),
-        runtime=rising(15),
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(15),
     params:
         options=step_options(config["nvs"]["svraster"]["mesh"]),
     message:
         "Taking the surface of the voxels of {wildcards.object}, scene {wildcards.scene}"
     shell:
-        "python -m zeroshop_steps.nvs --method svraster_mesh --voxels-file {input.voxels} --cameras {input.cameras}"
+        "python -m zeroshop_steps.surface --method svraster_mesh --voxels-file {input.voxels} --cameras {input.cameras}"
         " {params.options} --out {output.mesh}"
         " --record-failure {output} > {log} 2>&1"

@@ -26,8 +26,8 @@ rule estimate_poses:
         "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(120),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(120),
     params:
         detections=detections_option,
     message:
@@ -59,8 +59,8 @@ rule pose_pictures:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(2000),
-        runtime=rising(30),
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(30),
     params:
         detections=detections_option,
     message:

@@ -78,10 +78,10 @@ rule camera_error:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     message:
         "Comparing the cameras of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, with the true ones"
     shell:
-        "python -m zeroshop_steps.register --method camera_error --cameras {input.cameras} --truth {input.capture}/truth"
+        "python -m zeroshop_steps.evaluate --method camera_error --cameras {input.cameras} --truth {input.capture}/truth"
         " --out {output.figures} > {log} 2>&1"

@@ -28,8 +28,8 @@ rule camera_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     message:
         "Gathering the camera errors of every registration of {wildcards.dataset}"
     shell:
@@ -55,8 +55,8 @@ rule reconstruction_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     message:
         "Gathering the grade and the quality of every cell of {wildcards.dataset}"
     shell:
@@ -82,8 +82,8 @@ rule reconstruction_marks:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(500),
-        runtime=rising(5),
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
     params:
         published=published_option,
     message:
@@ -112,8 +112,8 @@ rule bop_table:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(500),
-        runtime=rising(5),
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
     params:
         published=published_option,
     message:
@@ -136,8 +136,8 @@ rule report_object:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(3000),
-        runtime=rising(10),
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
     params:
         folder=shown_object,
         chosen=chosen_run,
@@ -167,8 +167,8 @@ rule report_index:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(5),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
     params:
         tables="results/{dataset}/tables",
         measured=tables_there,

@@ -22,7 +22,7 @@ rule capture_object:
     threads: 2
     resources:
         mem_mb=segmentation_memory_mb,
-        runtime=rising(60),
+        runtime=per_attempt(60),
         gpu=segmentation_gpus,
     params:
         options=network_options,
@@ -51,7 +51,7 @@ rule segment:
     threads: 2
     resources:
         mem_mb=segmentation_memory_mb,
-        runtime=rising(60),
+        runtime=per_attempt(60),
         gpu=segmentation_gpus,
     params:
         method=segmentation_method,

@@ -21,8 +21,8 @@ rule weights:
         "../envs/zeroshop.yaml"
     threads: 1
     resources:
-        mem_mb=rising(1000),
-        runtime=rising(240),
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(240),
     params:
         licence=lambda wildcards: known_weights(wildcards.file).licence,
     message:

@@ -1,10 +1,8 @@
-"""Command line of the BOP stage; see `--method NAME --help`."""
+"""Command line of the bop stage; see `--method NAME --help`."""
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-
-METHODS = ("align", "export_models", "test_set", "train_set", "score_poses", "score_detections", "pictures")
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.bop", METHODS, reads_failures=("export_models",)))
+    sys.exit(stage_main("zeroshop_steps.bop"))

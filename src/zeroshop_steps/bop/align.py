@@ -16,13 +16,13 @@ import numpy as np
 
 from zeroshop_steps.bop.similarity_icp import Fit, Refinement
 from zeroshop_steps.bop.similarity_search import search
-from zeroshop_steps.bop.surface_points import surface_points
 from zeroshop_steps.bop.symmetry import symmetry_transforms
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.evidence_record import with_evidence
-from zeroshop_steps.finish.surface_error import distances_to
-from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.support_classes import with_evidence
+from zeroshop_steps.geometry.surface_distance import distances_to
+from zeroshop_steps.geometry.surface_points import surface_points
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import read_json, write_json
 
 SOURCE_SAMPLES, TARGET_SAMPLES = 8000, 40000
 WORST_MESH_DIAMETERS, WORST_TRUTH_DIAMETERS = 0.02, 0.1  # of half of the mesh, of half of the model

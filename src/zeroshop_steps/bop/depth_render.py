@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.o3d import o3d, ray_caster
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 NEAREST_MM = 1e-3
 

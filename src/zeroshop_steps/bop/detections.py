@@ -8,8 +8,8 @@ import numpy as np
 from pycocotools import mask as coco_masks
 
 from zeroshop_steps.bop.schema import read_checked
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
 
 SAME_TIME_S = 1e-3
 
@@ -93,7 +93,7 @@ def write_detections(path: Path, detections: list[Detection]) -> None:
             "time": float(detection.seconds),
         }
         entries.append(entry)
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(entries, allow_nan=False) + "\n")
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.poses import check_rotations, check_translations
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time"
 NUMBERS = 17  # in a row: three identifiers, the score, nine of R, three of t, the time
@@ -72,7 +72,7 @@ def read_estimates(path: Path) -> Estimates:
 
 def write_estimates(path: Path, estimates: Estimates) -> None:
     """Write a result CSV; every number as short as reads back exactly."""
-    with written_whole(path) as temporary, temporary.open("w", newline="\n") as file:
+    with atomic_write(path) as temporary, temporary.open("w", newline="\n") as file:
         file.write(HEADER + "\n")
         for index in range(len(estimates)):
             rotation = " ".join(map(repr, estimates.rotations[index].ravel().tolist()))

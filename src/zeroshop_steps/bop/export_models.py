@@ -13,14 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import model_file
-from zeroshop_steps.capture.bop_models import checked_diameter_mm
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.failures import read_failure
-from zeroshop_steps.files import read_json, write_json, written_whole_dir
-from zeroshop_steps.finish.evidence_record import with_evidence
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.bop.models import checked_diameter_mm, model_file
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.support_classes import with_evidence
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+
+READS_FAILURES = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write one folder of models."""
     listed: dict[int, dict] = {}
-    with written_whole_dir(args.out) as folder:
+    with atomic_directory(args.out) as folder:
         for part in args.parts:
             failure = read_failure(part)
             if failure:

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.distance import pdist
 
 from zeroshop_steps.bop.schema import read_checked
 from zeroshop_steps.bop.symmetry import symmetry_transforms
-from zeroshop_steps.capture.bop_models import checked_diameter_mm
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.runtime.errors import StepError
+
+PLAUSIBLE_DIAMETER_MM = (10.0, 3000.0)
 
 
 @dataclass(frozen=True)
@@ -61,3 +64,34 @@ def read_models(folder: Path, object_ids: Iterable[int]) -> dict[int, Model]:
         checked_diameter_mm(path, mesh, info["diameter"])
         models[object_id] = Model(object_id, mesh, float(info["diameter"]), symmetry_transforms(info), info)
     return models
+
+
+def checked_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
+    """The diameter of the mesh in the file `path`, once it is plausible in mm and agrees with that in models_info.json, if any.
+
+    Raises:
+        StepError: a mesh in another unit, or a models_info.json of other models.
+    """
+    measured_mm = diameter_mm(mesh.vertices)
+    smallest, largest = PLAUSIBLE_DIAMETER_MM
+    if not smallest <= measured_mm <= largest:
+        raise StepError(
+            f"model {path} measures {measured_mm:.4g} across; expected {smallest:g} to {largest:g} mm. Convert it to millimetres."
+        )
+    if listed_mm is not None and not 0.95 < measured_mm / listed_mm < 1.05:
+        raise StepError(
+            f"model {path} measures {measured_mm:.4g} mm across, but {path.with_name('models_info.json')} says {listed_mm:.4g};"
+            " the two do not belong together"
+        )
+    return measured_mm
+
+
+def diameter_mm(vertices: np.ndarray) -> float:
+    """Largest distance between two of the (V, 3) vertices."""
+    try:
+        corners = vertices[ConvexHull(vertices).vertices]
+    except QhullError:
+        corners = np.unique(vertices, axis=0)
+    if len(corners) > 4000:
+        corners = corners[np.linspace(0, len(corners) - 1, 4000).astype(int)]
+    return float(pdist(corners).max())

@@ -20,9 +20,9 @@ from zeroshop_steps.bop.models import Model, listed_objects, read_models
 from zeroshop_steps.bop.poses import as_transform
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole_dir
-from zeroshop_steps.images import read_image, write_image
+from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_directory
 
 WORST = 10
 IN_A_ROW = 5
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
     estimates = read_estimates(args.estimates) if args.estimates else None
     detections = read_detections(args.detections) if args.detections else []
-    with written_whole_dir(args.out) as folder:
+    with atomic_directory(args.out) as folder:
         for (scene_id, image_id), frame in frames.items():
             panels, here = [], [target for target in targets if (target.scene_id, target.im_id) == (scene_id, image_id)]
             photo = read_image(frame.photo())

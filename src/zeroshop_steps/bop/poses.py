@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
 
 ROTATION_TOLERANCE = 1e-2
 NEAREST_MM = 10.0

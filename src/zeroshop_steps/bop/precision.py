@@ -15,7 +15,7 @@ from pycocotools.cocoeval import COCOeval
 
 from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask
 from zeroshop_steps.bop.targets import Frames
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
 
 LEAST_VISIBLE_SHARE = 0.1
 MEASURES = ("ap", "ap_50", "ap_75")

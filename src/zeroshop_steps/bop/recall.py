@@ -18,8 +18,8 @@ from zeroshop_steps.bop.pose_error import VSD_TAUS, ModelPoints, mspd, mssd, vsd
 from zeroshop_steps.bop.poses import as_transform
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.progress import track
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.progress import track
 
 THRESHOLDS = np.arange(0.05, 0.51, 0.05)
 """Of VSD, and of MSSD in diameters."""

@@ -12,10 +12,10 @@ import numpy as np
 
 from zeroshop_steps.bop.poses import as_transform, check_rotations, check_translations
 from zeroshop_steps.bop.schema import read_checked
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import write_json
-from zeroshop_steps.images import read_mask
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any
 
 import jsonschema
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 
 
 def read_checked(path: Path, kind: str) -> Any:

@@ -13,8 +13,8 @@ from zeroshop_steps.bop.estimates import Estimates, read_estimates
 from zeroshop_steps.bop.models import listed_objects, read_models
 from zeroshop_steps.bop.recall import ERRORS, Pairs, average_recall, pair_up, pose_errors
 from zeroshop_steps.bop.targets import Target, read_target_frames, read_targets
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
 
 ROW = ("measure", "object", "value")
 ERROR_ROW = ("scene_id", "im_id", "obj_id", "estimate", "score", "instance")
@@ -83,7 +83,7 @@ def error_rows(pairs: Pairs, errors: dict, estimates: Estimates, targets: Sequen
 
 def write_rows(out: Path, columns: Sequence[str], rows: Sequence[dict]) -> None:
     """Write rows as CSV; without rows, its head alone."""
-    with written_whole(out) as temporary, temporary.open("w", newline="") as file:
+    with atomic_write(out) as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)

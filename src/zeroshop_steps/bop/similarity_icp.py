@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.bop.similarity_search import Candidates, changed, solved
-from zeroshop_steps.bop.surface_points import SurfacePoints
+from zeroshop_steps.geometry.surface_points import SurfacePoints
 
 SAMPLES = 4000
 STEPS = 40

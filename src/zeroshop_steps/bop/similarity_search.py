@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.bop.surface_points import SurfacePoints
+from zeroshop_steps.geometry.surface_points import SurfacePoints
 
 DIRECTIONS, TURNS = 60, 12
 FIRST_STEPS, LAST_STEPS = 10, 16

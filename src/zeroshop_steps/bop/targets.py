@@ -6,8 +6,8 @@ from pathlib import Path
 
 from zeroshop_steps.bop.scene import Frame, read_scene, scene_folders
 from zeroshop_steps.bop.schema import read_checked
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import write_json
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
 
 Frames = dict[tuple[int, int], Frame]
 """Images by (scene, image)."""

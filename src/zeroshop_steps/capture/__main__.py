@@ -1,9 +1,8 @@
-"""`python -m zeroshop_steps.capture --method METHOD ...`"""
+"""Command line of the capture stage; see `--method NAME --help`."""
 
 import sys
 
-from zeroshop_steps.capture import METHODS
-from zeroshop_steps.cli import stage_main
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.capture", METHODS))
+    sys.exit(stage_main("zeroshop_steps.capture"))

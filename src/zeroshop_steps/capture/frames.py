@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.files import write_json
+from zeroshop_steps.runtime.files import write_json
 
 SMALL_WIDTH_PX = 320
 THUMBNAIL_PX = (64, 48)

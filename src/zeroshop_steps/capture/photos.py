@@ -14,9 +14,9 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from zeroshop_steps.capture.frames import alike, contact_sheet, edge_blur_px, picture_warnings, sharpness, thumbnail, write_record
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import written_whole_dir
-from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import atomic_directory
 
 MIN_IMAGES = 8
 SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98
@@ -92,7 +92,7 @@ def take_photos(images: Path, masks: Path | None, min_images: int, out: Path) ->
         raise StepError(_report(problems))
     for warning in warnings:
         warn(warning)
-    with written_whole_dir(out) as folder:
+    with atomic_directory(out) as folder:
         (folder / "images").mkdir()
         for index, photo in enumerate(photos):
             suffix = ".png" if photo.path.suffix.lower() == ".png" else ".jpg"

@@ -23,9 +23,9 @@ from zeroshop_steps.capture.frames import (
     thumbnail,
     write_record,
 )
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import written_whole_dir
-from zeroshop_steps.images import write_image
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import atomic_directory
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm")
 FRAMES, MIN_FRAMES = 20, 8
@@ -90,7 +90,7 @@ def take_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
         warnings.append("the camera moved too fast: most frames are blurred, some are not; take twice the time for the same way")
     if len(chosen) < count:
         warnings.append(f"only {len(chosen)} of {count} frames differ enough: film a longer way around the object")
-    with written_whole_dir(out) as folder:
+    with atomic_directory(out) as folder:
         scaled = [_scaled(images[number], max_side_px) for number in chosen]
         for name, image in zip(names, scaled, strict=True):
             write_image(folder / "images" / f"{name}.png", image)

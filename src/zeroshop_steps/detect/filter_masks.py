@@ -14,7 +14,7 @@ import numpy as np
 
 from zeroshop_steps.bop.detections import Detection, box_of_mask, decode_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.models import listed_objects
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
 
 LEAST_LEFT = 0.5
 

@@ -11,9 +11,9 @@ import numpy as np
 from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, write_detections
 from zeroshop_steps.bop.scene import Frame, read_scene, scene_folders
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import read_image
-from zeroshop_steps.progress import track
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.progress import track
 
 MOST_IN_AN_IMAGE = 100  # COCO counts no more
 

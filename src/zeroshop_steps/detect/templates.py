@@ -12,13 +12,13 @@ import numpy as np
 import trimesh
 
 from zeroshop_steps.bop.models import Model, listed_objects, read_models
-from zeroshop_steps.cache import Cached
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.capture.rings import look_at
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole_dir
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.progress import track
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_directory
+from zeroshop_steps.runtime.progress import track
+from zeroshop_steps.synthetic.rings import look_at
 
 CACHED = Cached(inputs=("models",))
 SUBDIVISIONS = {42: 1, 642: 3}
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Render the views of all models of a folder."""
     models = read_models(args.models, listed_objects(args.models))
-    with written_whole_dir(args.out) as folder:
+    with atomic_directory(args.out) as folder:
         for model in track(models.values(), "templates", len(models)):
             views = render_templates(model, args.views, args.side_px)
             np.savez(folder / f"obj_{model.object_id:06d}.npz", **vars(views))

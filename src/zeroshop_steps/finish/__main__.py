@@ -2,9 +2,7 @@
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-
-METHODS = ("clean", "underside", "frame", "unwrap", "texture", "evidence", "outcome", "export", "quality", "grade", "preview", "publish")
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.finish", METHODS))
+    sys.exit(stage_main("zeroshop_steps.finish"))

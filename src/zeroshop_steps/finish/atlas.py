@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh
 
 
 @dataclass(frozen=True)

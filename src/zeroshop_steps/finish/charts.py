@@ -9,8 +9,8 @@ from numba import njit
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from zeroshop_steps.finish.surface_fields import neighbour_matrix, smoothed
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.surface_fields import neighbour_matrix, smoothed
 
 SMOOTHING = 15  # steps over the mesh for the copy that directions are taken from
 LIGHT_SMOOTHING = 2  # steps for the positions that are laid flat: little, so that print stays straight

@@ -14,11 +14,11 @@ import pymeshlab
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import write_json
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.views import View, read_views
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
 
 RENDER_PX = 320  # longest side of the renders that tell which faces are seen
 MASK_MARGIN_PX = 3.0  # a mask's border is not known better

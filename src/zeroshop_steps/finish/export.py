@@ -10,10 +10,10 @@ import trimesh
 from PIL import Image
 
 from zeroshop_steps import __version__
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json, written_whole
-from zeroshop_steps.images import read_image, write_image
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 PACKAGES = ("numpy", "torch", "pycolmap", "open3d", "trimesh", "pymeshlab", "xatlas", "opencv-python-headless", "numba")
 FRAME_TEXT = "origin at the bounding-box centre, z up from the support surface, x towards the first camera, right-handed"
@@ -97,7 +97,7 @@ def write_glb(path: Path, mesh: Mesh, scale: float) -> None:
         visual=trimesh.visual.TextureVisuals(uv=mesh.uv, material=material),
         process=False,
     )
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(exported.export(file_type="glb", include_normals=True))
 
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.errors import warn
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.views import View, read_views
-from zeroshop_steps.images import IMAGE_SUFFIXES
-from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.files import read_json, write_json
 
 KEPT = ("up_source", "scale_source", "scale", "height_m", "height_deviation_m", "height_measured_from", "height_in_registration")
 ROUNDS = 6  # the box turns by less than a hundredth of what x turns by, and x by a fraction of what the box's middle moves

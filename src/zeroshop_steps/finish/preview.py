@@ -6,13 +6,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.views import View, read_views
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import read_ply
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 
 TILE_PX = 320
 MARGIN = 1.15

@@ -7,10 +7,10 @@ import argparse
 import shutil
 from pathlib import Path
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json, written_whole
-from zeroshop_steps.finish.evidence_record import area_shares, with_evidence
-from zeroshop_steps.meshes import read_ply, write_ply
+from zeroshop_steps.geometry.meshes import read_ply, write_ply
+from zeroshop_steps.geometry.support_classes import area_shares, with_evidence
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,7 +54,7 @@ def publish(
     pairs = [(parts[".png"], out.with_suffix(".png")), (parts[".glb"], out.with_suffix(".glb"))]
     pairs += [(preview, out.with_suffix(".preview.png"))] if preview else []
     for source, target in pairs:
-        with written_whole(target) as temporary:
+        with atomic_write(target) as temporary:
             shutil.copyfile(source, temporary)
     write_json(out.with_suffix(".json"), notes)
     write_ply(out, mesh, out.with_suffix(".png").name)

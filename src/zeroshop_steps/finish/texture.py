@@ -15,17 +15,17 @@ import cv2
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import write_json
 from zeroshop_steps.finish import exposure
 from zeroshop_steps.finish.atlas import fill_gutters, rasterize
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.surface_fields import harmonic_fill, neighbour_matrix, smoothed, welded
 from zeroshop_steps.finish.unwrap import check_texture_size
-from zeroshop_steps.finish.views import View, read_views
-from zeroshop_steps.finish.visibility import ViewMaps, sample, vertex_quality, view_maps, visible
-from zeroshop_steps.images import write_image
-from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.surface_fields import harmonic_fill, neighbour_matrix, smoothed, welded
+from zeroshop_steps.geometry.visibility import ViewMaps, sample, vertex_quality, view_maps, visible
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
 
 SELECT_POWER = 12.0  # how sharply the best photo wins
 QUALITY_SMOOTHING = 6  # steps over the mesh: keeps regions of one photo large

@@ -16,8 +16,8 @@ from typing import Any
 import manifold3d
 import numpy as np
 
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.runtime.files import read_json, write_json
 
 STATES = ("closed", "open")
 NEAR_DIAGONALS = 0.05  # a wide border is the underside's where most of it is this near to the plane, in diagonals of the object

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import xatlas
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import write_json
 from zeroshop_steps.finish.charts import cut
-from zeroshop_steps.finish.surface_fields import welded
-from zeroshop_steps.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.surface_fields import welded
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
 
 PADDING_TEXELS = 6
 

@@ -2,9 +2,7 @@
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-
-METHODS = ("known", "marker", "depth_camera", "mast3r", "none", "print_board")
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.height", METHODS))
+    sys.exit(stage_main("zeroshop_steps.height"))

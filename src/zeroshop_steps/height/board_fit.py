@@ -12,10 +12,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import similarity_between
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.height.board import Board
+from zeroshop_steps.geometry.cameras import similarity_between
+from zeroshop_steps.geometry.printed_board import Board
 from zeroshop_steps.height.board_photos import BoardView
+from zeroshop_steps.runtime.errors import StepError
 
 LOSS_PX = 0.5  # residuals beyond this count less
 LARGEST_PX = 4.0  # median residual from which on board and cameras contradict each other

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.height.board import BOARDS, DICTIONARY, Board
+from zeroshop_steps.geometry.printed_board import BOARDS, DICTIONARY, Board
+from zeroshop_steps.runtime.errors import StepError
 
 LEAST_IN_A_PHOTO = 4  # fewer corners of a photo are left out
 LEAST_CORNERS = 8  # ... that at least two photos must show

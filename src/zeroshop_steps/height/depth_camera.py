@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.views import View
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
-from zeroshop_steps.meshes import read_ply
 from zeroshop_steps.register.undistort import undistortion_map
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 
 LEAST_IMAGES = 3
 LEAST_PIXELS = 100  # on the object, in an image

@@ -2,8 +2,8 @@
 
 import argparse
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.height.record import RULER_M, Scale, Subject, add_common_arguments, write_height
+from zeroshop_steps.runtime.errors import StepError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

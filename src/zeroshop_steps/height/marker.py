@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.height.board import BOARDS, RULER_MM, Board
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.printed_board import BOARDS, RULER_MM, Board
 from zeroshop_steps.height.board_fit import BoardFit, fit_board
 from zeroshop_steps.height.board_photos import BoardView, check_views, view_of
 from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
 from zeroshop_steps.height.scene_photos import place
-from zeroshop_steps.images import read_image
 from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.runtime.errors import StepError
 
 RULER_ERROR_MM = 0.2  # how well the line is read off
 WRONG_PRINT = f"the board was printed at another size (measure its {RULER_MM:g} mm line and give that as height.marker.ruler_mm)"

@@ -13,16 +13,16 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.finish.views import View
+from zeroshop_steps.geometry.images import list_images
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
-from zeroshop_steps.images import list_images
 from zeroshop_steps.networks.devices import DEVICES, chosen_device
 from zeroshop_steps.networks.mast3r.alignment import Alignment, align
 from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, published_or_own
+from zeroshop_steps.runtime.errors import StepError
 
 OBJECT_VIEWS, SCENE_VIEWS = 2, 4
 APART_DEG = 36.0

@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.height.board import BOARDS, RULER_MM, write_pdf
+from zeroshop_steps.geometry.printed_board import BOARDS, RULER_MM, write_pdf
+from zeroshop_steps.runtime.errors import StepError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

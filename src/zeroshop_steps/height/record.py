@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import read_json, write_json
-from zeroshop_steps.finish.views import View, read_views
-from zeroshop_steps.height.standing import Standing, standing_of
-from zeroshop_steps.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.height.object_pose import Standing, standing_of
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import read_json, write_json
 
 UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
@@ -109,10 +109,11 @@ def _mesh_with_evidence(args: argparse.Namespace, views: list[View]) -> Mesh:
     mesh = read_ply(args.mesh)
     if args.stereo is None:
         return mesh
-    from zeroshop_steps.finish.evidence import MEASURED, evidence_of
-    from zeroshop_steps.nvs.seeds import confirmed_points
+    from zeroshop_steps.geometry.support_classes import MEASURED
+    from zeroshop_steps.geometry.surface_support import surface_support
+    from zeroshop_steps.surface.seeds import confirmed_points
 
-    return replace(mesh, quality=evidence_of(mesh, views, confirmed_points(args.stereo, views)) / MEASURED)
+    return replace(mesh, quality=surface_support(mesh, views, confirmed_points(args.stereo, views)) / MEASURED)
 
 
 def check_known(scale: Scale, subject: Subject, else_wrong: str) -> None:

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.cameras import Camera
 from zeroshop_steps.capture.photos import format_problems
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.finish.views import View
-from zeroshop_steps.images import list_images, read_image
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import list_images, read_image
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.mapping import mapping_options
 from zeroshop_steps.register.sift import SiftOptions, extraction_options, match
+from zeroshop_steps.runtime.errors import StepError
 
 LEAST_PLACED = 2
 OBJECT, SCENE = "object", "scene"

@@ -1,10 +1,8 @@
-"""Command line of the networks: fetching weights; see `--method NAME --help`."""
+"""Command line of the networks stage; see `--method NAME --help`."""
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-
-METHODS = ("fetch_weights",)
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.networks", METHODS))
+    sys.exit(stage_main("zeroshop_steps.networks"))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from zeroshop_steps.errors import StepError, is_out_of_memory
+from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
 
 CGROUP = Path("/sys/fs/cgroup")
 DEVICES = ("auto", "cpu", "cuda")

@@ -7,8 +7,8 @@ from typing import Any
 
 import torch
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table, require
+from zeroshop_steps.runtime.errors import StepError
 
 WEIGHTS_FILE = "model.safetensors"
 REMEDY = "get the file again, or use a method that needs no weights"

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zeroshop_steps.downloads import fetched, verify
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.downloads import download, verify
+from zeroshop_steps.runtime.errors import StepError
 
 if TYPE_CHECKING:
     import torch
@@ -120,7 +120,7 @@ def fetch(name: str, path: Path) -> None:
         StepError: no network, no disk space, or not the file that the table describes.
     """
     row = known(name)
-    fetched(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
+    download(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
     _check_size(row, path)
 
 

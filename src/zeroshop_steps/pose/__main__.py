@@ -2,9 +2,7 @@
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-
-METHODS = ("render_compare",)
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.pose", METHODS))
+    sys.exit(stage_main("zeroshop_steps.pose"))

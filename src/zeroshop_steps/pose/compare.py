@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.bop.similarity_icp import likeness
-from zeroshop_steps.bop.surface_points import surface_points
-from zeroshop_steps.finish.render import sample_texture
-from zeroshop_steps.meshes import Mesh
-from zeroshop_steps.o3d import o3d, ray_caster
+from zeroshop_steps.geometry.mesh_rendering import sample_texture
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.surface_points import surface_points
+from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000
 AGREE_MM = 10.0

@@ -13,8 +13,8 @@ from zeroshop_steps.bop.models import Model, listed_objects, read_models
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
 from zeroshop_steps.detect.pictures import depth_of, photo_of
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.progress import track
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.progress import track
 
 SPARE_DETECTIONS = 2
 

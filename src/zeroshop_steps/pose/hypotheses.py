@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.detect.templates import view_directions
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.pose.icp import shape_costs, stepped
 from zeroshop_steps.pose.nearest import nearest_surface
 

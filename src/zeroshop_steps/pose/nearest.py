@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.bop.surface_points import surface_points
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.surface_points import surface_points
 
 SAMPLES = 16000
 CELLS = 160_000

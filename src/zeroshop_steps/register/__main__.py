@@ -1,10 +1,8 @@
-"""Command line of the registration stage."""
+"""Command line of the register stage; see `--method NAME --help`."""
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-
-METHODS = ("colmap", "mast3r", "vggt", "truth", "camera_error")
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.register", METHODS))
+    sys.exit(stage_main("zeroshop_steps.register"))

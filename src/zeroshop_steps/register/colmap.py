@@ -12,13 +12,13 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.cache import Cached
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, write_registration
 from zeroshop_steps.register.sift import SiftOptions, extract, focal_source, match
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.register.tilted import add_stretched_features, weak_images
 from zeroshop_steps.register.verdict import Limits
+from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
 

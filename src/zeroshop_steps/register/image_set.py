@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask
+from zeroshop_steps.runtime.errors import StepError
 
 MIN_IMAGES = 3  # two views give no check at all
 

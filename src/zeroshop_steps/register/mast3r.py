@@ -16,19 +16,19 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.cache import Cached
 from zeroshop_steps.networks.devices import DEVICES, chosen_device
 from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, published_or_own
-from zeroshop_steps.progress import track
-from zeroshop_steps.register.found_matches import PairMatches, write_matches
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
+from zeroshop_steps.register.match_database import PairMatches, write_matches
 from zeroshop_steps.register.pairs import chosen_pairs
 from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, add_common_arguments, write_registration
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.progress import track
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
 ANCHORS_WITHOUT_SURFACE = 30

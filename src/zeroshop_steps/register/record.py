@@ -14,9 +14,9 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import read_json, write_json, written_whole_dir
-from zeroshop_steps.register.directions import directions_record
+from zeroshop_steps.register.view_coverage import directions_record
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
 OBJECT_ONLY = ("se", "video_segmented")
@@ -47,13 +47,13 @@ def write_registration(out: Path, keep_going: bool, register: Callable[[Path], d
         RegistrationFailed: as `register` did, unless `keep_going`.
     """
     try:
-        with written_whole_dir(out) as folder:
+        with atomic_directory(out) as folder:
             record = {"status": "ok", "reason": None, **register(folder)} | directions_record(folder)
             write_json(folder / "registration.json", record)
     except RegistrationFailed as failure:
         if not keep_going:
             raise
-        with written_whole_dir(out) as folder:
+        with atomic_directory(out) as folder:
             for part in ("images", "masks", "sparse"):
                 (folder / part).mkdir()
             if failure.rejected is not None:

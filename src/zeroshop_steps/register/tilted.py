@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.images import read_image, write_image
+from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.sift import SiftOptions, extraction_options, matching_options, two_view_options
 

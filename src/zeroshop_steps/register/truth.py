@@ -12,13 +12,13 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.cache import Cached
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.register import sift
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import mapping_options
 from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, model_figures, write_registration
 from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import StepError
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/truth"), ignored=("threads",))
 

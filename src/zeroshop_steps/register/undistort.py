@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.runtime.errors import StepError
 
 
 def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) -> pycolmap.Reconstruction:

@@ -2,9 +2,7 @@
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-
-METHODS = ("table", "reconstruction", "heights", "film_heights", "bop", "object_page", "gallery")
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.report", METHODS, reads_failures=METHODS))
+    sys.exit(stage_main("zeroshop_steps.report"))

@@ -11,9 +11,9 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole
 from zeroshop_steps.report.table import read_rows
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
 
 PUBLISHED = Path(__file__).with_name("published_bop.csv")
 THESIS = "thesis"
@@ -21,6 +21,8 @@ COLUMNS = ("dataset", "models", "task", "method", "masks", "measure", "object", 
 TRUE_MODELS, TRUE_MASKS = "models", "truth"
 LOST = "lost with"
 SHOWN = {"detection": "ap", "pose": "ar"}
+
+READS_FAILURES = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,11 +39,11 @@ def run(args: argparse.Namespace) -> None:
     rows = [row for path in args.scores for row in rows_of(path, args.root)]
     if args.published:
         rows += published()
-    with written_whole(args.out) as temporary, temporary.open("w", newline="") as file:
+    with atomic_write(args.out) as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="")
         writer.writeheader()
         writer.writerows(rows)
-    with written_whole(args.page) as temporary:
+    with atomic_write(args.page) as temporary:
         temporary.write_text(page_of(rows))
 
 

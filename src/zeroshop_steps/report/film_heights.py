@@ -3,9 +3,11 @@
 import argparse
 from pathlib import Path
 
-from zeroshop_steps.failures import read_failure
-from zeroshop_steps.files import read_json
 from zeroshop_steps.report.table import cell_of, write_table
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import read_json
+
+READS_FAILURES = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

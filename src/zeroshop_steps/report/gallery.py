@@ -7,11 +7,13 @@ import argparse
 import json
 from pathlib import Path
 
-from zeroshop_steps.files import read_json, written_whole
 from zeroshop_steps.report.site.html import copy_assets, url, write_page
 from zeroshop_steps.report.site.tables import write_tables
+from zeroshop_steps.runtime.files import atomic_write, read_json
 
 HOW_TO_ADD = "Objects of your own are rows of config/objects.tsv; those of other datasets stand in config/config.yaml."
+
+READS_FAILURES = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     folder = args.out.parent
     cards = [gallery_card(read_json(page / "card.json")) for page in args.pages]
     copy_assets(folder / "assets")
-    with written_whole(folder / "assets/objects.js") as temporary:
+    with atomic_write(folder / "assets/objects.js") as temporary:
         temporary.write_text(f"zeroshopObjects={json.dumps([[card['name'], url(card['page'])] for card in cards])};\n", encoding="ascii")
     counts = {name: sum(card["best"] == name for card in cards) for name in ("good", "sparse", "none", "unfinished")}
     content = {"dataset": args.dataset, "cards": cards, "counts": counts, "summary": summary(cards), "how_to_add": HOW_TO_ADD, "root": ""}

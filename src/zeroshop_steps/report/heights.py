@@ -17,10 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.failures import read_failure
-from zeroshop_steps.files import read_json, written_whole
 from zeroshop_steps.report.table import cell_of
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import atomic_write, read_json
 
 PUBLISHED = Path(__file__).with_name("published_heights.csv")
 BESIDE, APART, THESIS = "board beside the object", "board in the empty scene", "thesis: MASt3R"
@@ -58,6 +58,9 @@ class Published:
     difference_percent: float
 
 
+READS_FAILURES = True
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--heights", type=Path, nargs="+", required=True, help="height_by_board.json of each cell, or its failure")
@@ -69,15 +72,15 @@ def run(args: argparse.Namespace) -> None:
     """Write the table and the plot."""
     published = published_heights()
     rows = [row_of(path, args.root, published) for path in args.heights]
-    with written_whole(args.out) as temporary, temporary.open("w", newline="") as file:
+    with atomic_write(args.out) as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="")
         writer.writeheader()
         writer.writerows(rows)
         writer.writerows(rest_of(published, rows))
     figure = drawn(rows, published)
-    with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), written_whole(args.out.with_suffix(".svg")) as temporary:
+    with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), atomic_write(args.out.with_suffix(".svg")) as temporary:
         FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
-    with written_whole(args.out.with_suffix(".png")) as temporary:
+    with atomic_write(args.out.with_suffix(".png")) as temporary:
         FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
 
 

@@ -7,14 +7,16 @@ import argparse
 import shlex
 from pathlib import Path
 
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import read_json, write_json, written_whole_dir
 from zeroshop_steps.report.site.advice import advice_for
-from zeroshop_steps.report.site.found import Cell, Run, find_runs
 from zeroshop_steps.report.site.html import write_page
 from zeroshop_steps.report.site.pictures import thumbnail, write_webp
+from zeroshop_steps.report.site.results_index import Cell, Run, find_runs
 from zeroshop_steps.report.site.sections import run_sections
 from zeroshop_steps.report.site.solids import Truth, read_truth, write_solids
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+
+READS_FAILURES = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     runs = chosen_first(find_runs(args.object), args.chosen)
     truth = read_truth(args.object / "model", args.faces, args.texture_px)
     info = model_info(args.object)
-    with written_whole_dir(args.out) as folder:
+    with atomic_directory(args.out) as folder:
         manifest = write_solids(runs, truth, folder, args.faces, args.texture_px)
         card = {
             "dataset": args.object.absolute().parent.name,

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, median
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
 
 MARKS = {"none": "×", "sparse": "○", "good": "●"}
 SCENES = ("su_l", "su_h", "se")
@@ -55,6 +55,9 @@ class Cell:
         return f"{self.object}, {self.scene}, {self.registration}, {self.nvs}"
 
 
+READS_FAILURES = True
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--table", type=Path, required=True, help="reconstruction.csv")
@@ -64,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     cells = read_cells(args.table)
-    with written_whole(args.out) as temporary:
+    with atomic_write(args.out) as temporary:
         temporary.write_text(rendered(cells, published_cells() if args.published else []))
 
 

@@ -9,11 +9,13 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.failures import read_failure
-from zeroshop_steps.files import written_whole
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import atomic_write
 
 AXES = ("dataset", "object", "scene", "registration", "nvs")
+
+READS_FAILURES = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +75,7 @@ def cell_of(path: Path, root: Path) -> dict[str, str]:
 def write_table(rows: Sequence[dict[str, str]], out: Path) -> None:
     """Write rows as CSV: the coordinates first, then every column that any row has; what a row lacks stays empty."""
     columns = dict.fromkeys([*(axis for axis in AXES if any(axis in row for row in rows)), *(key for row in rows for key in row)])
-    with written_whole(out) as temporary, temporary.open("w", newline="") as file:
+    with atomic_write(out) as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(columns), restval="")
         writer.writeheader()
         writer.writerows(rows)

@@ -1,9 +1,8 @@
-"""`python -m zeroshop_steps.segment --method METHOD ...`"""
+"""Command line of the segment stage; see `--method NAME --help`."""
 
 import sys
 
-from zeroshop_steps.cli import stage_main
-from zeroshop_steps.segment import METHODS
+from zeroshop_steps.runtime.cli import stage_main
 
 if __name__ == "__main__":
-    sys.exit(stage_main("zeroshop_steps.segment", METHODS))
+    sys.exit(stage_main("zeroshop_steps.segment"))

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.networks.pretrained import load_part, load_pretrained
+from zeroshop_steps.runtime.errors import StepError
 
 OFF_MIDDLE = 0.5
 """A box whose centre is this share of half the image's diagonal off the middle counts 1/e of its score."""

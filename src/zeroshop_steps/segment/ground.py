@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.segment.stand import Stand
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.scene_support import Stand
 
 REACH_DISTANCES = 0.9  # half the side of the square of plane that is pictured
 CELL_DISTANCES = 0.004

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.finish.views import read_views
-from zeroshop_steps.images import read_image
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.methods import DETECTOR, DETECTOR_FILES, TRACKER, TRACKER_FILES
 from zeroshop_steps.networks.devices import chosen_device, free_bytes
 from zeroshop_steps.networks.pretrained import require_model
-from zeroshop_steps.segment.agreement import corners_of, judged, overlap
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.detector import Box, Detector, choose_box, nothing_found
+from zeroshop_steps.segment.mask_agreement import corners_of, judged, overlap
 from zeroshop_steps.segment.mask_quality import check_enough, quality_record
 from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
 from zeroshop_steps.segment.support_plane import tidy

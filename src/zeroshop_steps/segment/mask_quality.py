@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
 
 TOLERANCE = 0.02
 """Width of the rim that may differ, in square roots of the mask's area: about two voxels of the hull."""

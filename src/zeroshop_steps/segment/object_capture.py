@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import read_json, write_json, written_whole_dir
-from zeroshop_steps.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.grounded_sam import Pictures, add_network_arguments, find_by_networks
 from zeroshop_steps.segment.record import (
     RECORD,
@@ -67,7 +67,7 @@ def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record:
         facts: capture.json of the capture that they come from; what it says of single pictures goes by their old numbers.
     """
     dropped = set(record["dropped"])
-    with written_whole_dir(out) as folder:
+    with atomic_directory(out) as folder:
         (folder / "images").mkdir()
         for path, mask in zip(paths, masks, strict=True):
             if path.name not in dropped:

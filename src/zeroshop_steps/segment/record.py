@@ -18,12 +18,12 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.frames import TILE_WIDTH_PX, rows_of
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.failures import is_result
-from zeroshop_steps.files import read_json, write_json, written_whole_dir
-from zeroshop_steps.finish.views import View
-from zeroshop_steps.images import read_image, write_image, write_mask
+from zeroshop_steps.geometry.images import read_image, write_image, write_mask
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.failures import is_result
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.mask_quality import MasksRejected
 
 RECORD = "segmentation.json"
@@ -47,7 +47,7 @@ def failing_as_result(args: argparse.Namespace) -> Iterator[None]:
     except StepError as error:
         if not (args.keep_going and is_result(error)):
             raise
-        with written_whole_dir(args.out) as folder:
+        with atomic_directory(args.out) as folder:
             for part in ("images", "masks", "sparse"):
                 (folder / part).mkdir()
             write_json(folder / "registration.json", {"status": "failed", "reason": str(error)})
@@ -84,7 +84,7 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         record: for segmentation.json.
     """
     registration = read_registration(scene)
-    with written_whole_dir(out) as folder:
+    with atomic_directory(out) as folder:
         for part in ("images", "masks"):
             (folder / part).mkdir()
         for view, mask in zip(views, masks, strict=True):

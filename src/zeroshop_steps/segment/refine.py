@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.scene_support import Stand
 from zeroshop_steps.segment.colors import ColorOdds
-from zeroshop_steps.segment.cut import cut
+from zeroshop_steps.segment.graph_cut import cut
 from zeroshop_steps.segment.ground import picture_ground
-from zeroshop_steps.segment.space import down_to_ground, silhouette, splat, votes
-from zeroshop_steps.segment.stand import Stand
-from zeroshop_steps.segment.subject import Subject
+from zeroshop_steps.segment.object_selection import Subject
+from zeroshop_steps.segment.voxel_carving import down_to_ground, silhouette, splat, votes
 
 COLOR_MOST = 1.5
 INSIDE_ODDS = (0.5, 0.7, 0.7)

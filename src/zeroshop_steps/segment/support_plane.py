@@ -12,15 +12,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.cameras import Camera, SparseModel
-from zeroshop_steps.finish.views import View, read_views
+from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.scene_support import find_stand
 from zeroshop_steps.segment.ground import equalized, picture_ground
 from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record
-from zeroshop_steps.segment.moved import check_unmoved
+from zeroshop_steps.segment.motion_check import check_unmoved
+from zeroshop_steps.segment.object_selection import find_subject
 from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
 from zeroshop_steps.segment.refine import refine
-from zeroshop_steps.segment.stand import find_stand
-from zeroshop_steps.segment.subject import find_subject
 
 WIDTH_PX = 480
 LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003  # of a mask's area

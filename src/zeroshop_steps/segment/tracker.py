@@ -10,7 +10,7 @@ from PIL import Image
 from torch.nn.functional import interpolate
 
 from zeroshop_steps.networks.pretrained import load_pretrained
-from zeroshop_steps.progress import ProgressReport
+from zeroshop_steps.runtime.progress import ProgressReport
 
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the colours of the network's training pictures
 OBJECT = 1  # the one object of a session

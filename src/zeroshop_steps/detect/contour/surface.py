@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.runtime.errors import StepError
 
 FEWEST_MEASURED = 500
 TRIALS, SAMPLES = 400, 4000

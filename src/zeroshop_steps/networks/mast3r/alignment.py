@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.cameras import similarity_between
-from zeroshop_steps.errors import StepError
+from zeroshop_steps.geometry.cameras import similarity_between
 from zeroshop_steps.networks.mast3r.inference import Predictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match
-from zeroshop_steps.progress import ProgressReport
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.progress import ProgressReport
 
 COARSE_STEPS, COARSE_RATE = 300, 0.07
 FINE_STEPS, FINE_RATE = 500, 0.01

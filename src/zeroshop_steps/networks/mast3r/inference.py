@@ -9,7 +9,7 @@ import torch
 from zeroshop_steps.networks.devices import Needs, check_fits, fits, running
 from zeroshop_steps.networks.mast3r.model import PATCH_PX, Configuration, MASt3R, Prediction
 from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing, framing_of_file, load_picture
-from zeroshop_steps.progress import track
+from zeroshop_steps.runtime.progress import track
 
 NAME = "MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth"
 SMALLEST_SIDE_PX = 224

@@ -8,10 +8,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.networks.mast3r.dpt import DensePrediction, points_of
 from zeroshop_steps.networks.mast3r.transformer import NORM_EPSILON, DecoderBlock, EncoderBlock, Mlp, Rotation, rotation_of_grid
 from zeroshop_steps.networks.weights import strict_load
+from zeroshop_steps.runtime.errors import StepError
 
 PATCH_PX = 16
 SIZES = ".json"

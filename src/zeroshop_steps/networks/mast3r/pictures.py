@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from PIL import Image
 
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.images import read_image
+from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.networks.mast3r.model import PATCH_PX
+from zeroshop_steps.runtime.errors import StepError
 
 LONG_SIDE_PX = 512
 

@@ -7,10 +7,10 @@ are taken as they are, which is faster and less exact. What is found is checked 
 import argparse
 from pathlib import Path
 
-from zeroshop_steps.cache import Cached
 from zeroshop_steps.methods import REGISTRATIONS, WEIGHTS_FOLDER
 from zeroshop_steps.register.record import add_common_arguments
 from zeroshop_steps.register.vggt.options import VggtOptions
+from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
 

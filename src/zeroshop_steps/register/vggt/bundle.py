@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.repair import without_images
 from zeroshop_steps.register.sift import two_view_options
 from zeroshop_steps.register.vggt.points import Observations

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.consistency import silhouette_coherence
 from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.vggt.predicted import DensePoints

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.images import read_image
+from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.register.image_set import ImageSet, read_masks
 
 

@@ -1,8 +1,8 @@
 """How much memory a run will need, said before it starts."""
 
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.networks.vggt.settings import Settings
 from zeroshop_steps.networks.vggt.track_head import STRIDE, VOLUME_VALUES
+from zeroshop_steps.runtime.errors import StepError
 
 VALUE_BYTES = 4
 BASE_BYTES = 600_000_000  # Python and PyTorch themselves

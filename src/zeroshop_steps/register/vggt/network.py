@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zeroshop_steps.errors import StepError, is_out_of_memory
-from zeroshop_steps.files import read_json
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import Settings
 from zeroshop_steps.networks.weights import strict_load
-from zeroshop_steps.progress import ProgressReport
+from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.progress import ProgressReport
 
 FILE = "VGGT-1B/model.safetensors"
 SIZES = ".settings.json"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.vggt.frames import Frames
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.vggt.frames import Frames
 

@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.networks.devices import chosen_device, chosen_precision, free_bytes
 from zeroshop_steps.networks.weights import published_or_own
 from zeroshop_steps.register.image_set import ImageSet, read_image_set

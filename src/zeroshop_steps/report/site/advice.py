@@ -3,7 +3,7 @@
 By measure where the grade says which measures are at fault, else by the step that failed and the words of its reason.
 """
 
-from zeroshop_steps.report.site.found import Cell
+from zeroshop_steps.report.site.results_index import Cell
 
 # In the order of what causes what: cameras before masks before surface. `photos` is for captures of the user's own.
 BY_MEASURE = {
@@ -41,10 +41,12 @@ BY_FAILURE = (
     ("segment", "", "The masks are not good enough: put the object alone on a ground of other colours, or give masks of your own."),
     ("height", "board", "The printed board could not be used: show all of it, flat and larger, in more photos from all around."),
     ("height", "", "The height was not found: give it in the objects table as height_m, in metres."),
-    ("nvs", "diverged", "Training broke down, most often by wrong cameras: look at cameras and masks."),
-    ("nvs", "", "Masks and cameras do not agree on any surface: look at both; film on a ground with more texture."),
+    ("surface", "diverged", "Training broke down, most often by wrong cameras: look at cameras and masks."),
+    ("surface", "", "Masks and cameras do not agree on any surface: look at both; film on a ground with more texture."),
     ("finish", "outside the masks", "Mesh and masks do not belong together: check the masks."),
     ("finish", "", "The raw mesh could not be finished: add pictures, and check masks and cameras."),
+    ("evaluate", "", "The mesh could not be judged: check masks and cameras."),
+    ("synthetic", "", "The scene could not be rendered: correct what the reason names and run again."),
     ("capture", "", "The pictures could not be taken over: correct what the reason names and run again."),
 )  # fmt: skip
 UNKNOWN_SCALE = "The mesh has no true size: give the object's height (height_m in the objects table), or show a printed board."

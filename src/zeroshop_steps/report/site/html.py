@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 import jinja2
 
-from zeroshop_steps.files import written_whole
+from zeroshop_steps.runtime.files import atomic_write
 
 PACKAGE = Path(__file__).parents[1]
 MARKS = {"good": "●", "sparse": "○", "none": "×", None: "…"}
@@ -33,14 +33,14 @@ def environment() -> jinja2.Environment:
 def write_page(path: Path, template: str, **content) -> None:
     """Render a template into a file."""
     text = environment().get_template(template).render(**content)
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def copy_assets(folder: Path) -> None:
     """Put styles, scripts and their licences into `folder`."""
     for source in sorted((PACKAGE / "assets").iterdir()):
-        with written_whole(folder / source.name) as temporary:
+        with atomic_write(folder / source.name) as temporary:
             shutil.copyfile(source, temporary)
 
 

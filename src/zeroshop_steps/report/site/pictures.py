@@ -5,13 +5,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import written_whole
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.meshes import Mesh, read_ply
-from zeroshop_steps.report.site.found import Run
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.report.site.results_index import Run
 from zeroshop_steps.report.site.solids import Truth
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import atomic_write
 
 THUMBNAIL_PX = 320
 
@@ -22,7 +22,7 @@ def write_webp(path: Path, image: np.ndarray, quality: int = 82) -> None:
     made, data = cv2.imencode(".webp", swapped, [cv2.IMWRITE_WEBP_QUALITY, quality])
     if not made:
         raise StepError(f"{path} could not be written as WebP; OpenCV lacks it, install it again")
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(data.tobytes())
 
 

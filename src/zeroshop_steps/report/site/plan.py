@@ -3,8 +3,8 @@
 import numpy as np
 from markupsafe import Markup, escape
 
-from zeroshop_steps.cameras import SparseModel
 from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.geometry.cameras import SparseModel
 
 SIZE = 300
 MARGIN = 24

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.finish.render import sample_texture
-from zeroshop_steps.meshes import Mesh
+from zeroshop_steps.geometry.mesh_rendering import sample_texture
+from zeroshop_steps.geometry.meshes import Mesh
 
 # Above this many faces texture coordinates are not carried through the decimation, which would take minutes and gigabytes.
 TEXTURED_FACES = 400_000

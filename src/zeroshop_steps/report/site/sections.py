@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.cameras import read_sparse_model
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.report.site.account import costs, measures, provenance, training_curves
+from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.report.site.advice import advice_for, advice_on_failure
 from zeroshop_steps.report.site.charts import line_chart
-from zeroshop_steps.report.site.found import Cell, Run, read_csv
 from zeroshop_steps.report.site.plan import camera_plan
+from zeroshop_steps.report.site.provenance import costs, measures, provenance, training_curves
+from zeroshop_steps.report.site.results_index import Cell, Run, read_csv
 from zeroshop_steps.report.site.solids import object_frame
 from zeroshop_steps.report.site.views import write_sheets, write_views
+from zeroshop_steps.runtime.errors import StepError, warn
 
 
 def run_sections(runs: list[Run], folder: Path, changes: str = "") -> list[dict]:

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.cameras import paired_with_truth, read_sparse_model, similarity_to_truth
-from zeroshop_steps.errors import StepError, warn
-from zeroshop_steps.files import read_json
-from zeroshop_steps.finish.surface_error import distances_to, seen_count
-from zeroshop_steps.meshes import Mesh, read_ply
-from zeroshop_steps.o3d import o3d, ray_caster
-from zeroshop_steps.report.site.found import Cell, Run
+from zeroshop_steps.geometry.cameras import paired_with_truth, read_sparse_model, similarity_to_truth
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.surface_distance import distances_to, seen_count
 from zeroshop_steps.report.site.reduced import Reduced, reduced
+from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.viewer_data import encoded, levels, mesh_content, scene_content, write_data
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 LIMIT_DIAMETERS = 0.02
 """End of the colour scale of distances: twice the F-score's threshold."""

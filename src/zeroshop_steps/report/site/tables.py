@@ -8,13 +8,13 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from zeroshop_steps.files import written_whole, written_whole_dir
 from zeroshop_steps.report import bop
 from zeroshop_steps.report.heights import THESIS, published_heights
 from zeroshop_steps.report.reconstruction import published_cells
 from zeroshop_steps.report.site.charts import scatter
-from zeroshop_steps.report.site.found import read_csv
 from zeroshop_steps.report.site.html import link, write_page
+from zeroshop_steps.report.site.results_index import read_csv
+from zeroshop_steps.runtime.files import atomic_directory, atomic_write
 
 SCENE_ORDER = ("su_l", "su_h", "se", "video")
 FIGURES = (
@@ -54,7 +54,7 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
     rows = {"grades": grade_csv(cards, thesis), "figures": figure_csv(cards), "heights": content["heights"]}
     rows |= {name: table for name, table in found.items() if name not in rows} | {"published_bop": bop.published()}
     rows = {name: table for name, table in rows.items() if table}
-    with written_whole_dir(folder / "downloads") as downloads:
+    with atomic_directory(folder / "downloads") as downloads:
         for name, table in rows.items():
             write_csv(downloads / f"{name}.csv", table)
     names = {card["object"]: card["name"] for card in cards}
@@ -169,7 +169,7 @@ def figure_csv(cards: Sequence[dict]) -> list[dict]:
 def write_csv(path: Path, rows: Sequence[dict]) -> None:
     """Write rows with the columns that any of them has."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    with written_whole(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, restval="")
         writer.writeheader()
         writer.writerows(rows)

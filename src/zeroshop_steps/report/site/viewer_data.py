@@ -11,11 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.cameras import SparseModel
-from zeroshop_steps.errors import StepError
-from zeroshop_steps.files import written_whole
 from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.report.site.reduced import Reduced
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
 
 UNSEEN = 255
 """A distance that does not count: the underside that no photo shows."""
@@ -26,7 +26,7 @@ POINTS = 6000
 def write_data(path: Path, content: dict) -> None:
     """A script that hands `content` to the page, which knows it by its address."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    with written_whole(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(f"zeroshop.data({text});\n", encoding="ascii")
 
 

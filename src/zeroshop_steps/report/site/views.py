@@ -5,16 +5,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.cameras import Camera
-from zeroshop_steps.errors import StepError
 from zeroshop_steps.finish.preview import cropped, seen_from
-from zeroshop_steps.finish.render import MeshRenderer
-from zeroshop_steps.finish.views import View, read_views
-from zeroshop_steps.images import list_images, read_image, read_mask
-from zeroshop_steps.meshes import read_ply
-from zeroshop_steps.report.site.found import Cell, Run
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.report.site.pictures import fitted, write_webp
+from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.solids import object_frame, truth_from_object
+from zeroshop_steps.runtime.errors import StepError
 
 TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
 MOST_PHOTOS = 40

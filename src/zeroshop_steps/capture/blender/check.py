@@ -1,6 +1,0 @@
-"""Whether BlenderProc starts here: tells `@ready`, or `@fault` and the reason."""
-
-from zeroshop_steps.capture.blender.start import run
-
-if __name__ == "__main__":
-    run(lambda bproc: None)

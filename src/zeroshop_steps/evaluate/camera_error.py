@@ -1,0 +1,96 @@
+"""Compare registered cameras with the true ones of a virtual capture (or of a calibrated data set).
+
+The registration's frame is arbitrary: it is first brought to the truth by the similarity that best maps the camera
+centres. Writes a JSON and, beside it, a tidy CSV with one row a measurement.
+"""
+
+import argparse
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera, paired_with_truth, read_sparse_model, similarity_to_truth
+from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
+
+
+@dataclass(frozen=True)
+class CameraError:
+    """Errors after alignment, in the truth's length unit (mm).
+
+    Attributes:
+        names: image stems that both sides have.
+        centre_mm: (N,) distances of camera centres.
+        rotation_deg: (N,) angles between camera orientations.
+        focal_ratio: estimated over true focal length, mean.
+    """
+
+    names: tuple[str, ...]
+    centre_mm: np.ndarray
+    rotation_deg: np.ndarray
+    focal_ratio: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--cameras", type=Path, required=True, help="folder that register wrote")
+    parser.add_argument("--truth", type=Path, required=True, help="COLMAP model of the true cameras, in millimetres")
+    parser.add_argument("--out", type=Path, required=True, help="JSON to write; the CSV gets the same name")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the JSON and the CSV; of a failed registration with its reason, and the figures of the rejected model if there is one."""
+    truth = read_sparse_model(args.truth).cameras
+    record: dict = {"images": len(truth), "registered": 0}
+    registration = args.cameras / "registration.json"
+    status = read_json(registration) if registration.is_file() else {"status": "ok"}
+    record["status"] = status["status"]
+    if status["status"] != "ok":
+        record["reason"] = status["reason"]
+    model = args.cameras / ("sparse" if status["status"] == "ok" else "rejected")
+    if (model / "cameras.bin").is_file():
+        error = camera_error(read_sparse_model(model).cameras, truth)
+        record |= {
+            "registered": len(error.names),
+            "mean_centre_error_mm": float(error.centre_mm.mean()),
+            "max_centre_error_mm": float(error.centre_mm.max()),
+            "mean_rotation_error_deg": float(error.rotation_deg.mean()),
+            "max_rotation_error_deg": float(error.rotation_deg.max()),
+            "focal_ratio": error.focal_ratio,
+        }
+        per_camera = zip(error.names, error.centre_mm, error.rotation_deg, strict=True)
+        record["cameras"] = {name: {"centre_error_mm": float(c), "rotation_error_deg": float(r)} for name, c, r in per_camera}
+    write_json(args.out, record)
+    with atomic_write(args.out.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["camera", "measure", "value"])
+        writer.writerows(["all", key, value] for key, value in record.items() if isinstance(value, int | float))
+        for name, values in record.get("cameras", {}).items():
+            writer.writerows([name, key, value] for key, value in values.items())
+
+
+def camera_error(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> CameraError:
+    """Align `estimated` to `truth` by the camera centres that both have (matched by image stem) and measure what is left.
+
+    Raises:
+        StepError: fewer than three cameras in common.
+    """
+    pairs = paired_with_truth(estimated, truth)
+    centres = np.array([camera.centre_in_world for camera, _ in pairs])
+    true_centres = np.array([camera.centre_in_world for _, camera in pairs])
+    truth_from_estimate = similarity_to_truth(pairs)
+    scale = np.cbrt(np.linalg.det(truth_from_estimate[:3, :3]))
+    aligned = centres @ truth_from_estimate[:3, :3].T + truth_from_estimate[:3, 3]
+    rotation = truth_from_estimate[:3, :3] / scale
+    angles = []
+    for camera, true_camera in pairs:
+        between = camera.camera_from_world[:3, :3] @ rotation.T @ true_camera.camera_from_world[:3, :3].T
+        # Chord length instead of the trace: exact for small angles, where arccos loses half the digits.
+        angles.append(np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(between - np.eye(3)) / np.sqrt(8), 0, 1))))
+    return CameraError(
+        tuple(Path(camera.name).stem for camera, _ in pairs),
+        np.linalg.norm(aligned - true_centres, axis=1),
+        np.array(angles),
+        float(np.mean([camera.intrinsics[0, 0] / true_camera.intrinsics[0, 0] for camera, true_camera in pairs])),
+    )

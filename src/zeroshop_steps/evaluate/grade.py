@@ -1,0 +1,129 @@
+"""Grade a finished mesh none, sparse or good, from measurements.
+
+Two judgements are made, each by its worst measure. One needs no truth, so that own photos are graded too: registered
+photos, silhouettes, parts, open borders, backs, roughness, the agreement of the photos with one another on the
+surface, and how much of it was measured at all. Where quality.json is given, the other judges the distances to the true
+surface, and its grade is the cell's. An underside that was closed without being seen counts for neither.
+Silhouettes and colours are judged in the registered photos, for rendered captures as for own ones, so that the limits
+mean the same for both; quality.json has the same two figures in photos that were held out.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.evaluate.grading import MEASURES, Verdict, judge
+from zeroshop_steps.evaluate.photo_measures import photo_agreement
+from zeroshop_steps.evaluate.surface_measures import largest_part_share, open_boundary, roughness_deg
+from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.finish.underside import without_underside
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.support_classes import area_shares, with_evidence
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
+
+SEEN_FROM_BELOW = 2  # cameras under the support's height that show the underside
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, how much was measured does not count")
+    parser.add_argument("--quality", type=Path, help="quality.json, where there is a truth")
+    for measure in MEASURES:
+        default = [measure.good, measure.sparse]
+        option = "--" + measure.name.replace("_", "-")
+        parser.add_argument(option, type=float, nargs=2, metavar=("GOOD", "SPARSE"), default=default, help=f"limits: {measure.text}")
+    parser.add_argument("--out", type=Path, required=True, help="grade.json; a tidy CSV goes beside it")
+
+
+def run(args: argparse.Namespace) -> None:
+    start_s = time.monotonic()
+    limits = {measure.name: checked_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
+    notes = read_json(args.mesh.with_suffix(".json"))
+    facts = notes["frame_facts"]
+    views, _ = read_views(args.cameras)
+    object_from_registration = np.array(facts["object_from_registration"])
+    views = [replace(view, camera=seen_from(view.camera, object_from_registration)) for view in views]
+    record = read_json(args.cameras / "registration.json")
+    mesh = read_ply(args.mesh)
+    values = measured(without_underside(mesh, notes), views, record["images"], facts["bottom_z"])
+    if args.evidence:
+        values["assumed_share"] = area_shares(without_underside(with_evidence(mesh, args.evidence), notes))["assumed"]
+    true_values = None
+    if args.quality:
+        quality = read_json(args.quality)
+        true_values = {measure.name: quality[measure.name] for measure in MEASURES if measure.needs_truth}
+    content = graded(values, true_values, limits)
+    write_grade(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
+    print(f"grade: {content['grade']} {'; '.join(content['reasons'])}", file=sys.stderr)
+
+
+def checked_limits(name: str, limits: list[float]) -> tuple[float, float]:
+    """(good, sparse), or an error where sparse asks for more than good."""
+    measure = next(measure for measure in MEASURES if measure.name == name)
+    good, sparse = limits
+    if (good < sparse) if measure.at_least else (good > sparse):
+        raise StepError(f"finish.grade.{name} is [{good}, {sparse}]; the limit of good comes first and is the stricter one")
+    return good, sparse
+
+
+def measured(mesh: Mesh, views: list[View], photos: int, support_z: float) -> dict[str, float]:
+    """What can be measured without the truth.
+
+    Args:
+        mesh: the product in the object frame, z up; only its shape counts.
+        views: the registered photos, cameras in the object frame.
+        photos: how many photos the capture has.
+        support_z: height of what the object stands on.
+    """
+    cameras = [view.camera for view in views]
+    below = sum(camera.centre_in_world[2] < support_z for camera in cameras)
+    agreement = asdict(photo_agreement(mesh, views))
+    values = agreement | {
+        "registered_share": len(views) / photos,
+        "largest_part_share": largest_part_share(mesh),
+        "open_boundary_diameters": open_boundary(mesh, cameras, None if below >= SEEN_FROM_BELOW else support_z),
+        "roughness_deg": roughness_deg(mesh),
+    }
+    return {name: round(float(value), 5) for name, value in values.items()}
+
+
+def graded(values: dict[str, float], true_values: dict[str, float] | None, limits: dict[str, tuple[float, float]]) -> dict:
+    """The content of grade.json: the grade that counts, and both judgements with their measures."""
+    photos = judge(values, limits)
+    truth = judge(true_values, limits) if true_values is not None else None
+    deciding = truth or photos
+    return {
+        "grade": deciding.grade,
+        "judged_by": "truth" if truth else "photos",
+        "reasons": list(deciding.reasons),
+        "photos": _judgement(photos, values),
+        "truth": _judgement(truth, true_values) if truth else None,
+        "limits": {name: list(pair) for name, pair in limits.items()},
+    }
+
+
+def write_grade(path: Path, content: dict) -> None:
+    """Write grade.json and, beside it, the tidy CSV: grades with reasons, then a row a measurement but for those of quality.csv."""
+    write_json(path, content)
+    rows = [("grade", content["grade"], "; ".join(content["reasons"]))]
+    for side in ("photos", "truth"):
+        if content[side]:
+            rows.append((f"grade_by_{side}", content[side]["grade"], "; ".join(content[side]["reasons"])))
+    rows += [(name, value, "") for name, value in content["photos"]["measures"].items()]
+    with atomic_write(path.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["measure", "value", "reason"])
+        writer.writerows(rows)
+
+
+def _judgement(verdict: Verdict, values: dict[str, float]) -> dict:
+    return {"grade": verdict.grade, "reasons": list(verdict.reasons), "measures": values}

@@ -1,0 +1,185 @@
+"""How well a mesh agrees with the photos that it was made from.
+
+Every photo serves as a held-out one: at points of the surface, its colours are compared with what the other photos
+that see the point predict. A real capture has no photos to spare, and a texture baked from all of them would hide the
+error. Where the surface is in the wrong place, each photo shows another spot of the object at the point, and the colours
+disagree. Highlights make them disagree too, on a right surface; so a point counts as displaced only when some other
+depth along its normal explains the same photos clearly better. That finds the lid of a visual hull over a bowl, whose
+silhouettes are perfect (Kutulakos and Seitz 2000, photo-consistency; Collins 1996, plane sweep).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.finish import exposure
+from zeroshop_steps.geometry.mesh_rendering import Hits, MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.surface_distance import face_normals, sampled
+from zeroshop_steps.geometry.surface_fields import neighbour_matrix, smoothed, welded
+from zeroshop_steps.geometry.visibility import sample, view_maps, visible
+from zeroshop_steps.runtime.errors import StepError
+
+LONGEST_PX = 1000  # larger photos are shrunk: finer print than this asks for finer alignment than a grade is about
+BLUR_PX = 2.0  # so that print a pixel off does not count as another colour
+SAMPLES = 6000
+NORMAL_SMOOTHING = 6  # steps over the mesh
+MIN_COSINE = 0.3  # more grazing views show too little of the point
+MIN_TRUST = 0.1
+LEAST_VIEWS = 3  # photos that must see a point for it to count
+OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # along the normal, outwards positive; hollows are deep
+MARGIN = 0.015  # another depth must explain the colours (0 to 1) better by this and by what one pixel's shift changes
+
+
+@dataclass(frozen=True)
+class PhotoAgreement:
+    """Agreement of a mesh with its photos.
+
+    Attributes:
+        silhouette_agreement: intersection over union of silhouette and mask, mean over the photos.
+        back_share: share of the pixels on the mesh where it shows its back, through a hole or a torn part.
+        photometric_error: mean difference of a photo's colour from the other photos' prediction, of 1.
+        displaced_share: share of the seen surface where another depth explains the photos clearly better.
+        judged_share: share of the surface that enough photos see for the two measures above.
+    """
+
+    silhouette_agreement: float
+    back_share: float
+    photometric_error: float
+    displaced_share: float
+    judged_share: float
+
+
+@dataclass(frozen=True)
+class ShrunkView(View):
+    """A view whose pixels are averaged down to its camera's size."""
+
+    original: View
+
+    def image(self) -> np.ndarray:
+        """(height, width, 3) uint8 sRGB."""
+        return cv2.resize(self.original.image(), (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_AREA)
+
+    def mask(self) -> np.ndarray:
+        """(height, width) bool, True where at least half of the pixel is on the object."""
+        mask = self.original.mask().astype(np.uint8) * 255
+        return cv2.resize(mask, (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_AREA) >= 128
+
+
+def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAgreement:
+    """Compare `mesh` with the photos of `views`, whose cameras are in the mesh's frame.
+
+    Raises:
+        StepError: a mask that shows no object in any view.
+    """
+    views = [_shrunk(view) for view in views]
+    joined, _ = welded(mesh)
+    normals = smoothed(joined.normals, neighbour_matrix(joined), NORMAL_SMOOTHING)
+    points, faces = sampled(joined, SAMPLES, np.random.default_rng(seed))
+    normals = normals[joined.faces[faces]].sum(1)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    diameter = diameter_of(joined)
+    places = points + OFFSETS_DIAMETERS[:, None, None] * diameter * normals
+    places = np.concatenate([points[None], places])
+    look = _look(joined, places, normals, views, diameter)
+    weight, colors = look.weight, look.colors * exposure.gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
+    spread = np.stack([_spread(shown, weight) for shown in colors])
+    spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
+    slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
+    judged = (weight > 0).sum(1) >= LEAST_VIEWS
+    gain = spread[0] - spread[1:].min(0)
+    return PhotoAgreement(
+        silhouette_agreement=float(np.mean(look.iou)),
+        back_share=look.back_px / max(look.mesh_px, 1),
+        photometric_error=_left_out_error(colors[0], weight, judged),
+        displaced_share=float((gain > MARGIN + slope)[judged].mean()) if judged.any() else 1.0,
+        judged_share=float(judged.mean()),
+    )
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What V photos show at N points and at the same points moved along their normals (P places, the first unmoved).
+
+    Attributes:
+        colors: (P, N, V, 3) blurred colours of 1; on_object: (P, N, V) bool, inside the photo's mask.
+        weight: (N, V) cosine of the view where the unmoved point is seen, else 0; slope: (N, V) colour change over a pixel there.
+        iou: V silhouette agreements; back_px, mesh_px: counted pixels.
+    """
+
+    colors: np.ndarray
+    on_object: np.ndarray
+    weight: np.ndarray
+    slope: np.ndarray
+    iou: list[float]
+    back_px: int
+    mesh_px: int
+
+
+def _look(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[View], diameter: float) -> _Look:
+    renderer = MeshRenderer(mesh)
+    shape = (*places.shape[:2], len(views))
+    colors, on_object = np.empty((*shape, 3), np.float32), np.empty(shape, bool)
+    weight, slope = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
+    iou, back_px, mesh_px = [], 0, 0
+    for k, view in enumerate(views):
+        mask, hits = view.mask(), renderer.hits(view.camera)
+        if not mask.any():
+            raise StepError(f"{view.mask_path}: the mask shows no object; make the mask again, or leave the photo out")
+        iou.append(float((mask & hits.mask).sum() / (mask | hits.mask).sum()))
+        back_px, mesh_px = back_px + _back_pixels(mesh, hits, view), mesh_px + int(hits.mask.sum())
+        maps = view_maps(view, hits, diameter)
+        pixels, depth = view.camera.project(places[0])
+        towards = view.camera.centre_in_world - places[0]
+        cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
+        seen = visible(pixels, depth, hits.depth, 0.004 * diameter) & (cosine > MIN_COSINE) & (sample(maps.trust, pixels) > MIN_TRUST)
+        weight[:, k] = np.where(seen, cosine, 0.0)
+        image = cv2.GaussianBlur(view.image().astype(np.float32) / 255.0, (0, 0), BLUR_PX)
+        slope[:, k] = sample(_slope(image), pixels)
+        for place, moved in enumerate(places):
+            pixels, _ = view.camera.project(moved)
+            colors[place, :, k] = sample(image, pixels)
+            on_object[place, :, k] = sample(mask, pixels) > 0.99
+    return _Look(colors, on_object, weight, slope, iou, back_px, mesh_px)
+
+
+def _back_pixels(mesh: Mesh, hits: Hits, view: View) -> int:
+    towards = view.camera.centre_in_world - mesh.vertices[mesh.faces[:, 0]]
+    facing = np.einsum("ij,ij->i", face_normals(mesh), towards)
+    return int((facing[hits.face[hits.mask]] < 0).sum())
+
+
+def _slope(image: np.ndarray) -> np.ndarray:
+    """(height, width) largest change over one pixel among the channels."""
+    x, y = (cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
+    # By planes: a maximum over three neighbours in memory is slow.
+    return np.maximum.reduce(cv2.split(np.hypot(x, y)))
+
+
+def _spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(N,) weighted root mean square distance of (N, V, 3) colours to their mean, in the channel that differs most."""
+    total = np.maximum(weight.sum(1), 1e-12)
+    mean = np.einsum("nv,nvc->nc", weight, colors) / total[:, None]
+    distance = np.abs(colors - mean[:, None]).max(2)
+    return np.sqrt((weight * distance**2).sum(1) / total)
+
+
+def _left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.ndarray) -> float:
+    """Mean difference of each photo's colour from the mean of the others; 1 where no point is judged."""
+    total = np.einsum("nv,nvc->nc", weight, colors)[:, None] - weight[:, :, None] * colors
+    others = total / np.maximum(weight.sum(1)[:, None] - weight, 1e-12)[:, :, None]
+    error = np.abs(colors - others).max(2)
+    use = (weight > 0) & judged[:, None]
+    return float(error[use].mean()) if use.any() else 1.0
+
+
+def _shrunk(view: View) -> View:
+    camera = view.camera
+    scale = LONGEST_PX / max(camera.width_px, camera.height_px)
+    if scale >= 1.0:
+        return view
+    smaller = camera.resized(max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale)))
+    return ShrunkView(smaller, view.image_path, view.mask_path, view)

@@ -1,0 +1,149 @@
+"""Measure the finished mesh of a virtual capture against the truth.
+
+The mesh is brought to the true frame by the cameras (similarity of registered to true camera centres), never by ICP,
+which would hide a bad pose. Accuracy: mean distance of the mesh to the true surface; an underside that was closed without
+being seen does not count. Completeness: mean distance of the true surface that at least two cameras see to the mesh.
+F-score: both at a threshold. PSNR: over the bounding box of the mask in photos that were held out, the mesh unlit, black
+outside the silhouette (the photo's mask, the mesh's own). The scale error compares the known height's scale with the
+cameras'; the other figures are free of it, because the alignment includes scale.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.finish.underside import without_underside
+from zeroshop_steps.geometry.cameras import Camera, paired_with_truth, read_sparse_model, similarity_to_truth
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.surface_distance import surface_error
+from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
+
+F_SCORE_MM = 2.0
+F_SCORE_DIAMETER = 0.01
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a mesh is measured against, in the true frame, in mm.
+
+    Attributes:
+        surface: the true one.
+        diameter_mm: the object's.
+        support_z_mm: height of the support plane, None without one.
+        cameras: of the photos, matched with registered ones by file stem.
+        held_out: photos that the reconstruction never saw.
+    """
+
+    surface: Mesh
+    diameter_mm: float
+    support_z_mm: float | None
+    cameras: tuple[Camera, ...]
+    held_out: list[View]
+
+    @staticmethod
+    def read(capture: Path, model: Path) -> "Truth":
+        """That of a virtual capture of a model."""
+        surface = read_ply(model)
+        on_ground = str(read_json(capture / "capture.json")["scene"]).startswith("su_")
+        return Truth(
+            surface,
+            read_json(model.with_name("model_info.json"))["diameter"],
+            float(surface.vertices[:, 2].min()) if on_ground else None,
+            read_sparse_model(capture / "truth").cameras,
+            read_views(capture / "held_out", sparse="truth")[0],
+        )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method\'s command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
+    parser.add_argument("--capture", type=Path, required=True, help="virtual capture with truth/ and held_out/")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras")
+    parser.add_argument("--model", type=Path, required=True, help="true model.ply; model_info.json beside it gives the diameter")
+    parser.add_argument("--out", type=Path, required=True, help="quality.json; a tidy CSV goes beside it")
+
+
+def run(args: argparse.Namespace) -> None:
+    start_s = time.monotonic()
+    notes = read_json(args.mesh.with_suffix(".json"))
+    facts = notes["frame_facts"]
+    figures = figures_of(
+        without_underside(read_ply(args.mesh), notes),
+        np.array(facts["object_from_registration"]),
+        read_sparse_model(args.cameras / "sparse").cameras,
+        Truth.read(args.capture, args.model),
+    )
+    figures["scale_known"] = facts["scale"] == "known"
+    if not figures["scale_known"]:
+        figures["scale_error_percent"] = None
+    # How long the mesh took, to compare optimizers by: one file has all that tables show.
+    took, cpu = notes.get("seconds", {}), notes.get("cpu_seconds", {})
+    costs = {"training_seconds": took.get("nvs"), "training_cpu_seconds": cpu.get("nvs"), "mesh_seconds": took.get("total")}
+    figures |= {name: value for name, value in costs.items() if value is not None}
+    write_json(args.out, figures | {"seconds": round(time.monotonic() - start_s, 2)})
+    with atomic_write(args.out.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["measure", "value"])
+        writer.writerows([key, value] for key, value in figures.items() if isinstance(value, int | float) and not isinstance(value, bool))
+    print(
+        f"quality: accuracy {figures['accuracy_mm']} mm, completeness {figures['completeness_mm']} mm, "
+        f"F at 1 % {figures['f_score_1_percent']}, PSNR {figures['psnr_db']} dB",
+        file=sys.stderr,
+    )
+
+
+def figures_of(mesh: Mesh, object_from_registration: np.ndarray, registered: tuple[Camera, ...], truth: Truth) -> dict:
+    """All figures of one mesh in the object frame; see the module's text.
+
+    Args:
+        mesh: the textured product, object frame.
+        object_from_registration: (4, 4) similarity.
+        registered: the cameras that were found.
+    """
+    truth_from_registration = similarity_to_truth(paired_with_truth(registered, truth.cameras))
+    truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
+    aligned = Mesh(mesh.vertices @ truth_from_object[:3, :3].T + truth_from_object[:3, 3], mesh.faces)
+    error = surface_error(aligned, truth.surface, list(truth.cameras), truth.support_z_mm)
+    one_percent_mm = F_SCORE_DIAMETER * truth.diameter_mm
+    up_in_truth = truth_from_object[:3, 2] / np.linalg.norm(truth_from_object[:3, 2])
+    rotation_scale = np.cbrt(np.linalg.det(truth_from_object[:3, :3]))
+    figures = {
+        "accuracy_mm": error.to_truth_mm.mean(),
+        "accuracy_median_mm": np.median(error.to_truth_mm),
+        "completeness_mm": error.to_mesh_mm.mean(),
+        "completeness_median_mm": np.median(error.to_mesh_mm),
+        "f_score_2_mm": error.f_score(F_SCORE_MM),
+        "f_score_1_percent": error.f_score(one_percent_mm),
+        "precision_1_percent": error.precision(one_percent_mm),
+        "recall_1_percent": error.recall(one_percent_mm),
+        "normal_error_deg": error.normal_deg.mean(),
+        "seen_share": error.seen_share,
+        "scale_error_percent": (1.0 / rotation_scale - 1.0) * 100.0,
+        "up_error_deg": np.degrees(np.arccos(np.clip(up_in_truth[2], -1.0, 1.0))),
+        "faces": len(mesh.faces),
+    }
+    figures |= _appearance(mesh, np.linalg.inv(truth_from_object), truth.held_out)
+    return {key: round(float(value), 5) if not isinstance(value, int | list) else value for key, value in figures.items()}
+
+
+def _appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View]) -> dict:
+    """PSNR inside the mask's bounding box and intersection over union of the silhouettes, each a mean over the held-out views."""
+    renderer = MeshRenderer(mesh)
+    psnr, iou = [], []
+    for view in held_out:
+        mask, camera = view.mask(), seen_from(view.camera, object_from_truth)
+        rendered, silhouette = renderer.masked_color(camera, 3)
+        photo = np.where(mask[..., None], view.image(), 0)
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        psnr.append(10.0 * np.log10(255.0**2 / max(np.mean((rendered[box].astype(float) - photo[box]) ** 2), 1e-9)))
+        iou.append((silhouette & mask).sum() / max((silhouette | mask).sum(), 1))
+    return {"psnr_db": np.mean(psnr), "silhouette_iou": np.mean(iou), "psnr_db_views": [round(value, 3) for value in psnr]}

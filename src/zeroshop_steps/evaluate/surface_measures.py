@@ -1,0 +1,66 @@
+"""What a mesh alone tells about its quality: in one part, closed, smooth."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.spatial import cKDTree
+
+from zeroshop_steps.finish.clean import part_labels
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.surface_distance import SEEN_BY, face_normals, sampled, seen_count
+from zeroshop_steps.geometry.surface_fields import welded
+
+UNDERSIDE_DIAMETERS = 0.05  # a border this near to the support is the rim of the side that no photo shows
+ROUGHNESS_DIAMETERS = 0.02  # roughness is what normals vary by within this distance
+SAMPLES = 20_000
+LEAST_NEIGHBOURS = 4
+
+
+def largest_part_share(mesh: Mesh) -> float:
+    """Area of the largest connected part, as a share of the whole; vertices of equal position are joined."""
+    joined, _ = welded(mesh)
+    areas = np.bincount(part_labels(joined), joined.face_areas())
+    return float(areas.max() / max(areas.sum(), 1e-30))
+
+
+def open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: float | None) -> float:
+    """Length of the edges that only one face has, in diameters, where at least two cameras see that face.
+
+    The border of a side that no photo shows is no fault. Nor is the rim of the unseen underside, which cameras do see.
+
+    Args:
+        mesh: object frame, z up.
+        cameras: of the photos, in the object frame.
+        support_z: height of the support, near which borders are left out; None where photos show the underside.
+    """
+    joined, _ = welded(mesh)
+    edges = np.sort(joined.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    unique, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+    ends, faces = joined.vertices[unique[count == 1]], first[count == 1] // 3
+    diameter = diameter_of(joined)
+    # a little inside the face: rays at the border itself may miss it
+    points = 0.9 * ends.mean(1) + 0.1 * joined.vertices[joined.faces[faces]].mean(1)
+    counts = seen_count(points, face_normals(joined)[faces], joined, list(cameras), support_z) >= SEEN_BY
+    if support_z is not None:
+        counts &= points[:, 2] > support_z + UNDERSIDE_DIAMETERS * diameter
+    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
+
+
+def roughness_deg(mesh: Mesh, seed: int = 0) -> float:
+    """Median over the surface of the angle between the normal and the mean normal of its neighbourhood on the same side.
+
+    The median leaves out edges and folds that the object itself may have.
+    """
+    points, faces = sampled(mesh, SAMPLES, np.random.default_rng(seed))
+    normals = face_normals(mesh)[faces]
+    a, b = cKDTree(points).query_pairs(ROUGHNESS_DIAMETERS * diameter_of(mesh), output_type="ndarray").T
+    same_side = np.einsum("ij,ij->i", normals[a], normals[b]) > 0.0
+    a, b = a[same_side], b[same_side]
+    near = coo_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), (SAMPLES, SAMPLES)).tocsr()
+    mean = near @ normals + normals
+    enough = np.asarray(near.sum(1)).ravel() >= LEAST_NEIGHBOURS
+    cosine = np.einsum("ij,ij->i", normals, mean) / np.maximum(np.linalg.norm(mean, axis=1), 1e-30)
+    angles = np.degrees(np.arccos(np.clip(cosine[enough], -1.0, 1.0)))
+    return float(np.median(angles)) if len(angles) else 0.0

@@ -1,0 +1,1 @@
+"""Geometry: cameras, images, meshes and what several stages compute from them."""

@@ -1,0 +1,101 @@
+"""Which pixels of a registered image matter: the object's sphere, and the crop of each image around its mask."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.runtime.errors import StepError
+
+STRIDE_PX = 3
+"""Stereo finds planes at every third pixel of every third row; patches are compared at the images' own resolution."""
+SEED_WIDTH_PX = 1000
+"""Width of the images in which seeds are looked for, at most: fine print is all that some hollows have."""
+SEED_BORDER_PX = 10
+
+
+@dataclass(frozen=True)
+class ObjectSphere:
+    """A sphere around the object: world = centre + radius * normalized. Training happens in normalized coordinates."""
+
+    centre: np.ndarray
+    radius: float
+
+    def normalized(self, camera: Camera) -> Camera:
+        """The camera seen from normalized coordinates."""
+        camera_from_world = camera.camera_from_world.copy()
+        camera_from_world[:3, 3] = (camera_from_world[:3, :3] @ self.centre + camera_from_world[:3, 3]) / self.radius
+        return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, camera_from_world)
+
+
+def object_sphere(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> ObjectSphere:
+    """Centre: the point nearest, in the least-squares sense, to the rays through the masks' box centres.
+    Radius: large enough for the largest half diagonal of a mask's box, back-projected to the centre's depth."""
+    matrix, vector = np.zeros((3, 3)), np.zeros(3)
+    half_diagonals = []
+    for camera, mask in zip(cameras, masks, strict=True):
+        ys, xs = np.nonzero(mask)
+        middle = np.array([(xs.min() + xs.max() + 1) / 2, (ys.min() + ys.max() + 1) / 2, 1.0])
+        half_diagonals.append(np.hypot(np.ptp(xs) + 1, np.ptp(ys) + 1) / 2)
+        ray = camera.camera_from_world[:3, :3].T @ np.linalg.solve(camera.intrinsics, middle)
+        ray /= np.linalg.norm(ray)
+        across = np.eye(3) - np.outer(ray, ray)
+        matrix += across
+        vector += across @ camera.centre_in_world
+    centre = np.linalg.solve(matrix, vector)
+    depths = [camera.project(centre[None])[1][0] for camera in cameras]
+    if min(depths) <= 0:
+        name = cameras[int(np.argmin(depths))].name
+        raise StepError(f"the masked object lies behind the camera of {name}: its registration is wrong; leave it out or take it again")
+    radius = max(half * depth / camera.intrinsics[0, 0] for half, depth, camera in zip(half_diagonals, depths, cameras, strict=True))
+    return ObjectSphere(centre, float(radius))
+
+
+@dataclass(frozen=True)
+class Crop:
+    """The part of an image around its mask, resampled.
+
+    Attributes:
+        camera: pinhole camera of the crop, in normalized coordinates.
+        size_px: width and height of the whole image, resampled.
+        window: rows and columns of the crop in it.
+        coverage: (H, W) float32 share of each pixel that the object covers, 0 to 1.
+        active: (H, W) bool, the pixels that count: within the border around the mask.
+    """
+
+    camera: Camera
+    size_px: tuple[int, int]
+    window: tuple[slice, slice]
+    coverage: np.ndarray
+    active: np.ndarray
+
+
+def crop(camera: Camera, mask: np.ndarray, sphere: ObjectSphere, image_width_px: int, border_px: int) -> Crop:
+    """The crop to the mask's box and `border_px` of an image resampled to `image_width_px` (never up)."""
+    width_px = min(image_width_px, camera.width_px)
+    height_px = round(camera.height_px * width_px / camera.width_px)
+    coverage = cv2.resize(mask.astype(np.float32), (width_px, height_px), interpolation=cv2.INTER_AREA)
+    reach = np.ones((2 * border_px + 1, 2 * border_px + 1), np.uint8)
+    active = cv2.dilate((coverage > 0).astype(np.uint8), reach).astype(bool)
+    ys, xs = np.nonzero(active)
+    x0, x1, y0, y1 = xs.min(), xs.max() + 1, ys.min(), ys.max() + 1
+    resized = sphere.normalized(camera).resized(width_px, height_px)
+    intrinsics = resized.intrinsics - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
+    window = (slice(y0, y1), slice(x0, x1))
+    small = Camera(camera.name, int(x1 - x0), int(y1 - y0), intrinsics, resized.camera_from_world)
+    return Crop(small, (width_px, height_px), window, coverage[window], active[window])
+
+
+def seed_crop(camera: Camera, mask: np.ndarray, sphere: ObjectSphere) -> Crop:
+    """The crop in which stereo looks for seeds: of the image's full size, if that is moderate."""
+    return crop(camera, mask, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
+
+
+def grid_camera(camera: Camera) -> Camera:
+    """The camera of the pixels at which stereo finds planes."""
+    s = STRIDE_PX
+    # The centre of pixel i of the grid is the centre of pixel s * i of the image.
+    intrinsics = camera.intrinsics / np.array([[s], [s], [1]]) + np.array([[0, 0, 0.5 - 0.5 / s], [0, 0, 0.5 - 0.5 / s], [0, 0, 0]])
+    return Camera(camera.name, -(-camera.width_px // s), -(-camera.height_px // s), intrinsics, camera.camera_from_world)

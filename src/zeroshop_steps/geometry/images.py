@@ -1,0 +1,79 @@
+"""Reading and writing images and masks, with errors that name the file and the remedy."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+
+
+def list_images(folder: Path) -> list[Path]:
+    """The images of a folder, sorted by name. Raises StepError when the folder is missing or holds none."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise StepError(f"image folder {folder} does not exist; check the path")
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."))
+    if not paths:
+        raise StepError(f"{folder} holds no images; expected files ending in {', '.join(IMAGE_SUFFIXES)}")
+    return paths
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Read an image as (height, width, 3) uint8 RGB, sRGB-encoded. EXIF rotation is ignored: cameras are fitted to the stored pixels."""
+    return cv2.cvtColor(_decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION), cv2.COLOR_BGR2RGB)
+
+
+def read_mask(path: Path, size_px: tuple[int, int] | None = None) -> np.ndarray:
+    """Read a mask as (height, width) bool: True on the object (values of 128 and more).
+
+    Args:
+        path: 8-bit image.
+        size_px: (width, height) that the mask must have; not checked when None.
+    """
+    mask = _decode(path, cv2.IMREAD_GRAYSCALE) >= 128
+    if size_px is not None and mask.shape != (size_px[1], size_px[0]):
+        raise StepError(
+            f"mask {path} is {mask.shape[1]} x {mask.shape[0]} px, its image is {size_px[0]} x {size_px[1]} px; they must be equal"
+        )
+    return mask
+
+
+def read_depth_mm(path: Path) -> np.ndarray:
+    """Read a 16-bit depth image in 0.1 mm steps as (height, width) float32 mm; 0 where nothing was hit."""
+    return _decode(path, cv2.IMREAD_UNCHANGED).astype(np.float32) * 0.1
+
+
+def write_image(path: Path, image: np.ndarray) -> None:
+    """Write (height, width, 3) uint8 RGB or (height, width) uint8 / uint16, whole or not at all."""
+    if image.ndim == 3:
+        image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    with atomic_write(path) as temporary:
+        if not cv2.imwrite(str(temporary), image):
+            raise OSError("the encoder could not write it")
+
+
+def write_mask(path: Path, mask: np.ndarray) -> None:
+    """Write a (height, width) bool mask as 8-bit PNG, 0 or 255."""
+    write_image(path, mask.astype(np.uint8) * 255)
+
+
+def write_depth_mm(path: Path, depth_mm: np.ndarray) -> None:
+    """Write (height, width) depth in mm as 16-bit PNG in 0.1 mm steps; 0 where nothing was hit."""
+    steps = np.rint(depth_mm * 10.0)
+    if steps.max(initial=0) > 65535:
+        raise StepError(f"{path}: a depth of {steps.max() / 10:.0f} mm is too far for 16 bits of 0.1 mm, which end at 6553 mm")
+    write_image(path, np.clip(steps, 0, None).astype(np.uint16))
+
+
+def _decode(path: Path, flags: int) -> np.ndarray:
+    path = Path(path)
+    if not path.is_file():
+        raise StepError(f"image {path} does not exist; check the path, or run the step that writes it")
+    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), flags) if path.stat().st_size else None
+    if image is None:
+        raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image; export it again as PNG or JPEG")
+    return image

@@ -1,0 +1,189 @@
+"""Triangle meshes, plain or textured, and the one PLY reader and writer (BOP's layout)."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import trimesh  # a second to import, in every step: so only where it is needed
+
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
+
+FACE_TYPE = np.dtype([("count", "u1"), ("index", "<i4", 3)])
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh, textured when `uv` and `texture` are there.
+
+    Attributes:
+        vertices: (V, 3) float64 positions; the unit is the file's (mm for models and products).
+        faces: (F, 3) int64 vertex indices, counter-clockwise seen from outside.
+        normals: (V, 3) unit vertex normals, or None.
+        uv: (V, 2) texture coordinates, origin at the image's lower left, or None.
+        texture: (height, width, 3) uint8 RGB, or None.
+        quality: (V,) how sure the surface is there: 1 measured, 0.5 assumed, 0 never seen; or None.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray | None = None
+    uv: np.ndarray | None = None
+    texture: np.ndarray | None = None
+    quality: np.ndarray | None = None
+
+    def with_normals(self) -> "Mesh":
+        """The same mesh with area-weighted vertex normals computed from its faces; vertices split by a texture seam share theirs."""
+        corners = self.vertices[self.faces]
+        face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        _, position = np.unique(self.vertices, axis=0, return_inverse=True)
+        position = position.reshape(-1)
+        sums = np.zeros((position.max() + 1, 3))
+        for corner in range(3):
+            np.add.at(sums, position[self.faces[:, corner]], face_normals)
+        normals = sums[position]
+        return replace(self, normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
+
+    def without_loose_vertices(self) -> "Mesh":
+        """The same mesh without vertices that no face has."""
+        used, index = np.unique(self.faces, return_inverse=True)
+        normals, uv, quality = (None if values is None else values[used] for values in (self.normals, self.uv, self.quality))
+        return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture, quality)
+
+    def seen_faces(self) -> np.ndarray:
+        """(F,) bool, faces that photos saw; all where the mesh does not say."""
+        return self._face_quality() >= 0.25
+
+    def assumed_faces(self) -> np.ndarray:
+        """(F,) bool, faces that photos saw and that nothing measured; none where the mesh does not say."""
+        return self.seen_faces() & ~self.measured_faces()
+
+    def measured_faces(self) -> np.ndarray:
+        """(F,) bool, faces whose place something measured; all where the mesh does not say."""
+        return self._face_quality() >= 0.75
+
+    def _face_quality(self) -> np.ndarray:
+        return np.ones(len(self.faces)) if self.quality is None else self.quality[self.faces].mean(1)
+
+    def face_areas(self) -> np.ndarray:
+        """(F,) areas of the faces, in the unit of the vertices squared."""
+        corners = self.vertices[self.faces]
+        return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+
+    def as_trimesh(self) -> "trimesh.Trimesh":
+        """Geometry only, vertices kept as they are."""
+        import trimesh
+
+        return trimesh.Trimesh(self.vertices, self.faces, process=False)
+
+
+def read_ply(path: Path) -> Mesh:
+    """Read a PLY mesh; the texture that its `TextureFile` comment names is read from beside it.
+
+    Raises StepError for a missing, damaged or empty mesh, faces out of range, and a named texture that is absent.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
+    vertices, faces, data = _read_as_written(path) or _read_by_trimesh(path)
+    if len(vertices) == 0 or len(faces) == 0:
+        raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed")
+    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise StepError(f"mesh {path} is damaged: vertices that are not finite or faces that name missing vertices; export it again")
+    names = data.dtype.names if isinstance(data, np.ndarray) else tuple(data)
+
+    def columns(*keys: str) -> np.ndarray | None:
+        return np.stack([np.asarray(data[key], float).reshape(-1) for key in keys], 1) if set(keys) <= set(names) else None
+
+    uv = columns("texture_u", "texture_v")
+    texture_name = texture_file_of(path)
+    texture = read_image(path.parent / texture_name) if texture_name and uv is not None else None
+    quality = columns("quality")
+    return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture, None if quality is None else quality[:, 0])
+
+
+def _read_as_written(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Vertices, faces and the table of vertices of a whole file in the layout that `write_ply` has; None for any other."""
+    content = path.read_bytes()
+    header, end, body = content.partition(b"end_header\n")
+    lines = [line for line in header.decode("ascii", "replace").split("\n")[:-1] if not line.startswith("comment ")]
+    names = [line.removeprefix("property float ") for line in lines if line.startswith("property float ")]
+    counts = [line.split()[-1] for line in lines if line.startswith("element ")]
+    if not end or {"x", "y", "z"} - set(names) or len(counts) != 2 or not all(count.isdecimal() for count in counts):
+        return None
+    if lines != _header(int(counts[0]), names, int(counts[1]))[:-2]:
+        return None
+    vertex_type, vertices, faces = np.dtype([(name, "<f4") for name in names]), int(counts[0]), int(counts[1])
+    if len(body) != vertices * vertex_type.itemsize + faces * FACE_TYPE.itemsize:
+        return None
+    vertex = np.frombuffer(body, vertex_type, vertices)
+    face = np.frombuffer(body, FACE_TYPE, faces, vertices * vertex_type.itemsize)
+    if (face["count"] != 3).any():
+        return None
+    return np.stack([vertex[axis] for axis in "xyz"], 1).astype(float), face["index"].astype(np.int64), vertex
+
+
+def _read_by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | dict]:
+    import trimesh
+
+    try:
+        loaded = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True)
+        data = loaded.metadata["_ply_raw"]["vertex"]["data"]
+        return np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64), data
+    except Exception as error:
+        raise StepError(f"mesh {path} cannot be read as PLY ({type(error).__name__}: {error}); export it again") from None
+
+
+def _header(vertices: int, columns: Iterable[str], faces: int, comments: Iterable[str] = ()) -> list[str]:
+    return [
+        *("ply", "format binary_little_endian 1.0"),
+        *(f"comment {comment}" for comment in comments),
+        *(f"element vertex {vertices}", *(f"property float {name}" for name in columns)),
+        *(f"element face {faces}", "property list uchar int vertex_indices"),
+        *("end_header", ""),
+    ]
+
+
+def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
+    """Write a binary PLY: positions, normals, `texture_u`/`texture_v`, and a `TextureFile` comment naming `texture_name`.
+
+    `quality`, where the mesh has it, is a property that MeshLab shows as colours, and other readers pass over.
+    The texture image itself is written by the caller: several PLYs may share one.
+    """
+    columns = {"x": mesh.vertices[:, 0], "y": mesh.vertices[:, 1], "z": mesh.vertices[:, 2]}
+    if mesh.normals is not None:
+        columns |= {"nx": mesh.normals[:, 0], "ny": mesh.normals[:, 1], "nz": mesh.normals[:, 2]}
+    if mesh.uv is not None:
+        columns |= {"texture_u": mesh.uv[:, 0], "texture_v": mesh.uv[:, 1]}
+    if mesh.quality is not None:
+        columns |= {"quality": mesh.quality}
+    vertex = np.empty(len(mesh.vertices), dtype=[(name, "<f4") for name in columns])
+    for name, values in columns.items():
+        vertex[name] = values
+    face = np.empty(len(mesh.faces), FACE_TYPE)
+    face["count"], face["index"] = 3, mesh.faces
+    header = _header(len(vertex), columns, len(face), [f"TextureFile {texture_name}"] if texture_name else [])
+    with atomic_write(path) as temporary:
+        temporary.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
+
+
+def texture_file_of(path: Path) -> str | None:
+    """The texture that a PLY's `TextureFile` comment names, or None."""
+    with open(path, "rb") as file:
+        for raw in file:
+            line = raw.decode("ascii", "replace").strip()
+            if line.startswith("comment TextureFile "):
+                return line.removeprefix("comment TextureFile ").strip()
+            if line == "end_header":
+                return None
+    return None
+
+
+def diameter_of(mesh: Mesh) -> float:
+    """Diagonal of the bounding box: the length that relative measures refer to, in the mesh's unit."""
+    return float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))

@@ -1,0 +1,138 @@
+"""The printed board that gives the scale: a chessboard with a marker in every white square (ChArUco), and its PDF.
+
+Squares are told apart by their markers, so a board may be cut off in a photo. Every board has markers of its own: a photo
+tells which one it shows.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from zeroshop_steps.runtime.files import atomic_write
+
+DICTIONARY = cv2.aruco.DICT_5X5_1000
+MM_PER_INCH = 25.4
+RULER_MM = 150.0
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board. Its frame: mm, x to the right and y down on the paper, origin at the upper left square's outer corner.
+
+    Attributes:
+        name: as on the command line.
+        paper_mm: (width, height) of the sheet.
+        columns, rows: squares.
+        square_mm, marker_mm: sides of a square and of the marker in it.
+        first_id: its markers are numbered from here on; no two boards share one.
+    """
+
+    name: str
+    paper_mm: tuple[float, float]
+    columns: int
+    rows: int
+    square_mm: float
+    marker_mm: float
+    first_id: int
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height of the squares together."""
+        return self.columns * self.square_mm, self.rows * self.square_mm
+
+    @property
+    def ids(self) -> range:
+        """Its markers."""
+        return range(self.first_id, self.first_id + self.columns * self.rows // 2)
+
+    @cached_property
+    def charuco(self) -> cv2.aruco.CharucoBoard:
+        """The same for OpenCV."""
+        dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
+        ids = np.array(self.ids, np.int32)
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, dictionary, ids)
+
+    def corners_mm(self) -> np.ndarray:
+        """(N, 3) corners inside the chessboard, in the order of their numbers; z is 0."""
+        return np.array(self.charuco.getChessboardCorners(), float)
+
+    def black_mm(self) -> np.ndarray:
+        """(N, 4) black rectangles: left, top, width, height. They cover the squares and the black cells of the markers."""
+        square, marker = self.square_mm, self.marker_mm
+        black = [(c * square, r * square, square, square) for r in range(self.rows) for c in range(self.columns) if (r + c) % 2 == 0]
+        dictionary = self.charuco.getDictionary()
+        side = dictionary.markerSize + 2
+        cell = marker / side
+        for number, corners in zip(self.ids, self.charuco.getObjPoints(), strict=True):
+            left, top = np.array(corners, float)[:, :2].min(0)
+            dark = cv2.aruco.Dictionary.generateImageMarker(dictionary, number, side) == 0
+            for row in range(side):
+                edges = np.flatnonzero(np.diff(np.r_[False, dark[row], False]))
+                black += [(left + a * cell, top + row * cell, (b - a) * cell, cell) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        return np.array(black)
+
+
+BOARDS = {
+    board.name: board
+    for board in (
+        Board("a4", (210.0, 297.0), 7, 10, 25.0, 18.0, 0),
+        Board("a3", (297.0, 420.0), 11, 15, 25.0, 18.0, 100),
+    )
+}
+
+
+def write_pdf(board: Board, path: Path) -> None:
+    """Write the board as a vector PDF of the paper's exact size, with a ruler line to check the print by."""
+    figure = sheet(board)
+    with matplotlib.rc_context({"pdf.fonttype": 42}), atomic_write(path) as temporary:
+        FigureCanvasPdf(figure).print_pdf(temporary, metadata={"CreationDate": None, "Title": f"ZeroShOP board {board.name}"})
+
+
+def sheet(board: Board) -> Figure:
+    """The sheet as a figure whose unit is the millimetre."""
+    width, height = board.paper_mm
+    figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(0.0, width)
+    axes.set_ylim(height, 0.0)
+    axes.set_axis_off()
+    left, top = (width - board.size_mm[0]) / 2, (height - board.size_mm[1]) / 2 - 7.0
+    for x, y, w, h in board.black_mm():
+        axes.add_patch(Rectangle((left + x, top + y), w, h, facecolor="black", edgecolor="none", antialiased=False))
+    start, level = (width - RULER_MM) / 2, top + board.size_mm[1] + 8.0
+    axes.add_line(Line2D([start, start + RULER_MM], [level, level], color="black", linewidth=0.6, solid_capstyle="butt"))
+    for tick in np.arange(0.0, RULER_MM + 1.0, 10.0):
+        long = 2.5 if tick % 50 == 0 else 1.2
+        axes.add_line(Line2D([start + tick] * 2, [level - long, level + long], color="black", linewidth=0.4, solid_capstyle="butt"))
+    text = (
+        f"ZeroShOP board {board.name}. Print at 100 %, not fitted to the page. The line must be {RULER_MM:g} mm long from end to end;\n"
+        "if it is not, give its measured length as height.marker.ruler_mm. Lay the board flat beside the object."
+    )
+    axes.text(width / 2, level + 4.0, text, ha="center", va="top", fontsize=7)
+    return figure
+
+
+def drawn(board: Board, texels_per_mm: float, margin_mm: float) -> np.ndarray:
+    """(height, width) float32 picture of the board with a white margin: 0 black, 1 white, edges as exact shares of a texel."""
+    size = np.ceil((np.array(board.size_mm) + 2 * margin_mm) * texels_per_mm).astype(int)
+    picture = np.ones((size[1], size[0]), np.float32)
+    for x, y, w, h in board.black_mm() * texels_per_mm:
+        across = _coverage(x + margin_mm * texels_per_mm, w, size[0])
+        down = _coverage(y + margin_mm * texels_per_mm, h, size[1])
+        columns, rows = np.flatnonzero(across), np.flatnonzero(down)
+        picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] -= np.outer(down[rows], across[columns])
+    return np.clip(picture, 0.0, 1.0)
+
+
+def _coverage(start: float, length: float, count: int) -> np.ndarray:
+    """(count,) share of each unit cell that lies between `start` and `start + length`."""
+    cells = np.arange(count)
+    return np.clip(np.minimum(cells + 1, start + length) - np.maximum(cells, start), 0.0, 1.0)

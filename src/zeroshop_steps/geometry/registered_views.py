@@ -1,0 +1,68 @@
+"""The registered photos with their cameras and masks, as the finishing steps read them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera, SparseModel, read_sparse_model
+from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.runtime.errors import StepError
+
+
+@dataclass(frozen=True)
+class View:
+    """A photo, its mask and its camera; pixels are read on demand.
+
+    Attributes:
+        camera: the photo's camera.
+        image_path, mask_path: the files; `mask_path` is None where the set has no masks.
+    """
+
+    camera: Camera
+    image_path: Path
+    mask_path: Path | None
+
+    def image(self) -> np.ndarray:
+        """(height, width, 3) uint8 sRGB."""
+        image = read_image(self.image_path)
+        if image.shape[:2] != (self.camera.height_px, self.camera.width_px):
+            raise StepError(
+                f"{self.image_path} is {image.shape[1]} x {image.shape[0]} px, its camera {self.camera.width_px} x "
+                f"{self.camera.height_px} px; images and cameras must come from one registration: run it again"
+            )
+        return image
+
+    def mask(self) -> np.ndarray:
+        """(height, width) bool, True on the object; all True without a mask."""
+        if self.mask_path is None:
+            return np.ones((self.camera.height_px, self.camera.width_px), bool)
+        return read_mask(self.mask_path, (self.camera.width_px, self.camera.height_px))
+
+
+def read_views(folder: Path, images: str = "images", masks: str = "masks", sparse: str = "sparse") -> tuple[list[View], SparseModel]:
+    """Read a `register` product (or held-out views, with other sub-folder names).
+
+    Returns:
+        views: one a registered image, sorted by name.
+        model: the cameras and sparse points.
+    """
+    folder = Path(folder)
+    model = read_sparse_model(folder / sparse)
+    if not model.cameras:
+        raise StepError(f"{folder / sparse} has no registered cameras; run registration again")
+    views = []
+    for camera in model.cameras:
+        mask = folder / masks / (Path(camera.name).stem + ".png")
+        views.append(View(camera, folder / images / camera.name, mask if (folder / masks).is_dir() else None))
+    return views, model
+
+
+def object_masks(views: Sequence[View]) -> list[np.ndarray]:
+    """The views' masks. Raises StepError naming one that shows no object."""
+    masks = [view.mask() for view in views]
+    for view, mask in zip(views, masks, strict=True):
+        if not mask.any():
+            raise StepError(f"mask {view.mask_path} is empty; segment that image again or leave it out")
+    return masks

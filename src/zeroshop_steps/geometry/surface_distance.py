@@ -1,0 +1,107 @@
+"""Distances between a reconstructed and a true surface, in millimetres."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
+
+SAMPLES = 100_000
+SEEN_BY = 2
+RAY_SLACK = 1e-3  # share of the distance to the camera by which a sample may lie behind the first hit
+
+
+@dataclass(frozen=True)
+class SurfaceError:
+    """Sampled distances between two surfaces.
+
+    Attributes:
+        to_truth_mm: (N,) distance of samples of the reconstruction to the true surface.
+        to_mesh_mm: (M,) distance of samples of the seen true surface to the reconstruction.
+        normal_deg: (N,) angle between the reconstruction's normal and the one at the nearest true point.
+        seen_share: share of the true surface that is seen.
+    """
+
+    to_truth_mm: np.ndarray
+    to_mesh_mm: np.ndarray
+    normal_deg: np.ndarray
+    seen_share: float
+
+    def precision(self, threshold_mm: float) -> float:
+        """Share of the reconstruction that lies within a distance of the truth."""
+        return float((self.to_truth_mm < threshold_mm).mean())
+
+    def recall(self, threshold_mm: float) -> float:
+        """Share of the seen true surface that lies within a distance of the reconstruction."""
+        return float((self.to_mesh_mm < threshold_mm).mean())
+
+    def f_score(self, threshold_mm: float) -> float:
+        """Harmonic mean of precision and recall at a distance (Knapitsch et al. 2017, Tanks and Temples)."""
+        precision, recall = self.precision(threshold_mm), self.recall(threshold_mm)
+        return float(2 * precision * recall / max(precision + recall, 1e-12))
+
+
+def surface_error(mesh: Mesh, truth: Mesh, cameras: list[Camera], support_z_mm: float | None, seed: int = 0) -> SurfaceError:
+    """Compare `mesh` with `truth`, both in the true frame in mm.
+
+    Args:
+        mesh: the reconstruction, already aligned.
+        truth: the true surface.
+        cameras: the true cameras; what fewer than two of them see cannot be asked for.
+        support_z_mm: height of the support plane, which hides what is under it; None without one.
+        seed: of the samples.
+    """
+    rng = np.random.default_rng(seed)
+    points, faces = sampled(mesh, SAMPLES, rng)
+    distance, nearest = _nearest(truth, points)
+    cosine = np.einsum("ij,ij->i", face_normals(mesh)[faces], face_normals(truth)[nearest])
+    true_points, true_faces = sampled(truth, SAMPLES, rng)
+    seen = seen_count(true_points, face_normals(truth)[true_faces], truth, cameras, support_z_mm) >= SEEN_BY
+    to_mesh, _ = _nearest(mesh, true_points[seen])
+    return SurfaceError(distance, to_mesh, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), float(seen.mean()))
+
+
+def sampled(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(count, 3) points spread evenly over the surface and (count,) their faces."""
+    corners = mesh.vertices[mesh.faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    faces = np.searchsorted(np.cumsum(areas), rng.uniform(0.0, areas.sum(), count)).clip(0, len(areas) - 1)
+    root, second = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
+    a, b, c = corners[faces].transpose(1, 0, 2)
+    return (1 - root) * a + root * (1 - second) * b + root * second * c, faces
+
+
+def seen_count(points: np.ndarray, normals: np.ndarray, truth: Mesh, cameras: list[Camera], support_z_mm: float | None) -> np.ndarray:
+    """(N,) number of cameras that see each surface point: in the image, facing, and not hidden by the object or its support."""
+    scene = ray_caster((truth.vertices, truth.faces))
+    count = np.zeros(len(points), int)
+    for camera in cameras:
+        if support_z_mm is not None and camera.centre_in_world[2] <= support_z_mm:
+            continue  # the support hides all that stands on it from below
+        pixels, depth = camera.project(points)
+        inside = (depth > 0) & (pixels >= 0).all(1) & (pixels < (camera.width_px, camera.height_px)).all(1)
+        directions = points - camera.centre_in_world
+        chosen = np.flatnonzero(inside & (np.einsum("ij,ij->i", normals, directions) < 0))
+        rays = np.concatenate([np.broadcast_to(camera.centre_in_world, (len(chosen), 3)), directions[chosen]], 1)
+        hit = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
+        count[chosen[hit > 1.0 - RAY_SLACK]] += 1
+    return count
+
+
+def distances_to(mesh: Mesh, points: np.ndarray) -> np.ndarray:
+    """(N,) distances of (N, 3) points to the surface of `mesh`, in its unit."""
+    return _nearest(mesh, points)[0]
+
+
+def _nearest(mesh: Mesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    answer = ray_caster((mesh.vertices, mesh.faces)).compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
+    return np.linalg.norm(answer["points"].numpy() - points, axis=1), answer["primitive_ids"].numpy().astype(np.int64)
+
+
+def face_normals(mesh: Mesh) -> np.ndarray:
+    """(F, 3) unit normals, zero where a face has no area."""
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)

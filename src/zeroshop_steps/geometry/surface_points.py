@@ -1,0 +1,53 @@
+"""Points spread over a mesh, with normals and brightness: what alignment compares."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.mesh_rendering import sample_texture
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.surface_distance import face_normals, sampled
+
+BLUR_SHARE = 0.004  # of the texture's width: print finer than the sampling tells nothing
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Samples of a surface.
+
+    Attributes:
+        points: (N, 3) positions.
+        normals: (N, 3) unit, outwards.
+        colors: (N, 3) 0..1 in the texture's encoding, or None without a texture.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    colors: np.ndarray | None
+
+    def part(self, count: int) -> "SurfacePoints":
+        """The first `count` samples, which are spread as evenly as all."""
+        return SurfacePoints(self.points[:count], self.normals[:count], None if self.colors is None else self.colors[:count])
+
+
+def surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfacePoints:
+    """Sample a mesh evenly by area."""
+    points, faces = sampled(mesh, count, rng)
+    colors = None
+    if mesh.uv is not None and mesh.texture is not None:
+        corners = mesh.faces[faces]
+        uv = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.uv[corners])
+        blurred = cv2.GaussianBlur(mesh.texture, (0, 0), max(BLUR_SHARE * mesh.texture.shape[1], 0.5))
+        colors = sample_texture(blurred, uv).astype(np.float64) / 255.0
+    return SurfacePoints(points, face_normals(mesh)[faces], colors)
+
+
+def _barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(N, 3) weights of each triangle's (N, 3, 3) corners at a point in it."""
+    along, across, place = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
+    d11, d12, d22 = (along**2).sum(1), (along * across).sum(1), (across**2).sum(1)
+    p1, p2 = (place * along).sum(1), (place * across).sum(1)
+    scale = np.maximum(d11 * d22 - d12**2, 1e-30)
+    second, third = (d22 * p1 - d12 * p2) / scale, (d11 * p2 - d12 * p1) / scale
+    return np.stack([1 - second - third, second, third], 1)

@@ -1,0 +1,95 @@
+"""How the object stands in the registration frame: which way is up, where its support is, how far it reaches above it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import SparseModel
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
+from zeroshop_steps.runtime.errors import StepError
+
+EDGE_PX = 1.0  # how well photos show where the object ends
+TOP_SHARE = 2e-4  # share of the surface's area that may stick out above the measured top: spikes, not the object
+LEAST_MEASURED = 0.05  # share of the surface's area that has to be measured to tell where its top is
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The object above its support, in units of the registration.
+
+    Attributes:
+        up: (3,) unit vector.
+        bottom, top: heights along `up`, of the support plane (without one, of the mesh's bottom) and of the surface's top.
+        top_of_mesh: the same of all of the mesh, where parts of it are assumed and do not count.
+        deviation: standard deviation of top minus bottom: how the bounds change when half or twice as much of the surface may
+            stick out, how well the plane is known, and `EDGE_PX`.
+        plane: the support plane, None where there is none.
+        roll_certainty: of an `up` that comes from the cameras' roll (0 to 1), None with a plane.
+    """
+
+    up: np.ndarray
+    bottom: float
+    top: float
+    top_of_mesh: float
+    deviation: float
+    plane: SupportPlane | None
+    roll_certainty: float | None = None
+
+    @property
+    def extent(self) -> float:
+        """Height of the object."""
+        return self.top - self.bottom
+
+
+def standing_of(mesh: Mesh, views: list[View], model: SparseModel) -> Standing:
+    """Fit the support plane to the sparse points around the object and measure the mesh above it.
+
+    Where the mesh has `quality`, only its measured faces tell where its top is: the lid that masks leave over a plain hollow
+    bulges above the rim.
+
+    Raises:
+        StepError: the mesh does not rise above its support plane.
+    """
+    return standing_on(mesh, views, fit_support_plane(model.points[background_points(model.points, views)], mesh.vertices, views))
+
+
+def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> Standing:
+    """Measure the mesh above a plane; without one, along the cameras' common up from the mesh's bottom."""
+    up, certainty = (plane.normal, None) if plane else up_from_roll(views)
+    heights = mesh.vertices @ up
+    areas = mesh.face_areas()
+    measured = areas * mesh.measured_faces()
+    if measured.sum() < LEAST_MEASURED * areas.sum():
+        measured = areas
+    shares = (TOP_SHARE / 2, TOP_SHARE, TOP_SHARE * 2)
+    lows, tops_of_mesh = zip(*(robust_extent(heights, mesh, areas, share) for share in shares), strict=True)
+    _, highs = zip(*(robust_extent(heights, mesh, measured, share) for share in shares), strict=True)
+    low, top_of_mesh, high = lows[1], tops_of_mesh[1], highs[1]
+    low_deviation, high_deviation = abs(lows[2] - lows[0]) / 2, abs(highs[2] - highs[0]) / 2
+    bottom = plane.offset if plane else low
+    if high - bottom <= 0:
+        raise StepError(
+            "the mesh has no height above its support plane: the reconstruction is flat or stands on its head. Look at"
+            " raw_mesh.ply and at the masks; take more pictures from all around, some from above, with more print under the object"
+        )
+    if plane:
+        half_width = np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / 2
+        low_deviation = np.hypot(plane.residual / np.sqrt(plane.inliers), np.radians(plane.normal_deviation_deg) * half_width)
+    centre = mesh.vertices.mean(0)
+    depths = [(view.camera.project(centre[None])[1][0], view.camera.intrinsics[0, 0]) for view in views]
+    edge = EDGE_PX * float(np.median([depth / focal_px for depth, focal_px in depths]))
+    deviation = float(np.linalg.norm([low_deviation, high_deviation, edge]))
+    return Standing(up, float(bottom), high, top_of_mesh, deviation, plane, certainty)
+
+
+def robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float) -> tuple[float, float]:
+    """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the faces' (F,) areas each."""
+    weights = np.zeros(len(heights))
+    for corner in range(3):
+        np.add.at(weights, mesh.faces[:, corner], areas / 3)
+    order = np.argsort(heights)
+    below = np.cumsum(weights[order]) / weights.sum()
+    first, last = np.searchsorted(below, share), np.searchsorted(below, 1.0 - share)
+    return float(heights[order[first]]), float(heights[order[min(last, len(order) - 1)]])

@@ -1,0 +1,90 @@
+"""From where the registered photos look at the object, and what to film again where a direction is missing."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.scene_support import focus_of
+from zeroshop_steps.geometry.support_plane import up_from_roll
+from zeroshop_steps.runtime.errors import StepError
+
+WIDE_GAP_DEG = 60.0
+"""Matching carries over 36 degrees well, and over twice that hardly; what no photo shows gets no surface."""
+NARROW_ELEVATIONS_DEG = 12.0
+FLAT_DEG, STEEP_DEG = 10.0, 65.0
+"""Photos that are all lower or all higher than these show no top, or no sides."""
+OVERHEAD_DEG = 80.0  # from so high up, a photo has no azimuth
+
+
+@dataclass(frozen=True)
+class Directions:
+    """From where the cameras look.
+
+    Attributes:
+        largest_gap_deg: widest range of azimuths around the object without a camera.
+        gap_between: names of the images on either side of it, in the sense of rotation about up.
+        elevations_deg: (lowest, highest) above the horizontal.
+    """
+
+    largest_gap_deg: float
+    gap_between: tuple[str, str]
+    elevations_deg: tuple[float, float]
+
+    def advice(self) -> list[str]:
+        """What to film again, in words."""
+        found = []
+        if self.largest_gap_deg > WIDE_GAP_DEG:
+            first, second = self.gap_between
+            found.append(
+                f"too few directions: no photo within {self.largest_gap_deg:.0f} degrees around the object between {first} and {second}; "
+                "film from there, too"
+            )
+        low, high = self.elevations_deg
+        if high - low < NARROW_ELEVATIONS_DEG:
+            found.append(f"too few directions: all photos are from about one height ({low:.0f} to {high:.0f} degrees); film a second round")
+        if high < FLAT_DEG:
+            found.append("no photo shows the top: film a round from higher up")
+        if low > STEEP_DEG:
+            found.append("all photos are from above: film a round from the side")
+        return found
+
+
+def directions_of(cameras: list[Camera]) -> Directions:
+    """Azimuths and elevations around the point that all cameras look at; up is what most photographers hold up.
+
+    Raises:
+        StepError: the cameras look away from each other.
+    """
+    up, _ = up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
+    looks = np.array([camera.centre_in_world for camera in cameras]) - focus_of(cameras)
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    elevations = np.degrees(np.arcsin(np.clip(looks @ up, -1.0, 1.0)))
+    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    azimuths = np.degrees(np.arctan2(looks @ np.cross(up, first), looks @ first)) % 360.0
+    aside = np.flatnonzero(np.abs(elevations) < OVERHEAD_DEG)
+    order = aside[np.argsort(azimuths[aside], kind="stable")]
+    if len(order) < 2:
+        return Directions(360.0, (cameras[0].name, cameras[-1].name), (float(elevations.min()), float(elevations.max())))
+    gaps = np.diff(azimuths[order], append=azimuths[order[0]] + 360.0)
+    widest = int(gaps.argmax())
+    between = cameras[order[widest]].name, cameras[order[(widest + 1) % len(order)]].name
+    return Directions(float(gaps[widest]), between, (float(elevations.min()), float(elevations.max())))
+
+
+def directions_record(scene: Path) -> dict[str, Any]:
+    """What registration.json says of the directions of a registered scene: the figures, and advice."""
+    try:
+        found = directions_of(list(read_sparse_model(scene / "sparse").cameras))
+    except StepError as error:
+        return {"directions": None, "advice": [str(error)]}
+    figures = {
+        "largest_gap_deg": round(found.largest_gap_deg, 1),
+        "gap_between": list(found.gap_between),
+        "elevations_deg": [round(value, 1) for value in found.elevations_deg],
+    }
+    return {"directions": figures, "advice": found.advice()}

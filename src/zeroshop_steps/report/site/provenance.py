@@ -1,0 +1,84 @@
+"""What a cell cost and what it was made of: seconds and memory of its steps, measurements behind its grade, parameters and versions."""
+
+import json
+from pathlib import Path
+
+from zeroshop_steps.evaluate.grading import MEASURES
+from zeroshop_steps.report.site.results_index import Cell, Run, read_csv
+
+# Curves that a page shows of a training, in this order, as far as the method has them.
+CURVES = ("loss", "l1", "mask", "depth", "normal")
+ORDER = (
+    *("capture", "segment", "register", "camera_error", "stereo", "train", "fuse", "mesh", "clean", "height", "underside", "frame"),
+    *("unwrap", "texture", "export", "outcome", "preview", "quality", "grade", "cell"),
+)
+"""The steps behind a cell as they follow each other."""
+
+
+def costs(cell: Cell, run: Run) -> list[dict]:
+    """Seconds, CPU seconds and largest memory of every step behind a cell, as Snakemake measured them.
+
+    A step that left no measurement comes with the seconds of its own record, if it has one.
+    """
+    folders = (run.folder.parent, run.folder, run.folder / "stereo", cell.folder)
+    measured = {path.stem: read_tsv(path) for folder in folders for path in sorted((folder / "benchmarks").glob("*.tsv"))}
+    rows = [
+        {"step": step, "seconds": number(record, "s"), "cpu": number(record, "cpu_time"), "mb": number(record, "max_rss")}
+        for step, record in measured.items()
+        if record
+    ]
+    if "register" not in measured and (seconds := run.registered.get("seconds", {}).get("total")) is not None:
+        rows.append({"step": "register", "seconds": float(seconds), "cpu": None, "mb": None})
+    return sorted(rows, key=lambda row: (ORDER.index(row["step"]) if row["step"] in ORDER else len(ORDER), row["step"]))
+
+
+def read_tsv(path: Path) -> dict[str, str]:
+    """The last measurement in a benchmark; empty where it is damaged."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return dict(zip(lines[0].split("\t"), lines[-1].split("\t"), strict=False)) if len(lines) > 1 else {}
+
+
+def number(record: dict[str, str], name: str) -> float | None:
+    """A figure of a benchmark; None where Snakemake could not measure it."""
+    try:
+        return float(record[name])
+    except (KeyError, ValueError):
+        return None
+
+
+def measures(cell: Cell) -> list[dict]:
+    """The measurements behind a cell's grade with their limits and what each alone would allow."""
+    judged, limits = cell.facts["grade"], cell.facts["grade"].get("limits", {})
+    rows = []
+    for measure in MEASURES:
+        value = cell.figures.get(measure.name)
+        if value is None or measure.name not in limits:
+            continue
+        counts = measure.needs_truth == (judged.get("judged_by") == "truth")
+        grade = measure.grade(value, tuple(limits[measure.name]))
+        text = measure.text.replace("%%", "%")
+        rows.append({"text": text, "name": measure.name, "value": value, "grade": grade, "counts": counts, "limits": limits[measure.name]})
+        rows[-1]["sign"] = "≥" if measure.at_least else "≤"
+    return sorted(rows, key=lambda row: not row["counts"])
+
+
+def training_curves(cell: Cell) -> dict[str, list[tuple[float, float]]]:
+    """The losses of a training over its iterations."""
+    path = next((path for path in (cell.folder / "splats/training.csv", cell.folder / "voxels/training.csv") if path.is_file()), None)
+    rows = read_csv(path) if path else []
+    return {
+        name: [(float(row["iteration"]), float(row[name])) for row in rows if row.get(name)] for name in CURVES if rows and name in rows[0]
+    }
+
+
+def provenance(cell: Cell, run: Run) -> list[tuple[str, str]]:
+    """Named texts: parameters and records of every step behind a cell."""
+    mesh, training = cell.facts["mesh"], cell.facts["training"]
+    records = {
+        "versions": mesh.get("versions") or run.registered.get("versions"),
+        "pictures": run.captured,
+        "parameters": mesh.get("parameters") or run.registered.get("parameters"),
+        "training": training.get("settings"),
+        "frame and scale": {name: value for name, value in cell.facts["frame"].items() if name != "object_from_registration"} or None,
+    }
+    return [(name, json.dumps(content, indent=1, ensure_ascii=False)) for name, content in records.items() if content]

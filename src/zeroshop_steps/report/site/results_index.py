@@ -1,0 +1,181 @@
+"""What a run has left on disk of an object: its runs (scene and registration), their cells, and how far each has come.
+
+Nothing here expects a finished run: a part that is missing is a part to be shown as missing.
+"""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from zeroshop_steps.methods import NVS
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import Failure, read_failure
+from zeroshop_steps.runtime.files import read_json
+
+# Folders beside scenes, registrations and cells that are none of them.
+NO_SCENE = {"model", "logs", "benchmarks", "report"}
+NO_REGISTRATION = {"capture", "logs", "benchmarks", "empty_scene", "whole_scene"}
+NO_CELL = {"cameras", "scene", "empty_scene", "scratch", "stereo", "logs", "benchmarks"}
+# What tells a cell from a folder of another kind, where its name does not.
+CELL_FILES = ("outcome.json", "mesh.ply", "raw_mesh.ply", "splats", "voxels")
+TRAINED = ("splats/training.json", "voxels/training.json")
+# The way from input to mesh: what a step is called, and the files of which it leaves one.
+STEPS = (
+    ("capture", ("../../capture/capture.json",)),
+    ("register", ("../cameras/registration.json",)),
+    ("stereo", ("../stereo/stereo.json",)),
+    ("train", TRAINED),
+    ("raw mesh", ("raw_mesh.ply",)),
+    ("clean", ("clean.ply",)),
+    ("unwrap", ("unwrapped.ply",)),
+    ("texture", ("texture.png",)),
+    ("export", ("mesh.ply",)),
+    ("grade", ("grade.json",)),
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One reconstruction of an object.
+
+    Attributes:
+        scene, registration, nvs: its coordinates; folder: where it lies.
+        state: done, failed, unfinished.
+        failure: which step failed and why, where one did.
+        steps: the steps behind it with whether each is done.
+        grade: none, sparse, good; None where it was not judged.
+        figures: its measurements by name.
+        facts: the content of its JSON files by name, empty where they are missing.
+    """
+
+    scene: str
+    registration: str
+    nvs: str
+    folder: Path
+    state: str
+    failure: Failure | None
+    steps: tuple[tuple[str, bool], ...]
+    grade: str | None
+    figures: dict[str, float]
+    facts: dict[str, dict] = field(repr=False)
+
+    @property
+    def key(self) -> str:
+        """Its coordinates as one word."""
+        return f"{self.scene}-{self.registration}-{self.nvs}"
+
+    @property
+    def steps_done(self) -> int:
+        """How many steps behind it are done."""
+        return sum(done for _, done in self.steps)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not good, one line a measure or the failed step's reason."""
+        if self.failure:
+            return (str(self.failure),)
+        return tuple(self.facts["grade"].get("reasons", ()))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A scene's pictures with one registration, and the cells that start from it."""
+
+    scene: str
+    registration: str
+    folder: Path
+    registered: dict
+    cells: tuple[Cell, ...]
+
+    @property
+    def key(self) -> str:
+        """Its coordinates as one word."""
+        return f"{self.scene}-{self.registration}"
+
+    @property
+    def capture(self) -> Path:
+        """The folder of its pictures."""
+        return self.folder.parent / "capture"
+
+    @property
+    def captured(self) -> dict:
+        """The record of its pictures; empty where there is none yet."""
+        return _facts(self.capture / "capture.json")
+
+    @property
+    def failed(self) -> str | None:
+        """Why no cameras were found, None where they were or are not looked for yet."""
+        if failure := read_failure(self.folder / "cameras"):
+            return failure.reason
+        return None if self.registered.get("status", "ok") == "ok" else self.registered.get("reason") or "registration failed"
+
+
+def find_runs(folder: Path) -> list[Run]:
+    """The runs of an object's folder, in the order of their names; none where the folder is missing."""
+    runs = []
+    for scene in _folders(folder, NO_SCENE):
+        for registration in _folders(scene, NO_REGISTRATION):
+            registered = _facts(registration / "cameras/registration.json")
+            cells = tuple(read_cell(path, registered) for path in _folders(registration, NO_CELL) if _is_cell(path))
+            if registered or cells or (registration / "cameras").exists():
+                runs.append(Run(scene.name, registration.name, registration, registered, cells))
+    return runs
+
+
+def read_cell(folder: Path, registered: dict) -> Cell:
+    """What there is of one cell."""
+    failure = _failure_in(folder)
+    if failure is None and registered.get("status", "ok") != "ok":
+        failure = Failure("register", registered.get("reason") or "the cameras were not found")
+    names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "underside")
+    facts = {name: _facts(folder / f"{name}.json") for name in names}
+    facts["training"] = next((found for name in TRAINED if (found := _facts(folder / name))), {})
+    grade = facts["grade"].get("grade")
+    done = (folder / "mesh.ply").is_file() and read_failure(folder / "mesh.ply") is None
+    if not grade and (failure or not done):
+        grade = "none" if failure else None
+    figures = {name: value for name, value in facts["quality"].items() if isinstance(value, int | float) and not isinstance(value, bool)}
+    for side in ("photos", "truth"):
+        figures |= (facts["grade"].get(side) or {}).get("measures", {})
+    state = "failed" if failure else "done" if done and grade else "unfinished"
+    steps = tuple((name, any(_made(folder / file) for file in files)) for name, files in STEPS)
+    return Cell(folder.parents[1].name, folder.parent.name, folder.name, folder, state, failure, steps, grade, figures, facts)
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV; none where it is missing or records a failure."""
+    if not path.is_file() or read_failure(path):
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _is_cell(folder: Path) -> bool:
+    return folder.name in NVS or any((folder / name).exists() for name in CELL_FILES)
+
+
+def _failure_in(folder: Path) -> Failure | None:
+    files = [folder / "outcome.json", *(folder / name for _, names in STEPS for name in names)]
+    return next((failure for path in files if (failure := read_failure(path))), None)
+
+
+def _made(path: Path) -> bool:
+    return path.exists() and read_failure(path) is None
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    """The JSON object in a file; empty where it is missing, damaged (a step is writing it elsewhere) or records a failure."""
+    if not path.is_file() or read_failure(path):
+        return {}
+    try:
+        content = read_json(path)
+    except StepError:
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _folders(folder: Path, but: set[str]) -> Iterator[Path]:
+    if folder.is_dir():
+        yield from sorted(path for path in folder.iterdir() if path.is_dir() and path.name not in but and not path.name.startswith("."))

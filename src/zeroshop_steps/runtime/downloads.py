@@ -1,0 +1,127 @@
+"""Fetching one public file: retried, written whole or not at all, and always the same bytes as the first time."""
+
+import contextlib
+import fcntl
+import hashlib
+import http.client
+import shutil
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.progress import ProgressReport
+
+TIMEOUT_S = 30.0
+ATTEMPTS = 3
+PAUSE_S = 3.0
+CHUNK_BYTES = 1 << 20
+
+
+def download(
+    url: str,
+    path: Path,
+    without: str,
+    attempts: int = ATTEMPTS,
+    pause_s: float = PAUSE_S,
+    sha256: str | None = None,
+    size_bytes: int | None = None,
+) -> Path:
+    """Return `path`, downloaded from `url` first where it is missing, and verified against `path`.sha256.
+
+    The sha256 is recorded beside the file at its first use, whether it was downloaded or put there by hand, and kept when the
+    file is deleted: a later download must give the same bytes. Parallel calls wait for each other.
+
+    Args:
+        url: http, https or file URL.
+        path: where the file belongs.
+        without: what a user without access to `url` can do besides, for the message of the error.
+        attempts: how often to try.
+        pause_s: pause after the first failed attempt; doubles each time.
+        sha256: what the file must have, where that is known.
+        size_bytes: how much room it needs, for servers that do not say.
+
+    Raises:
+        StepError: the download failed, the disk has no room, or the bytes are not those expected or recorded.
+    """
+    path = Path(path)
+    with locked(path.with_name(path.name + ".lock")):
+        if not path.is_file():
+            for attempt in range(1, attempts + 1):
+                try:
+                    _download_once(url, path, size_bytes)
+                    break
+                except (OSError, http.client.HTTPException) as error:
+                    final = isinstance(error, urllib.error.HTTPError) and error.code in (400, 401, 403, 404, 410, 451)
+                    if attempt < attempts and not final:
+                        print(f"{url}: {error}; attempt {attempt} of {attempts}, trying again", file=sys.stderr)
+                        time.sleep(pause_s * 2 ** (attempt - 1))
+                        continue
+                    raise StepError(
+                        f"cannot download {url} ({error}). Check the network, or fetch that file elsewhere and put it at {path};"
+                        f" or {without}"
+                    ) from error
+        verify(path, sha256)
+    return path
+
+
+def verify(path: Path, sha256: str | None = None) -> None:
+    """Check a file against `sha256`, if given, and that recorded in `path`.sha256, or record it when there is none."""
+    with open(path, "rb") as file:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    if sha256 and found != sha256:
+        raise StepError(f"{path} has sha256 {found}, expected {sha256}: it is damaged or another file. Delete it to fetch it again.")
+    record = path.with_name(path.name + ".sha256")
+    if not record.exists():
+        with atomic_write(record) as temporary:
+            temporary.write_text(f"{found}  {path.name}\n")
+        return
+    expected = (record.read_text().split() or ["nothing"])[0]
+    if found != expected:
+        raise StepError(
+            f"{path} has sha256 {found}, expected {expected} as recorded at first use in {record}: it is damaged or was replaced."
+            f" Delete {path} to fetch it again; delete {record} too if the new file is wanted."
+        )
+
+
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a lock file, so that parallel steps do not write the same file."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = open(path, "w")  # noqa: SIM115
+    except OSError as error:
+        raise StepError(f"cannot write {path}: {error.strerror}. Check free disk space and permissions.") from error
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _download_once(url: str, path: Path, size_bytes: int | None = None) -> None:
+    request = urllib.request.Request(url, headers={"User-Agent": "zeroshop"})
+    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as response:
+        announced = int(response.headers.get("Content-Length") or 0)
+        needed = announced or size_bytes or 0
+        if shutil.disk_usage(path.parent).free < needed:
+            raise StepError(f"{path} needs {needed / 1e6:.0f} MB, which {path.parent} has not free; make room")
+        received = 0
+        with atomic_write(path) as temporary, ProgressReport(f"download {path.name} (MB)", max(announced >> 20, 1)) as report:
+            with open(temporary, "wb") as file:
+                while chunk := _read(response):
+                    file.write(chunk)
+                    received += len(chunk)
+                    report.advance((received >> 20) - report.done)
+            if announced and received != announced:
+                raise http.client.IncompleteRead(b"", announced - received)
+
+
+def _read(response: http.client.HTTPResponse) -> bytes:
+    """The next bytes. A connection that broke is no OSError here: those are faults of the disk to whoever writes the file."""
+    try:
+        return response.read(CHUNK_BYTES)
+    except OSError as error:
+        raise http.client.HTTPException(str(error)) from error

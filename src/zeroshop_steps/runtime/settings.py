@@ -1,0 +1,171 @@
+"""Reading and checking what the user writes: the config and the table of own captures.
+
+Schemas say what is allowed; this module turns their verdicts into errors that name the key, the row and near matches.
+"""
+
+import csv
+import difflib
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import yaml
+
+from zeroshop_steps.runtime.errors import StepError
+
+Row = dict[str, Any]
+
+
+def name_error(what: str, name: str, names: Iterable[str], remedy: str = "") -> str:
+    """The message for an unknown name: what exists, the nearest of it, and what to do."""
+    names = list(names)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    return f"unknown {what}: {name}.{hint} Known: {', '.join(names) or 'none'}. {remedy}".rstrip()
+
+
+def check_config(config: dict[str, Any], schema_path: Path) -> None:
+    """Check a config against its JSON schema; numbers that the command line gave as text become numbers in place.
+
+    Raises:
+        StepError: lists every fault with the key's path, what was found and what is allowed.
+    """
+    _read_numbers(config, _read_yaml(schema_path))
+    faults = _faults(config, schema_path)
+    if faults:
+        raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nEvery key is explained in config/README.md.")
+
+
+def config_changes(config: Mapping[str, Any], defaults_path: Path, ignored: Iterable[str] = ()) -> list[str]:
+    """What a config changes of the file of defaults, as words for Snakemake's `--config`: KEY=VALUE, VALUE in JSON, which is YAML.
+
+    Args:
+        config: as Snakemake merged it.
+        defaults_path: config/config.yaml.
+        ignored: keys that results do not depend on.
+    """
+    changed = _difference(config, _read_yaml(defaults_path))
+    return [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in changed.items() if key not in set(ignored)]
+
+
+def _difference(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """What of `values` is not as in `defaults`, as deep as both are mappings."""
+    changed = {}
+    for key, value in values.items():
+        default = defaults.get(key)
+        if isinstance(value, Mapping) and isinstance(default, Mapping):
+            below = _difference(value, default)
+            if below:
+                changed[key] = below
+        elif value != default:
+            changed[key] = value
+    return changed
+
+
+def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
+    """Read the table of the user's own captures.
+
+    Args:
+        table: tab-separated, with a header; columns as in the schema, of which the `required` ones must be there. Lines that
+            start with # are skipped.
+        schema_path: the JSON schema of one row.
+
+    Returns:
+        rows by (dataset, object), in the table's order. `height_m` is a float or None; a column that is not there is empty.
+
+    Raises:
+        StepError: names the table, the line and the column.
+    """
+    try:
+        lines = Path(table).read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        raise StepError(f"{table} does not exist; objects_table in the config names it") from None
+    except UnicodeDecodeError:
+        raise StepError(f"{table} is not UTF-8 text; save it as tab-separated text") from None
+    numbered = [(number, line) for number, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
+    if not numbered:
+        raise StepError(f"{table} is empty; its first line names the columns")
+    columns = numbered[0][1].split("\t")
+    schema = _read_yaml(schema_path)
+    _check_columns(table, columns, schema["properties"], schema["required"])
+    rows: dict[tuple[str, str], Row] = {}
+    for number, line in numbered[1:]:
+        try:
+            [cells] = csv.reader([line], delimiter="\t", strict=True)
+        except csv.Error:
+            raise StepError(f"{table}, line {number}: a quotation mark without its other half; give both or none") from None
+        if len(cells) > len(columns):
+            raise StepError(
+                f"{table}, line {number}: {len(cells)} cells, but the header names {len(columns)} columns; separate cells by one tab"
+            )
+        row: Row = dict(zip(columns, [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells)), strict=True))
+        row = dict.fromkeys(schema["properties"], "") | row
+        row["height_m"] = _number(row["height_m"]) if row["height_m"] else None
+        faults = _faults(row, schema_path)
+        if faults:
+            raise StepError(f"{table}, line {number}: " + "; ".join(faults))
+        key = row["dataset"], row["object"]
+        if key in rows:
+            raise StepError(f"{table}, line {number}: {key[0]} {key[1]} is there twice; give each capture a name of its own")
+        rows[key] = row
+    return rows
+
+
+def _check_columns(table: Path, columns: list[str], known: Mapping[str, Any], required: list[str]) -> None:
+    """Raise where a column is missing, unknown or doubled."""
+    missing = [name for name in required if name not in columns]
+    if missing:
+        raise StepError(f"{table} lacks the column {', '.join(missing)}; the first line must name {', '.join(required)}, separated by tabs")
+    for name in columns:
+        if name not in known:
+            raise StepError(f"{table}: {name_error('column', name, known)}")
+        if columns.count(name) > 1:
+            raise StepError(f"{table}: the column {name} is there twice")
+
+
+def _read_numbers(config: dict[str, Any], schema: Mapping[str, Any]) -> None:
+    """Turn text into a number where the schema wants one: `--config 'capture={image_width_px: 640}'` arrives as text."""
+    for error in jsonschema.Draft202012Validator(schema).iter_errors(config):
+        if error.validator == "type" and isinstance(error.instance, str) and error.validator_value in ("integer", "number"):
+            holder: Any = config
+            for part in list(error.absolute_path)[:-1]:
+                holder = holder[part]
+            value = yaml.safe_load(error.instance)
+            if isinstance(value, int | float):
+                holder[error.absolute_path[-1]] = value
+
+
+def _number(text: str) -> float | str:
+    """A number where the text is a finite one; the text itself otherwise, for the schema to refuse."""
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return number if math.isfinite(number) else text
+
+
+def _read_yaml(path: Path) -> Any:
+    return yaml.safe_load(Path(path).read_text())
+
+
+def _faults(data: Mapping[str, Any], schema_path: Path) -> list[str]:
+    """One line for every way in which `data` breaks the schema."""
+    validator = jsonschema.Draft202012Validator(_read_yaml(schema_path))
+    errors = sorted(validator.iter_errors(data), key=lambda error: [str(part) for part in error.absolute_path])
+    return [line for error in errors for line in _explain(error)]
+
+
+def _explain(error: jsonschema.ValidationError) -> list[str]:
+    """A schema error in the user's words."""
+    key = ".".join(str(part) for part in error.absolute_path)
+    if error.validator == "additionalProperties":
+        allowed = list(error.schema.get("properties", {}))
+        where = f" in {key}" if key else ""
+        return [name_error(f"key{where}", name, allowed) for name in error.instance if name not in allowed]
+    if error.validator in ("oneOf", "if"):
+        return [line for cause in error.context or () for line in _explain(cause)]
+    about = error.schema.get("description", "").split(". ")[0].rstrip(".")
+    return [f"{key or 'the file'}: {error.message}" + (f" ({about})" if about else "")]

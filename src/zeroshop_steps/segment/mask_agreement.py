@@ -1,0 +1,105 @@
+"""What masks found in each picture alone have in common in space: the visual hull, where cameras are known (Laurentini 1994).
+
+No plane and no points are needed. Masks that show something else than most do are found first, and have no part in it.
+"""
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.segment.mask_quality import MaskQuality, judge_masks, judge_masks_alone
+from zeroshop_steps.segment.voxel_carving import Space, silhouette, votes
+
+ROOM = 1.5  # half the block's edge, in the radius that the masks have
+ROUNDS = 20  # of the point that all masks look at
+ROUNDS_MISSES_VOXELS = ((0.34, 48), (0.2, 48), (0.05, 72))
+"""Share of the masks that a voxel may miss: many while masks of other things are among them; voxels along the block's edges."""
+JUDGED_WIDTH_PX = 480
+LEAST_OVERLAP = 0.5
+"""A mask that overlaps its silhouette less than this share of what the median mask does has no part in the next round."""
+
+
+def common_hulls(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndarray]:
+    """(H, W) bool silhouettes, in every view, of what the masks that agree have in common; empty ones where none do.
+
+    Args:
+        cameras: of all views, of the masks' sizes.
+        masks: (H, W) bool; empty where the object was not found.
+    """
+    chosen = [index for index, mask in enumerate(masks) if mask.any()]
+    hulls = [np.zeros_like(mask) for mask in masks]
+    for misses, voxels in ROUNDS_MISSES_VOXELS:
+        if len(chosen) < 2:
+            break
+        space, occupied = _hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
+        hulls = [silhouette(space, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
+        overlaps = {index: overlap(masks[index], hulls[index]) for index in chosen}
+        least = LEAST_OVERLAP * float(np.median(list(overlaps.values())))
+        chosen = [index for index in chosen if overlaps[index] >= least > 0]
+    return hulls
+
+
+def judged(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[np.ndarray], list[MaskQuality]]:
+    """Silhouettes of what (H, W) bool masks have in common, of their size, and how well each mask agrees with its own.
+
+    Without cameras nobody knows what they have in common, and silhouettes are empty.
+    """
+    height, full_width = masks[0].shape
+    width = min(JUDGED_WIDTH_PX, full_width)
+    size_px = (width, round(height * width / full_width))
+    small = [_resized(mask, size_px) for mask in masks]
+    if cameras is None:
+        return [np.zeros_like(mask) for mask in masks], judge_masks_alone(small)
+    hulls = common_hulls([camera.resized(*size_px) for camera in cameras], small)
+    return [_resized(hull, (full_width, height)) for hull in hulls], judge_masks(small, hulls)
+
+
+def _resized(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+    interpolation = cv2.INTER_AREA if size_px[0] < mask.shape[1] else cv2.INTER_LINEAR
+    return cv2.resize(mask.astype(np.float32), size_px, interpolation=interpolation) > 0.5
+
+
+def overlap(one: np.ndarray, other: np.ndarray) -> float:
+    """Intersection over union of two (H, W) bool masks."""
+    return float((one & other).sum() / max((one | other).sum(), 1))
+
+
+def corners_of(mask: np.ndarray) -> tuple[float, float, float, float] | None:
+    """Left, top, right, bottom of an (H, W) bool mask; None where it is empty."""
+    y, x = np.nonzero(mask)
+    return (float(x.min()), float(y.min()), float(x.max() + 1), float(y.max() + 1)) if len(y) else None
+
+
+def _hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, voxels: int) -> tuple[Space, np.ndarray]:
+    """A block of voxels around what the masks look at, and (N, N, N) bool: those in all masks but a share of `misses`."""
+    centre, radius = _looked_at(cameras, masks)
+    side = 2 * ROOM * radius / voxels
+    space = Space(np.eye(3), centre - ROOM * radius, side, (voxels,) * 3)
+    index = np.argwhere(np.ones(space.shape, bool))
+    evidence = [np.where(mask, 1.0, -1.0).astype(np.float32) for mask in masks]
+    full, empty = votes(space, index, cameras, evidence, 0.0)
+    occupied = np.zeros(space.shape, bool)
+    kept = (empty <= misses * len(masks)) & (full >= min(3, len(masks)))
+    occupied[tuple(index[kept].T)] = True
+    return space, occupied
+
+
+def _looked_at(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:
+    """The point nearest to the rays through the middles of the masks, by least absolute distances; the object's radius around it."""
+    centres = np.array([camera.centre_in_world for camera in cameras])
+    boxes = np.array([corners_of(mask) for mask in masks])
+    middles = np.column_stack([(boxes[:, :2] + boxes[:, 2:]) / 2, np.ones(len(boxes))])
+    rays = [camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ m for camera, m in zip(cameras, middles, strict=True)]
+    rays = np.array([ray / np.linalg.norm(ray) for ray in rays])
+    across = np.eye(3) - rays[:, :, None] * rays[:, None]
+    weights, distances = np.ones(len(cameras)), np.ones(len(cameras))
+    point = np.zeros(3)
+    for _ in range(ROUNDS):
+        point = np.linalg.lstsq(
+            (across * weights[:, None, None]).sum(0), (across @ centres[:, :, None] * weights[:, None, None]).sum(0)[:, 0]
+        )[0]
+        distances = np.linalg.norm(point - centres, axis=1)
+        weights = 1.0 / np.maximum(np.linalg.norm((across @ (point - centres)[:, :, None])[..., 0], axis=1), 1e-3 * np.median(distances))
+    focal_px = np.array([camera.intrinsics[0, 0] for camera in cameras])
+    half_diagonals = np.hypot(boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]) / 2
+    return point, float(np.median(half_diagonals / focal_px * distances))

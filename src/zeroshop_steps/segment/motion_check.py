@@ -1,0 +1,42 @@
+"""Did the object stay where it was? What the first half of the views finds must overlap with what the second half finds."""
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.object_selection import COARSE_VOXELS, REACH_DISTANCES, Subject, find_subject
+
+LEAST_VIEWS = 12  # fewer cannot be halved: a half would hardly tell a thing from its surroundings
+LEAST_OVERLAP = 0.5
+"""Both halves see the hull of a thing that stays, however few directions they have: the smaller footprint lies in the larger."""
+
+
+def check_unmoved(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray]) -> None:
+    """Raise StepError where the object stands elsewhere in the second half of the views.
+
+    Args:
+        stand: what it stands on.
+        cameras: of all views, in the order in which they were taken.
+        evidence: as for `find_subject`.
+    """
+    if len(cameras) < LEAST_VIEWS:
+        return
+    middle = len(cameras) // 2
+    try:
+        halves = [find_subject(stand, cameras[part], evidence[part]) for part in (slice(middle), slice(middle, None))]
+    except StepError:
+        return  # half of the views do not tell; all of them may
+    first, second = (_footprint(stand, subject) for subject in halves)
+    if len(first & second) < LEAST_OVERLAP * min(len(first), len(second)):
+        raise StepError(
+            f"the object moved during the film: until {cameras[middle - 1].name} it stands elsewhere than from {cameras[middle].name} on; "
+            "film it again without touching it or the ground, or register it by itself (scene video_segmented)"
+        )
+
+
+def _footprint(stand: Stand, subject: Subject) -> set[tuple[int, int]]:
+    """The cells of the plane that an object stands on or over."""
+    side = 2 * REACH_DISTANCES * stand.distance / COARSE_VOXELS
+    cells = np.floor((subject.space.centres(np.argwhere(subject.core)) - stand.foot) @ stand.axes().T / side).astype(int)
+    return set(map(tuple, np.unique(cells, axis=0).tolist()))

@@ -1,0 +1,127 @@
+"""Which of the things that stand on the ground is meant: the one nearest to what all cameras look at."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.voxel_carving import Space, clusters, down_to_ground, votes
+
+COARSE_VOXELS = 72
+REACH_DISTANCES = 0.42  # half the side of the searched block, in distances of the cameras from the focus
+BELOW_VOXELS = 2  # of the block's foot, below the plane
+SURE_ODDS = 0.4
+EMPTY_SHARE = 0.12  # of the views that vote; more than these show a voxel empty
+FULL_SHARE, FULL_VIEWS = 0.5, 3  # of the views that vote; at least so many show a voxel full
+LEAST_VOXELS = 30
+RIVAL_SHARE = 0.3
+"""A second cluster this large, beside the chosen one, is a rival where none is looked at, ..."""
+RIVAL_NEAR = 1.6
+"""... and it is no farther from the focus than this many times the chosen one's distance."""
+LOOKED_AT_VOXELS = 1.5
+PART_GAP_VOXELS = 6
+"""Clusters nearer to each other than this, with the cameras looking in between, are parts of one object."""
+FINE_VOXELS = 96
+MARGIN = 0.12  # around the found cluster, in its own size
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The chosen cluster.
+
+    Attributes:
+        space: a block of voxels around it, of `FINE_VOXELS` along its longest side.
+        room: (X, Y, Z) bool: voxels that may be its own.
+        core: (X, Y, Z) bool: voxels of the cluster itself.
+        ground_voxel: height of the support plane above the block's foot, in voxels.
+        others: world positions (P, 3) of the middles of the other clusters' voxels, of `others_side`.
+        found: number of clusters.
+    """
+
+    space: Space
+    room: np.ndarray
+    core: np.ndarray
+    ground_voxel: float
+    others: np.ndarray
+    others_side: float
+    found: int
+
+
+def find_subject(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray]) -> Subject:
+    """Carve a block of space over the plane by the evidence of all views, and choose among the clusters left.
+
+    Raises:
+        StepError: nothing stands there, or two things equally near to the focus.
+    """
+    side = 2 * REACH_DISTANCES * stand.distance / COARSE_VOXELS
+    axes = np.vstack([stand.axes(), stand.normal])
+    corner = stand.foot - REACH_DISTANCES * stand.distance * (axes[0] + axes[1]) - BELOW_VOXELS * side * axes[2]
+    space = Space(axes, corner, side, (COARSE_VOXELS,) * 3)
+    index = np.argwhere(np.ones(space.shape, bool))
+    index = index[index[:, 2] >= BELOW_VOXELS]
+    full, empty = votes(space, index, cameras, evidence, SURE_ODDS)
+    kept = (empty <= EMPTY_SHARE * (full + empty)) & (full >= FULL_VIEWS) & (full >= FULL_SHARE * (full + empty))
+    occupied = np.zeros(space.shape, bool)
+    occupied[tuple(index[kept].T)] = True
+    labels, count = clusters(occupied)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    names = np.flatnonzero(sizes >= LEAST_VOXELS) + 1
+    if not len(names):
+        raise StepError(
+            "nothing stands on the ground where the cameras look: put the object there, keep it in the middle of the picture, "
+            "see that it differs in colour from the ground, and that it is not moved between the first picture and the last"
+        )
+    middle = np.array([COARSE_VOXELS / 2, COARSE_VOXELS / 2])
+    places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names}
+    # The nearest edge counts most: a large thing may stand off the middle. The mean settles the rest.
+    away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
+    chosen = min(names, key=lambda name: (away[name], name))
+    parts = _looked_at_together(chosen, names, places, away, sizes)
+    return _subject(space, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
+
+
+def _looked_at_together(
+    chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray
+) -> list[int]:
+    """The chosen cluster, and those that are parts of the same object because the cameras look in between.
+
+    Raises:
+        StepError: the cameras look in between things that stand apart.
+    """
+    if np.linalg.norm(places[chosen], axis=1).min() < LOOKED_AT_VOXELS:
+        return [chosen]
+    near = [name for name in names if name != chosen and away[name] < RIVAL_NEAR * away[chosen]]
+    tree = cKDTree(places[chosen])
+    gaps = {name: float(tree.query(places[name])[0].min()) for name in near}
+    rivals = [name for name in near if gaps[name] > PART_GAP_VOXELS and sizes[name - 1] > RIVAL_SHARE * sizes[chosen - 1]]
+    if rivals:
+        raise StepError(
+            f"{1 + len(rivals)} objects stand equally near to the point that the cameras look at; take away all but one, "
+            "or keep the one that is meant in the middle of the picture"
+        )
+    return [chosen, *(name for name in near if gaps[name] <= PART_GAP_VOXELS)]
+
+
+def _subject(space: Space, labels: np.ndarray, chosen: int, count: int) -> Subject:
+    own = labels == chosen
+    index = np.argwhere(own)
+    low, high = index.min(0), index.max(0) + 1
+    margin = max(2, int(np.ceil(MARGIN * (high - low).max())))
+    low, high = np.maximum(low - margin, 0), np.minimum(high + margin, space.shape)
+    side = space.side * float((high - low).max()) / FINE_VOXELS
+    ground = (BELOW_VOXELS - float(low[2])) * space.side / side
+    shape = tuple(np.ceil((high - low) * space.side / side - 1e-6).astype(int).tolist())
+    fine = Space(space.axes, space.origin + low * space.side @ space.axes, side, shape)
+    others = (labels > 0) & ~own
+    # It stands on the ground, whatever was carved off its foot.
+    nearest = ndimage.distance_transform_edt(~down_to_ground(own))
+    rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(space.shape, np.inf)
+    room = (nearest <= margin) & (nearest < rival)
+    coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / space.side).astype(int) + low, np.array(space.shape) - 1)
+    return Subject(
+        fine, *(part[tuple(coarse.T)].reshape(shape) for part in (room, own)), ground, space.centres(np.argwhere(others)), space.side, count
+    )

@@ -1,0 +1,100 @@
+"""Voxels above the support plane: which of them the views show to be empty, and which clusters stand there."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from zeroshop_steps.geometry.cameras import Camera
+
+
+@dataclass(frozen=True)
+class Space:
+    """A block of cubic voxels, upright on the plane.
+
+    Attributes:
+        axes: (3, 3) unit rows: two along the plane, then its normal.
+        origin: (3,) the corner of the first voxel, in the world frame.
+        side: edge of a voxel.
+        shape: number of voxels along each axis.
+    """
+
+    axes: np.ndarray
+    origin: np.ndarray
+    side: float
+    shape: tuple[int, int, int]
+
+    def centres(self, index: np.ndarray) -> np.ndarray:
+        """(P, 3) world positions of the middles of the voxels (P, 3)."""
+        return self.origin + (index + 0.5) * self.side @ self.axes if len(index) else np.zeros((0, 3))
+
+
+def votes(space: Space, index: np.ndarray, cameras: list[Camera], evidence: list[np.ndarray], sure: float) -> tuple[np.ndarray, np.ndarray]:
+    """How many views show each voxel full and how many show it empty, each (P,) int.
+
+    Args:
+        index: (P, 3) voxels.
+        evidence: (H, W) log odds of every view, 0 where nothing is known.
+        sure: log odds from which on a view has a vote, mean over about the voxel's width.
+    """
+    centres = space.centres(index).astype(np.float32)
+    full, empty = np.zeros(len(index), np.int32), np.zeros(len(index), np.int32)
+    for camera, odds in zip(cameras, evidence, strict=True):
+        pixels, depth = camera.project(centres)
+        width = max(1, round(0.7 * space.side * camera.intrinsics[0, 0] / float(np.median(depth))))
+        mean = cv2.blur(odds, (width, width), borderType=cv2.BORDER_REPLICATE)
+        seen = look_up(mean, pixels, depth)
+        full += seen > sure
+        empty += seen < -sure
+    return full, empty
+
+
+def look_up(picture: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """(P,) values of an (H, W) picture at (P, 2) pixel positions, 0 outside it or behind the camera."""
+    with np.errstate(invalid="ignore"):
+        x, y = pixels.astype(np.int32).T
+        framed = (depth > 0) & (pixels >= 0).all(1) & (x < picture.shape[1]) & (y < picture.shape[0])
+    values = np.zeros(len(pixels), picture.dtype)
+    values[framed] = picture[y[framed], x[framed]]
+    return values
+
+
+def splat(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
+    """(H, W) bool: where cubes of edge `side` around (P, 3) points fall in a view."""
+    picture = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    if not len(points):
+        return picture > 0
+    pixels, depth = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        x, y = pixels.astype(np.int32).T
+        framed = (depth > 0) & (pixels >= 0).all(1) & (x < camera.width_px) & (y < camera.height_px)
+    picture[y[framed], x[framed]] = 1
+    width = int(np.ceil(1.2 * side * camera.intrinsics[0, 0] / float(np.median(depth)))) | 1
+    return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
+
+
+def silhouette(space: Space, occupied: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W) bool: where a view sees occupied voxels, (X, Y, Z) bool, in it."""
+    shell = occupied & ~ndimage.binary_erosion(occupied, border_value=0)
+    return splat(space.centres(np.argwhere(shell)), space.side, camera)
+
+
+def clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
+    """Things that stand side by side: labels (X, Y, Z) from 1 on, and their number.
+
+    What lies above each other is one thing; bridges of one column's width do not join two.
+    """
+    columns = occupied.any(axis=2)
+    cores = ndimage.binary_opening(columns, np.ones((2, 2)))
+    labels, count = ndimage.label(cores, np.ones((3, 3)))
+    if not count:
+        return np.zeros(occupied.shape, np.int32), 0
+    distance, nearest = ndimage.distance_transform_edt(labels == 0, return_indices=True)
+    footprint = np.where(distance <= 2.0, labels[tuple(nearest)], 0)
+    return np.where(occupied, footprint[:, :, None], 0).astype(np.int32), count
+
+
+def down_to_ground(occupied: np.ndarray) -> np.ndarray:
+    """The voxels and all below them: ground that no view sees if the object stands there."""
+    return np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2)

@@ -1,0 +1,126 @@
+"""Carve the visual hull by confirmed depths: what lies before them is empty, what lies just behind them is solid.
+
+The hollows of the hull open, and where stereo says nothing the smallest surface spans the gap: the occupancy minimizes
+the sum of its votes and of its total variation (Zach et al. 2007; Kolev et al. 2009), a convex problem that is solved by
+first-order primal-dual steps (Chambolle and Pock 2011).
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.visual_hull import VisualHull, voxel_centres
+
+SOLID_VOXELS = 2.0
+"""Depth behind a confirmed surface that it declares solid."""
+FREE_MARGIN_VOXELS = 1.0
+SOLID_WEIGHT = 2.0
+FREE_NEEDS = 2.0
+"""One view or two, which may be wrong, empty nothing."""
+VOTES_FULL = 3.0
+"""A majority of this many views counts fully."""
+FILL = 0.1
+"""Vote for solid where at most `FREE_NEEDS` views say empty and none says solid."""
+SMOOTHNESS = 0.3
+"""Cost of a voxel's face of surface, in units of a full vote."""
+STEPS = 200
+STRIDE_FOR_BLOCKS = 4
+"""Confirmed depths are gathered in blocks of this many pixels, about a voxel wide."""
+
+
+@dataclass(frozen=True)
+class Volume:
+    """Where the object may be: voxels along each edge of the cube [-half_extent, half_extent]^3.
+
+    Attributes:
+        distance_voxels: (R, R, R) distance from each voxel to the nearest solid one, 0 inside.
+    """
+
+    distance_voxels: np.ndarray
+    half_extent: float
+
+    @staticmethod
+    def of(hull: VisualHull) -> "Volume":
+        """The volume of a hull's voxels."""
+        distance = distance_transform_edt(~hull.occupied) if hull.occupied.any() else np.full(hull.occupied.shape, np.inf)
+        return Volume(distance.astype(np.float32), hull.half_extent)
+
+    def farther_than(self, points: np.ndarray, voxels: float) -> np.ndarray:
+        """(P,) bool: which (P, 3) points are more than `voxels` outside."""
+        resolution = len(self.distance_voxels)
+        index = np.floor((points / self.half_extent + 1) * resolution / 2).astype(int)
+        outside = ((index < 0) | (index >= resolution)).any(axis=1)
+        i, j, k = index.clip(0, resolution - 1).T
+        return outside | (self.distance_voxels[i, j, k] > voxels)
+
+
+def carved(hull: VisualHull, cameras: list[Camera], depth_maps: list[np.ndarray]) -> VisualHull:
+    """The hull without what confirmed depths have shown to be empty.
+
+    Args:
+        depth_maps: for each camera, (H, W) confirmed depth along the optical axis, 0 where nothing is known.
+    """
+    resolution, voxel = len(hull.occupied), 2 * hull.half_extent / len(hull.occupied)
+    centres = voxel_centres(hull.half_extent, resolution)[hull.occupied.ravel()]
+    free, solid = np.zeros(len(centres), np.float32), np.zeros(len(centres), np.float32)
+    for camera, depth in zip(cameras, depth_maps, strict=True):
+        blocks = _block_medians(depth, STRIDE_FOR_BLOCKS)
+        pixels, z = camera.project(centres)
+        x, y = np.floor(pixels / STRIDE_FOR_BLOCKS).astype(int).T
+        framed = (x >= 0) & (y >= 0) & (x < blocks.shape[1]) & (y < blocks.shape[0])
+        found = np.where(framed, blocks[y.clip(0, blocks.shape[0] - 1), x.clip(0, blocks.shape[1] - 1)], 0.0)
+        behind = (z - found) / voxel
+        free += (found > 0) & (behind < -FREE_MARGIN_VOXELS)
+        solid += (found > 0) & (behind > -0.5) & (behind < SOLID_VOXELS)
+    votes = np.clip((free - FREE_NEEDS - SOLID_WEIGHT * solid) / VOTES_FULL, -1.0, 1.0)
+    votes[(free <= FREE_NEEDS) & (solid == 0)] = -FILL
+    grid = np.ones(hull.occupied.shape, np.float32)
+    grid[hull.occupied] = votes
+    occupancy = _smallest_surface(grid, hull.occupied, SMOOTHNESS, STEPS)
+    return VisualHull(occupancy > 0.5, hull.half_extent)
+
+
+def _block_medians(depth: np.ndarray, side: int) -> np.ndarray:
+    """Medians of the known depths in blocks of side x side pixels, 0 where none is known."""
+    height, width = -(-depth.shape[0] // side), -(-depth.shape[1] // side)
+    padded = np.zeros((height * side, width * side), np.float32)
+    padded[: depth.shape[0], : depth.shape[1]] = depth
+    blocks = padded.reshape(height, side, width, side).swapaxes(1, 2).reshape(height, width, -1)
+    known = np.sort(np.where(blocks > 0, blocks, np.inf), axis=2)
+    count = (blocks > 0).sum(axis=2)
+    middle = np.take_along_axis(known, np.maximum(count - 1, 0)[..., None] // 2, axis=2)[..., 0]
+    return np.where(count > 0, middle, 0.0)
+
+
+@numba.njit(cache=True, parallel=True)
+def _smallest_surface(votes, inside, smoothness, steps):
+    """(R, R, R) float32 occupancy in [0, 1] that minimizes sum(u * votes) + smoothness * total variation, 0 outside the hull."""
+    n0, n1, n2 = votes.shape
+    u = np.where(votes < 0, np.float32(1), np.float32(0))
+    previous = u.copy()
+    p = np.zeros((3, n0, n1, n2), np.float32)
+    tau = sigma = np.float32(1 / np.sqrt(12.0))
+    for _ in range(steps):
+        for i in numba.prange(n0 - 1):
+            for j in range(n1 - 1):
+                for k in range(n2 - 1):
+                    here = 2 * u[i, j, k] - previous[i, j, k]
+                    a = p[0, i, j, k] + sigma * (2 * u[i + 1, j, k] - previous[i + 1, j, k] - here)
+                    b = p[1, i, j, k] + sigma * (2 * u[i, j + 1, k] - previous[i, j + 1, k] - here)
+                    c = p[2, i, j, k] + sigma * (2 * u[i, j, k + 1] - previous[i, j, k + 1] - here)
+                    scale = max(np.float32(1), np.sqrt(a * a + b * b + c * c) / smoothness)
+                    p[0, i, j, k], p[1, i, j, k], p[2, i, j, k] = a / scale, b / scale, c / scale
+        for i in numba.prange(1, n0):
+            for j in range(1, n1):
+                for k in range(1, n2):
+                    old = u[i, j, k]
+                    previous[i, j, k] = old
+                    if inside[i, j, k]:
+                        divergence = (
+                            p[0, i, j, k] - p[0, i - 1, j, k] + p[1, i, j, k] - p[1, i, j - 1, k] + p[2, i, j, k] - p[2, i, j, k - 1]
+                        )
+                        u[i, j, k] = min(max(old + tau * (divergence - votes[i, j, k]), np.float32(0)), np.float32(1))
+    return u

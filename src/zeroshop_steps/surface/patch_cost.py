@@ -1,0 +1,224 @@
+"""What a slanted patch of surface costs: how well the views that see it agree (kernels of the stereo)."""
+
+import math
+
+import numba
+import numpy as np
+
+from zeroshop_steps.geometry.crops import STRIDE_PX
+
+BEST_VIEWS = 2
+"""The cost of a plane is the mean over this many of its best neighbours: some are always occluded."""
+PATCH_STEPS = 3
+PATCH_SPACING_PX = 3
+"""A patch is sampled at (2 * 3 + 1)^2 points, three pixels apart."""
+DETAIL_PX = 4.0
+"""Standard deviation of the blur that is taken off: smooth shading looks alike everywhere and would agree with anything."""
+NOISE = 0.02
+"""Contrast below which nothing counts, added to the patches' variances: what little highlights and shading leave on plain parts."""
+DARK = 0.03
+"""Luminance added to the mean to which contrast refers: near black there is only sensor noise."""
+SIMILAR_LUMINANCE = 0.06
+"""Standard deviation of the bilateral weights."""
+COLOR_WEIGHT = 3.0
+COLOR_DIFFERENCE_MAX = 0.1
+GEOMETRIC_WEIGHT = 0.2
+GEOMETRIC_ERROR_MAX_PX = 3.0
+BAD = 2.0
+DONE = 1e9
+"""The bound of a view that has been correlated."""
+ROUNDING = 1e-5
+"""By which a correlation of one may be missed."""
+
+
+@numba.njit(cache=True)
+def random_number(a, b, c, d):
+    """A number in [0, 1) that depends on four integers only, whatever the thread (xorshift-multiply mixing)."""
+    x = np.uint64(a) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(b) * np.uint64(0xC2B2AE3D27D4EB4F)
+    x += np.uint64(c) * np.uint64(0x165667B19E3779F9) + np.uint64(d) * np.uint64(0x27D4EB2F165667C5)
+    x ^= x >> np.uint64(30)
+    x *= np.uint64(0xBF58476D1CE4E5B9)
+    x ^= x >> np.uint64(27)
+    x *= np.uint64(0x94D049BB133111EB)
+    x ^= x >> np.uint64(31)
+    return float(x >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@numba.njit(cache=True)
+def project(row, x, y, z):
+    px = row[0] * x + row[1] * y + row[2] * z + row[9]
+    py = row[3] * x + row[4] * y + row[5] * z + row[10]
+    pz = row[6] * x + row[7] * y + row[8] * z + row[11]
+    return row[12] * px / pz + row[14] - 0.5, row[13] * py / pz + row[15] - 0.5, pz
+
+
+@numba.njit(cache=True)
+def world_point(row, dx, dy, z):
+    """The point at depth z on the ray of slopes dx and dy."""
+    a, b, c = z * dx - row[9], z * dy - row[10], z - row[11]
+    return row[0] * a + row[3] * b + row[6] * c, row[1] * a + row[4] * b + row[7] * c, row[2] * a + row[5] * b + row[8] * c
+
+
+@numba.njit(cache=True)
+def random_normal(dx, dy, a, b):
+    """A unit normal within about 75 degrees of the direction to the camera, from two numbers in [0, 1)."""
+    slant, turn = math.sqrt(a) * 3.0, 2 * math.pi * b
+    return facing_normal(dx, dy, -dx + slant * math.cos(turn), -dy + slant * math.sin(turn), -1.0)
+
+
+@numba.njit(cache=True)
+def facing_normal(dx, dy, nx, ny, nz):
+    """The unit normal along (nx, ny, nz), bent towards the camera where it would look away or graze."""
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / length, ny / length, nz / length
+    ray = math.sqrt(dx * dx + dy * dy + 1)
+    cosine = -(nx * dx + ny * dy + nz) / ray
+    if cosine < 0.2:
+        lack = (0.25 - cosine) / ray
+        nx, ny, nz = nx - lack * dx, ny - lack * dy, nz - lack
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / length, ny / length, nz / length
+    return nx, ny, nz
+
+
+@numba.njit(cache=True)
+def reference_patch(color, detail, mask, y, x, patch, weight):
+    """Fill (side, side) detail and normalized weight, bilateral in the luminance; returns the weighted mean and variance."""
+    side = 2 * PATCH_STEPS + 1
+    height, width = mask.shape
+    total = mean = square = 0.0
+    for j in range(side):
+        for i in range(side):
+            v = min(max(y + (j - PATCH_STEPS) * PATCH_SPACING_PX, 0), height - 1)
+            u = min(max(x + (i - PATCH_STEPS) * PATCH_SPACING_PX, 0), width - 1)
+            value, difference = detail[v, u], 0.0
+            for c in range(3):
+                difference += (color[v, u, c] - color[y, x, c]) / (3 * SIMILAR_LUMINANCE)
+            w = math.exp(-0.5 * difference * difference) if mask[v, u] else 0.0
+            patch[j, i], weight[j, i] = value, w
+            total += w
+            mean += w * value
+            square += w * value * value
+    for j in range(side):
+        for i in range(side):
+            weight[j, i] /= total
+    mean /= total
+    return mean, max(square / total - mean * mean, 0.0)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _lands(row, other, size, dx, dy, z, nx, ny, nz, place):
+    """Fill `place` with where a plane's patch lands in another view: its centre (u, v), and its change a pixel along x and along y.
+
+    False where the view does not see all of it.
+    """
+    offset = z * (nx * dx + ny * dy + nz)
+    ex, ey = dx + 1.0 / row[12], dy + 1.0 / row[13]
+    wx, wy, wz = world_point(row, dx, dy, z)
+    u0, v0, pz = project(other, wx, wy, wz)
+    below_x, below_y = nx * ex + ny * dy + nz, nx * dx + ny * ey + nz
+    if pz <= 0 or below_x >= -1e-6 or below_y >= -1e-6:
+        return False
+    wx, wy, wz = world_point(row, ex, dy, offset / below_x)
+    ux, vx, _ = project(other, wx, wy, wz)
+    wx, wy, wz = world_point(row, dx, ey, offset / below_y)
+    uy, vy, _ = project(other, wx, wy, wz)
+    dux, dvx, duy, dvy = ux - u0, vx - v0, uy - u0, vy - v0
+    place[0], place[1], place[2], place[3], place[4], place[5] = u0, v0, dux, dvx, duy, dvy
+    reach = PATCH_STEPS * PATCH_SPACING_PX
+    reach_u, reach_v = reach * (abs(dux) + abs(duy)), reach * (abs(dvx) + abs(dvy))
+    return u0 - reach_u >= 0 and v0 - reach_v >= 0 and u0 + reach_u < size[1] - 1 and v0 + reach_v < size[0] - 1
+
+
+@numba.njit(cache=True, fastmath=True)
+def _correlation_cost(place, detail, patch, weight, mean, variance):
+    """Half of one less the correlation of a patch with its picture where it lands in another view: 0 to 1."""
+    u0, v0, dux, dvx, duy, dvy = place[0], place[1], place[2], place[3], place[4], place[5]
+    sum_b = sum_bb = sum_ab = np.float32(0.0)
+    for j in range(2 * PATCH_STEPS + 1):
+        t = float((j - PATCH_STEPS) * PATCH_SPACING_PX)
+        for i in range(2 * PATCH_STEPS + 1):
+            s = float((i - PATCH_STEPS) * PATCH_SPACING_PX)
+            u, v = u0 + s * dux + t * duy, v0 + s * dvx + t * dvy
+            x, y = int(u), int(v)
+            fx, fy = np.float32(u - x), np.float32(v - y)
+            top = detail[y, x] + (detail[y, x + 1] - detail[y, x]) * fx
+            bottom = detail[y + 1, x] + (detail[y + 1, x + 1] - detail[y + 1, x]) * fx
+            b = top + (bottom - top) * fy
+            w = weight[j, i]
+            sum_b += w * b
+            sum_bb += w * b * b
+            sum_ab += w * b * patch[j, i]
+    covariance = sum_ab - sum_b * mean
+    spread = math.sqrt((variance + NOISE**2) * (max(sum_bb - sum_b * sum_b, np.float32(0.0)) + NOISE**2))
+    return 0.5 * (1.0 - covariance / spread)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _color_cost(color, index, y, x, other, u, v):
+    """The cost of the difference between a pixel's colour and that at (u, v) in another view."""
+    j, i = int(v + 0.5), int(u + 0.5)
+    difference = 0.0
+    for c in range(3):
+        difference += abs(color[index, y, x, c] - color[other, j, i, c]) / 3
+    return COLOR_WEIGHT * min(difference, COLOR_DIFFERENCE_MAX)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _depth_cost(row, other, depth, normal, y, x, u, v):
+    """The cost of the distance in pixels between (x, y) and where the surface that the other view has found at (u, v) projects to."""
+    error = GEOMETRIC_ERROR_MAX_PX
+    gy, gx = int(v / STRIDE_PX + 0.5), int(u / STRIDE_PX + 0.5)
+    if gy < depth.shape[0] and gx < depth.shape[1] and depth[gy, gx] > 0:
+        # Where the plane that the other view has found there meets its ray through the projected point.
+        nx, ny, nz = normal[gy, gx]
+        dx, dy = (u + 0.5 - other[14]) / other[12], (v + 0.5 - other[15]) / other[13]
+        ahead = nx * dx + ny * dy + nz
+        if ahead < -0.05:
+            px, py = (gx * STRIDE_PX + 0.5 - other[14]) / other[12], (gy * STRIDE_PX + 0.5 - other[15]) / other[13]
+            wx, wy, wz = world_point(other, dx, dy, depth[gy, gx] * (nx * px + ny * py + nz) / ahead)
+            back_u, back_v, _ = project(row, wx, wy, wz)
+            error = min(math.sqrt((back_u - x) ** 2 + (back_v - y) ** 2), error)
+    return GEOMETRIC_WEIGHT * error
+
+
+@numba.njit(cache=True, fastmath=True)
+def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit):
+    """The mean cost of a plane over its best neighbouring views, or BAD where that is not below `limit`.
+
+    Colours and the other views' depths cost little to compare and bound a view's cost from below, since no correlation makes
+    it smaller. The views are correlated from the least bound on, until no other can change the result.
+    `places` (neighbours, 7) is working space.
+    """
+    rows, neighbours, color, detail, _, sizes = scene
+    row, count = rows[index], neighbours.shape[1]
+    for k in range(count):
+        n = neighbours[index, k]
+        bound = BAD
+        if _lands(row, rows[n], sizes[n], dx, dy, z, nx, ny, nz, places[k]):
+            bound = _color_cost(color, index, y, x, n, places[k, 0], places[k, 1])
+            if found_depth.shape[0] > 1:
+                bound += _depth_cost(row, rows[n], found_depth[n], found_normal[n], y, x, places[k, 0], places[k, 1])
+        places[k, 6] = bound
+    first = second = BAD
+    for _ in range(count):
+        nearest, next_bound = 0, BAD
+        for i in range(1, count):
+            if places[i, 6] < places[nearest, 6]:
+                nearest, next_bound = i, places[nearest, 6]
+            elif places[i, 6] < next_bound:
+                next_bound = places[i, 6]
+        bound = places[nearest, 6]
+        if bound - ROUNDING >= second:
+            break
+        if count > 1 and bound + min(first, next_bound) - ROUNDING >= 2 * limit and first + second >= 2 * limit:
+            return BAD
+        if bound < BAD:
+            n = neighbours[index, nearest]
+            cost = min(bound + _correlation_cost(places[nearest], detail[n], patch, weight, mean, variance), BAD)
+            if cost < first:
+                first, second = cost, first
+            elif cost < second:
+                second = cost
+        places[nearest, 6] = DONE
+    return 0.5 * (first + second) if count > 1 else first

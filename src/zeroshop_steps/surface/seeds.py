@@ -1,0 +1,104 @@
+"""Seeds: surface points that several views vouch for, before any optimization; and the file that both optimizers read them from.
+
+The visual hull closes every hollow with a lid. Photographs know better wherever the surface has any shading or print.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.crops import ObjectSphere, grid_camera, object_sphere, seed_crop
+from zeroshop_steps.geometry.registered_views import View, object_masks
+from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_write
+
+FIELDS = ("positions", "colors", "normals", "names", "shapes", "depths", "occupied", "half_extent", "centre", "radius")
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Confirmed surface points, in normalized coordinates, and what follows from them.
+
+    Attributes:
+        positions: (N, 3), colors: (N, 3) RGB in [0, 1], normals: (N, 3) unit, towards the views that found the seed.
+        depth_maps: for the name of each view its grid_view's (H, W) float32 depth along the optical axis, 0 where nothing was confirmed.
+        volume: the visual hull, carved by the depths.
+    """
+
+    positions: np.ndarray
+    colors: np.ndarray
+    normals: np.ndarray
+    depth_maps: dict[str, np.ndarray]
+    volume: VisualHull
+
+
+def write_seeds(path: Path, seeds: Seeds, sphere: ObjectSphere) -> None:
+    """Write a compressed NumPy archive; the same seeds give the same bytes."""
+    maps = list(seeds.depth_maps.values())
+    occupied = seeds.volume.occupied
+    content = (
+        *(seeds.positions, seeds.colors, seeds.normals),
+        np.array(list(seeds.depth_maps)),
+        np.array([depth.shape for depth in maps]),
+        np.concatenate([depth.ravel() for depth in maps]),
+        np.packbits(occupied).reshape(len(occupied), -1),
+        *(seeds.volume.half_extent, sphere.centre, sphere.radius),
+    )
+    with atomic_write(path) as temporary:
+        np.savez_compressed(temporary, **dict(zip(FIELDS, content, strict=True)))
+
+
+def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> Seeds:
+    """Read what `write_seeds` wrote.
+
+    Args:
+        sphere, cameras: the object's, and those of the crops in which seeds were looked for.
+
+    Raises:
+        StepError: the file is absent, damaged, or of other images or cameras.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise StepError(f"{path} does not exist; run stereo first")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            positions, colors, normals, names, shapes, depths, packed, half_extent, centre, radius = (archive[name] for name in FIELDS)
+        ends = np.cumsum(shapes.prod(axis=1))
+        maps = [part.reshape(shape) for part, shape in zip(np.split(depths, ends[:-1]), shapes, strict=True)]
+        depth_maps = dict(zip(names.tolist(), maps, strict=True))
+        resolution = len(packed)
+        occupied = np.unpackbits(packed)[: resolution**3].reshape((resolution,) * 3).astype(bool)
+        if not positions.shape == colors.shape == normals.shape == (len(positions), 3):
+            raise ValueError("points, colours and normals do not fit")
+    except Exception as error:
+        raise StepError(f"{path} is not a whole file of seeds ({type(error).__name__}); delete it and run stereo again") from None
+    found = {name: depth.shape for name, depth in depth_maps.items()}
+    expected = {grid.name: (grid.height_px, grid.width_px) for grid in map(grid_camera, cameras)}
+    if found != expected or not (np.allclose(centre, sphere.centre, rtol=1e-9) and np.isclose(radius, sphere.radius, rtol=1e-9)):
+        raise StepError(f"{path} belongs to other images or cameras than those given; run stereo on these")
+    return Seeds(positions, colors, normals, depth_maps, VisualHull(occupied, float(half_extent)))
+
+
+def confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:
+    """(N, 3) the places of all confirmed depths of a seeds.npz, in the frame of the views' registration.
+
+    Raises:
+        StepError: the file is absent, damaged, or of other images or cameras.
+    """
+    cameras, masks = [view.camera for view in views], object_masks(views)
+    sphere = object_sphere(cameras, masks)
+    crops = [seed_crop(camera, mask, sphere).camera for camera, mask in zip(cameras, masks, strict=True)]
+    seeds = read_seeds(path, sphere, crops)
+    points = [np.zeros((0, 3))]
+    for camera in map(grid_camera, crops):
+        depth = seeds.depth_maps[camera.name]
+        rows, columns = np.nonzero(depth)
+        pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
+        seen = pixels @ np.linalg.inv(camera.intrinsics).T * depth[rows, columns, None]
+        pose = camera.camera_from_world
+        points.append((seen - pose[:3, 3]) @ pose[:3, :3])
+    return sphere.centre + sphere.radius * np.concatenate(points)

@@ -1,0 +1,59 @@
+"""Stereo: depths that several registered images confirm, the seeds among them, and the visual hull carved by them.
+
+Writes seeds.npz, which every optimizer of this stage starts from, and stereo.json (seconds, figures).
+"""
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+from zeroshop_steps.runtime.cache import Cached
+
+HULL_RESOLUTION = 128
+CACHED = Cached(
+    inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
+    ignored=("threads",),
+    outputs=("seeds.npz", "stereo.json"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--cameras", type=Path, required=True, help="registration: images, masks and sparse model")
+    parser.add_argument("--out", type=Path, required=True, help="folder for seeds.npz and stereo.json")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+
+
+def run(args: argparse.Namespace) -> None:
+    from zeroshop_steps.geometry.crops import object_sphere
+    from zeroshop_steps.geometry.visual_hull import VisualHull
+    from zeroshop_steps.runtime.files import write_json
+    from zeroshop_steps.runtime.threads import use_threads
+    from zeroshop_steps.surface.depth_consistency import find_seeds
+    from zeroshop_steps.surface.seeds import write_seeds
+    from zeroshop_steps.surface.training_views import grid_view, read_camera_set, seed_views
+
+    threads = use_threads(args.threads)
+    start_s, start_cpu_s = time.monotonic(), time.process_time()
+    camera_set = read_camera_set(args.cameras)
+    sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
+    views = seed_views(camera_set, sphere)
+    grid = [grid_view(view) for view in views]
+    masks = [view.mask.numpy() > 0 for view in grid]
+    hull = VisualHull.carve([view.camera for view in grid], masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
+    seeds = find_seeds(views, hull, args.seed)
+    write_seeds(args.out / "seeds.npz", seeds, sphere)
+    write_json(
+        args.out / "stereo.json",
+        {
+            "seconds": round(time.monotonic() - start_s, 2),
+            "cpu_seconds": round(time.process_time() - start_cpu_s, 2),
+            "threads": threads,
+            "seeds": len(seeds.positions),
+            "confirmed_depths": sum(int((depth > 0).sum()) for depth in seeds.depth_maps.values()),
+            "hull_voxels": int(hull.occupied.sum()),
+            "carved_voxels": int(hull.occupied.sum() - seeds.volume.occupied.sum()),
+        },
+    )

@@ -1,0 +1,97 @@
+"""Where training starts: the cells of the visual hull, finer and dense along the surface that stereo and masks suggest."""
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, map_coordinates
+
+from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.surface.harmonics import SH_CONSTANT
+from zeroshop_steps.surface.initialization import Start, mean_colors
+from zeroshop_steps.surface.svraster.field import signed_distances
+from zeroshop_steps.surface.svraster.octree import CELLS, CORNER_OFFSETS, Octree
+from zeroshop_steps.surface.svraster.voxels import Voxels
+from zeroshop_steps.surface.training import anchors
+from zeroshop_steps.surface.training_views import TrainingView
+
+REACH = 0.06
+"""Reach of confirmed depths around the surface, in normalized units."""
+NEAR = 0.9
+"""Leaves whose centre is nearer to the suggested surface than this many of their edges are split: those that it may cross."""
+DEEP = 0.05
+"""Leaves whose centre is deeper behind the suggested surface than this, in normalized units, are left out: no light gets there."""
+RISE = 5.0
+"""Rise of the density, before activation, across one of the finest leaves, with the depth behind the suggested surface."""
+DENSITY_MIN, DENSITY_MAX = -4.0, 2.5
+HALF_DENSITY = 0.8
+"""Density at the suggested surface: half of the light is stopped a fraction of a leaf behind it."""
+SMOOTH_CELLS = 1.5
+"""Standard deviation of the smoothing, in edges of the finest leaves."""
+FILL_PX = 1.5
+"""A confirmed depth stands for the pixels around it as far as this: not every pixel has one."""
+
+
+def start_voxels(start: Start, views: list[TrainingView], level: int, sh_degree: int) -> Voxels:
+    """The cells of a level that the visual hull meets and that are not wholly in free space, those near the surface split.
+
+    Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Colours are
+    means over the views, the same from all sides.
+
+    Args:
+        start: free space and confirmed depths.
+        views: the small views that these come from.
+        level: of the leaves away from the surface; those along it are of the next one.
+    """
+    free_space = start.free_space
+    coarse = VisualHull.carve(free_space.cameras, free_space.masks, half_extent=1.0, resolution=1 << level, misses_allowed=1).occupied
+    cells = np.argwhere(binary_dilation(coarse, np.ones((3, 3, 3), bool)))
+    children = 2 * cells[:, None] + CORNER_OFFSETS
+    solid = ~free_space.holds(((children.reshape(-1, 3) + 0.5) / (1 << level)) - 1.0).reshape(-1, 8)
+    occupied = np.zeros((2 << level,) * 3, bool)
+    occupied[tuple(children[solid].T)] = True
+    met = cells[solid.any(axis=1)]
+    octree = Octree.of(met * (CELLS >> level), np.full(len(met), level))
+    grid = _smooth_distances(start, views, occupied)
+
+    def distances(points: np.ndarray) -> np.ndarray:
+        return map_coordinates(grid, (points.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
+
+    depth = distances(octree.centres)
+    octree, _ = octree.refined(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
+    densities = HALF_DENSITY - RISE * (1 << level) * distances(octree.corner_points * (2.0 / CELLS) - 1.0)
+    outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
+    colors = mean_colors(octree.centres, outward, views)
+    return Voxels(
+        octree,
+        torch.from_numpy(np.clip(densities, DENSITY_MIN, DENSITY_MAX).astype(np.float32)),
+        torch.tensor((colors - 0.5) / SH_CONSTANT, dtype=torch.float32)[:, None, :],
+        torch.zeros(len(octree), (sh_degree + 1) ** 2 - 1, 3),
+    )
+
+
+def _depth_map(view: TrainingView, pixels: torch.Tensor, depths: torch.Tensor) -> np.ndarray:
+    """(H, W) float32 depths of a view, from (K,) flat pixel indices and (K,) depths; 0 far from all of them."""
+    depth = np.zeros(view.camera.height_px * view.camera.width_px, np.float32)
+    depth[pixels.numpy()] = depths.numpy()
+    depth = depth.reshape(view.camera.height_px, view.camera.width_px)
+    if not depth.any():
+        return depth
+    distance, (y, x) = distance_transform_edt(depth == 0, return_indices=True)
+    return np.where(distance <= FILL_PX, depth[y, x], np.float32(0.0))
+
+
+def _smooth_distances(start: Start, views: list[TrainingView], occupied: np.ndarray) -> np.ndarray:
+    """Distance to the suggested surface at the centres of the cells of a grid over the root, negative inside, in normalized units.
+
+    Stereo's depths are sparse where the object is plain, and the hull has edges that it lacks: hence smooth.
+    """
+    edge = 2.0 / len(occupied)
+    # Between the centres of a cell within and one without, each half an edge from it, lies the hull's surface.
+    by_hull = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5) * edge
+    near = np.argwhere(np.abs(by_hull) < 2 * REACH)
+    points = (near + 0.5) * edge - 1.0
+    cameras, depths = [view.camera for view in views], [_depth_map(view, *anchors(view, start)) for view in views]
+    by_depth = signed_distances(points, cameras, depths, REACH, zero_is_free=False, min_views=1)
+    known = (by_depth > -REACH) & occupied[tuple(near.T)]
+    distances = np.clip(by_hull, -REACH, REACH)
+    distances[tuple(near[known].T)] = by_depth[known]
+    return gaussian_filter(distances, SMOOTH_CELLS)

@@ -1,0 +1,138 @@
+"""Which voxels touch which tile of the image, front to back.
+
+The order of voxels along a ray depends on the signs of its direction alone. A tile whose rays have several sign
+patterns is drawn once for each: an item is a pair of a tile and an octant of directions.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from zeroshop_steps.surface.svraster.octree import OCTANTS
+from zeroshop_steps.surface.training_views import TILE_PX
+
+
+@dataclass(frozen=True)
+class Items:
+    """The (tile, octant) pairs of a view that are drawn.
+
+    Attributes:
+        tiles, octants: (I,) tile index and octant.
+        index: (tiles_y, tiles_x, 8) int32 number of each item, -1 for pairs that are not drawn.
+    """
+
+    tiles: np.ndarray
+    octants: np.ndarray
+    index: np.ndarray
+
+    @staticmethod
+    def of(camera: np.ndarray, tile_active: np.ndarray) -> "Items":
+        """For a camera row (16,) and the (tiles_y, tiles_x) bool tiles to draw."""
+        present = np.zeros((*tile_active.shape, OCTANTS), np.bool_)
+        _octants(camera, tile_active, present)
+        index = np.full(present.shape, -1, np.int32)
+        index[present] = np.arange(present.sum())
+        y, x, octants = np.nonzero(present)
+        return Items(y * tile_active.shape[1] + x, octants, index)
+
+
+@numba.njit(cache=True)
+def ray_direction(camera, x, y, axis):
+    """World direction, along one axis, of the ray through pixel position (x, y), of unit depth; never zero."""
+    d = camera[axis] * (x - camera[14]) / camera[12] + camera[3 + axis] * (y - camera[15]) / camera[13] + camera[6 + axis]
+    return d if abs(d) > 1e-7 else (-1e-7 if d < 0 else 1e-7)
+
+
+@numba.njit(cache=True)
+def octant_of(camera, x, y):
+    """Bit j is set where the ray's direction is negative along axis j."""
+    octant = 0
+    for axis in range(3):
+        octant |= (ray_direction(camera, x, y, axis) < 0) << axis
+    return octant
+
+
+@numba.njit(cache=True)
+def _octants(camera, tile_active, present):
+    for ty in range(tile_active.shape[0]):
+        for tx in range(tile_active.shape[1]):
+            if tile_active[ty, tx]:
+                for j in range(TILE_PX):
+                    for i in range(TILE_PX):
+                        present[ty, tx, octant_of(camera, tx * TILE_PX + i + 0.5, ty * TILE_PX + j + 0.5)] = True
+
+
+@dataclass(frozen=True)
+class ItemLists:
+    """The voxels of each item, front to back.
+
+    Attributes:
+        items: (I',) the items that are not empty, longest list first, so that threads finish together.
+        starts: (I + 1,) where each item's list begins in `voxel_of` and `slot_of`.
+        voxel_of: (E,) the voxel of each list entry.
+        slot_of: (E,) row where that entry's gradient is stored; the rows of one voxel lie together.
+        slot_starts: (N + 1,) first row of each voxel.
+    """
+
+    items: np.ndarray
+    starts: np.ndarray
+    voxel_of: np.ndarray
+    slot_of: np.ndarray
+    slot_starts: np.ndarray
+
+
+def list_items(items: Items, orders: np.ndarray, boxes: np.ndarray) -> ItemLists:
+    """Sort voxels into items.
+
+    Args:
+        orders: (8, N) int32 front-to-back orders of `Octree.orders`.
+        boxes: (N, 4) int32 pixel boxes x0, x1, y0, y1.
+    """
+    per_item, per_voxel = np.zeros(len(items.tiles), np.int64), np.zeros(len(boxes), np.int64)
+    _count(boxes, items.index, per_item, per_voxel)
+    starts = np.concatenate([[0], np.cumsum(per_item)])
+    slot_starts = np.concatenate([[0], np.cumsum(per_voxel)])
+    voxel_of, slot_of = np.empty(starts[-1], np.int32), np.empty(starts[-1], np.int32)
+    used = np.zeros(OCTANTS, np.bool_)
+    used[items.octants] = True
+    _fill(orders, used, boxes, items.index, starts[:-1].copy(), slot_starts, voxel_of, slot_of)
+    longest = np.argsort(-per_item, kind="stable")
+    return ItemLists(longest[per_item[longest] > 0], starts, voxel_of, slot_of, slot_starts)
+
+
+@numba.njit(cache=True)
+def _count(boxes, index, per_item, per_voxel):
+    for i in range(len(boxes)):
+        if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
+            continue
+        for ty in range(boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1):
+            for tx in range(boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1):
+                for octant in range(OCTANTS):
+                    item = index[ty, tx, octant]
+                    if item >= 0:
+                        per_item[item] += 1
+                        per_voxel[i] += 1
+
+
+@numba.njit(cache=True, parallel=True)
+def _fill(orders, used, boxes, index, cursor, slot_starts, voxel_of, slot_of):
+    # Each octant's items are its own, and a voxel's slots follow from its box: the octants need not wait for one another.
+    for octant in numba.prange(OCTANTS):
+        if not used[octant]:
+            continue
+        for i in orders[octant]:
+            if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
+                continue
+            slot = slot_starts[i]
+            for ty in range(boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1):
+                for tx in range(boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1):
+                    for other in range(OCTANTS):
+                        item = index[ty, tx, other]
+                        if item < 0:
+                            continue
+                        if other == octant:
+                            voxel_of[cursor[item]] = i
+                            slot_of[cursor[item]] = slot
+                            cursor[item] += 1
+                        slot += 1

@@ -1,0 +1,130 @@
+"""Training of sparse voxels (Sun et al. 2025) on the cropped views of one object."""
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+
+from zeroshop_steps.surface.initialization import Start
+from zeroshop_steps.surface.losses import has_normal, normals_from_depth
+from zeroshop_steps.surface.optimizer import AdamWithSurgery
+from zeroshop_steps.surface.svraster.adapt import VoxelMeter, prune_and_subdivide
+from zeroshop_steps.surface.svraster.octree import Octree
+from zeroshop_steps.surface.svraster.render import Rendering, RenderView, render
+from zeroshop_steps.surface.svraster.settings import TrainingSettings
+from zeroshop_steps.surface.svraster.voxels import Voxels
+from zeroshop_steps.surface.training import Views, ViewTrainer, depth_loss, image_losses
+from zeroshop_steps.surface.training_views import TrainingView
+
+LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
+BETAS = (0.9, 0.99)
+SOLID_DENSITY = 2.0
+"""Mean density, before activation, from which a leaf counts as the object's inside."""
+SPLIT_PX = 1.5
+"""A leaf that covers fewer pixels than this along its edge has nothing to gain from being split."""
+RATE_FALL = 0.1
+"""The learning rate at the end, as a share of that at the start; it falls exponentially."""
+
+
+def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettings, with_normals: bool) -> dict[str, torch.Tensor]:
+    """The terms of the loss, each a mean over the view's active pixels, weighted (Sun et al. 2025, sec. 3.3 and supplement).
+
+    Photometric L1, D-SSIM, and L1 of the opacity against the mask; then, with T the light left at a ray's end and w the
+    blending weights: T^2 (1 - T)^2, so that a pixel is full or empty; w |c - C|^2, so that all that a ray sees has the photo's
+    colour C; w max(cos, 0) of normals that face away, so that density rises along the ray; normal consistency.
+    """
+    terms = image_losses(rendering, view, settings.lambda_dssim, settings.lambda_mask)
+    active = view.active
+    pixels = active.sum()
+    clear = (rendering.alpha * (1 - rendering.alpha)).square()
+    terms["transmittance"] = settings.lambda_transmittance * (clear * active).sum() / pixels
+    spread = rendering.color_square - 2 * (rendering.color * view.color).sum(0) + rendering.alpha * view.color.square().sum(0)
+    terms["color"] = settings.lambda_color * (spread * active).sum() / pixels
+    terms["away"] = settings.lambda_ascending * (rendering.away * active).sum() / pixels
+    if with_normals:
+        k = view.camera.intrinsics
+        surface = normals_from_depth(rendering.median_depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+        solid = active & has_normal(rendering.median_depth) & (rendering.alpha.detach() > 0.5)
+        mismatch = rendering.alpha.detach() - (rendering.normal * surface).sum(0)
+        terms["normal"] = settings.lambda_normal * (mismatch * solid).sum() / pixels
+    return terms
+
+
+class Trainer(ViewTrainer):
+    """Voxels in training."""
+
+    title, noun = "SVRaster", "voxels"
+
+    def __init__(self, voxels: Voxels, views: Views, start: Start, settings: TrainingSettings) -> None:
+        super().__init__(voxels, AdamWithSurgery(voxels, LEARNING_RATES, BETAS), views, start, settings)
+        self.voxels = voxels
+        self.forget_views()
+
+    def forget_views(self) -> None:
+        """Begin anew to count what the views say of the voxels."""
+        self.meter, self.asked = VoxelMeter(len(self.voxels)), set[int]()
+
+    def render_views_of(self, views: list[TrainingView]) -> list[RenderView]:
+        return [RenderView.around_object(view) for view in views]
+
+    def render(self, index: int, degree: int) -> Rendering:
+        v = self.voxels
+        return render(v.octree, v.densities, torch.cat([v.sh_constant, v.sh_rest], dim=1), degree, self.render_views[index])
+
+    def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
+        settings, view = self.settings, self.views[index]
+        terms = view_loss(rendering, view, settings, share >= settings.normal_from_share)
+        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], view.active.sum())
+        return terms
+
+    def learn(self, rendering: Rendering, index: int, share: float) -> None:
+        self.meter.add(rendering.footprint.weight, rendering.footprint.priority)
+        self.asked.add(index)
+        for name, rate in LEARNING_RATES.items():
+            self.optimizer.set_learning_rate(name, rate * RATE_FALL**share)
+        self.optimizer.step()
+
+    def adapt(self) -> None:
+        settings = self.settings
+        if self.iteration not in [math.ceil(share * settings.iterations) for share in settings.adapt_shares]:
+            return
+        self._ask_the_others()
+        octree = self.voxels.octree
+        # What is dense and hidden stays: light that leaks through a thin spot must not reach the far wall, where nothing would tell.
+        solid = self.voxels.densities.detach().numpy()[octree.corners].mean(axis=1) > SOLID_DENSITY
+        keep = (self.meter.weight > settings.weight_min) | solid
+        wanted = np.where(octree.sizes > SPLIT_PX * self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
+        prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
+        self.forget_views()
+
+    def _ask_the_others(self) -> None:
+        """Count the weights in the views that were not drawn since the last change: no view's voxel is dropped unasked."""
+        for index in sorted(set(range(len(self.views))) - self.asked):
+            rendering = self.render(index, 0)
+            rendering.alpha.sum().backward()
+            self.meter.add(rendering.footprint.weight, np.zeros_like(self.meter.priority))
+        self.optimizer.adam.zero_grad(set_to_none=True)
+
+    def _pixel_size(self, octree: Octree) -> np.ndarray:
+        """(N,) the least edge of a pixel, in normalized units, at a leaf's depth, over the views in use."""
+        sizes = [view.camera.project(octree.centres)[1] / view.camera.intrinsics[0, 0] for view in self.views]
+        return np.min(sizes, axis=0)
+
+    def state(self) -> dict[str, Any]:
+        octree = self.voxels.octree
+        leaves = (torch.from_numpy(octree.origins), torch.from_numpy(octree.levels))
+        return {
+            "leaves": leaves,
+            "meter": (torch.from_numpy(self.meter.weight), torch.from_numpy(self.meter.priority)),
+            "asked": sorted(self.asked),
+        }
+
+    def restore(self, content: dict[str, Any]) -> None:
+        self.meter.weight, self.meter.priority = (tensor.numpy() for tensor in content["meter"])
+        self.asked = set(content["asked"])
+
+    @classmethod
+    def around(cls, content: dict[str, Any], views: Views, start: Start, settings: TrainingSettings) -> "Trainer":
+        octree = Octree(*(tensor.numpy() for tensor in content["leaves"]))
+        return cls(Voxels(octree, **content["tensors"]), views, start, settings)

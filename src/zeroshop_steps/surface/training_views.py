@@ -1,0 +1,91 @@
+"""Training views: registered images with their masks, resampled and cropped to the pixels that matter."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.crops import STRIDE_PX, Crop, ObjectSphere, crop, grid_camera, seed_crop
+from zeroshop_steps.geometry.registered_views import object_masks, read_views
+from zeroshop_steps.runtime.errors import StepError
+
+TILE_PX = 16
+"""Width and height of a tile: a row of it fills one 512-bit register in single precision."""
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One image, cropped to its mask and a border.
+
+    Attributes:
+        camera: pinhole camera of the crop, in normalized coordinates.
+        color: (3, H, W) float32 RGB in [0, 1], black outside the mask.
+        mask: (H, W) float32 coverage of each pixel by the object, 0 to 1.
+        active: (H, W) bool, the pixels that count: within the border around the mask.
+        tile_active: (ceil(H / 16), ceil(W / 16)) bool, tiles with active pixels.
+    """
+
+    camera: Camera
+    color: torch.Tensor
+    mask: torch.Tensor
+    active: torch.Tensor
+    tile_active: np.ndarray
+
+
+@dataclass(frozen=True)
+class CameraSet:
+    """A `register` output folder: sparse model, its images and masks (bool), in the order of the cameras."""
+
+    model: SparseModel
+    images: tuple[np.ndarray, ...]
+    masks: tuple[np.ndarray, ...]
+
+
+def read_camera_set(folder: Path) -> CameraSet:
+    """Read images, masks and cameras of a registration. Raises StepError naming what is missing or does not fit."""
+    views, model = read_views(folder)
+    if len(views) < 3:
+        raise StepError(f"{folder}/sparse holds {len(views)} cameras; at least 3 are needed to see depth. Run registration again")
+    return CameraSet(model, tuple(view.image() for view in views), tuple(object_masks(views)))
+
+
+def training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
+    """Resample to `image_width_px` (never up), crop to the mask's box and `border_px`, and blacken the background."""
+    parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
+    return [_training_view(image, mask, crop(camera, mask, sphere, image_width_px, border_px)) for camera, image, mask in parts]
+
+
+def seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
+    """The views in which stereo looks for seeds."""
+    parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
+    return [_training_view(image, mask, seed_crop(camera, mask, sphere)) for camera, image, mask in parts]
+
+
+def _training_view(image: np.ndarray, mask: np.ndarray, crop: Crop) -> TrainingView:
+    masked = image * mask[..., None]
+    color = cv2.resize(masked.astype(np.float32) / 255.0, crop.size_px, interpolation=cv2.INTER_AREA)[crop.window]
+    return TrainingView(
+        crop.camera,
+        torch.from_numpy(np.ascontiguousarray(color.transpose(2, 0, 1))),
+        torch.from_numpy(np.ascontiguousarray(crop.coverage)),
+        torch.from_numpy(np.ascontiguousarray(crop.active)),
+        tiles_with(crop.active),
+    )
+
+
+def grid_view(view: TrainingView) -> TrainingView:
+    """The pixels at which stereo finds planes as a view of their own."""
+    s = STRIDE_PX
+    active = view.active[::s, ::s]
+    return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, tiles_with(active.numpy()))
+
+
+def tiles_with(active: np.ndarray) -> np.ndarray:
+    """(ceil(H / 16), ceil(W / 16)) bool: tiles of an (H, W) bool array that hold any."""
+    height, width = active.shape
+    padded = np.zeros((-(-height // TILE_PX) * TILE_PX, -(-width // TILE_PX) * TILE_PX), bool)
+    padded[:height, :width] = active
+    return padded.reshape(padded.shape[0] // TILE_PX, TILE_PX, padded.shape[1] // TILE_PX, TILE_PX).any(axis=(1, 3))

@@ -1,0 +1,79 @@
+"""Capture a virtual object with BlenderProc (Blender's path tracer Cycles): the scenes, cameras and files of `raycast`.
+
+Materials are dielectrics in the colours of the model's texture, lit by the same six area lights and sky. Frames that were
+finished before an interruption are taken up by the same command.
+"""
+
+import argparse
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.synthetic import virtual
+from zeroshop_steps.synthetic.blender_frames import pictures, render_frames, scene_things
+from zeroshop_steps.synthetic.lighting import place_lights
+from zeroshop_steps.synthetic.renderer import Picture
+from zeroshop_steps.synthetic.rings import Subject
+from zeroshop_steps.synthetic.scenes import Part
+
+CACHED = Cached(inputs=("model",), ignored=("threads", "environment"))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command line."""
+    virtual.add_scene_arguments(parser)
+    add_blender_arguments(parser)
+
+
+def add_blender_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of everything that BlenderProc renders."""
+    parser.add_argument("--samples", type=int, default=16, help="light paths a pixel, denoised afterwards (default: %(default)s)")
+    parser.add_argument("--environment", type=Path, help="record of BlenderProc's environment, which blender_environment writes")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Entry point of the command line."""
+    capture(args.model, args.scene, args.width, args.height, args.seed, args.samples, args.environment, args.threads, args.out)
+
+
+def capture(
+    model: Path, scene: str, width_px: int, height_px: int, seed: int, samples: int, environment: Path, threads: int, out: Path
+) -> None:
+    """Render all views of one scene into the capture folder `out`; see `virtual.capture`.
+
+    Args:
+        samples: light paths a pixel.
+        environment: record that `blender_environment` wrote.
+        threads: of the renderer, 0 for all.
+
+    Raises:
+        StepError: as `virtual.capture`; or BlenderProc cannot start, failed or was killed.
+    """
+    check_options(samples, environment)
+    frames = frames_folder(out)
+
+    def render(parts: list[Part], subject: Subject, cameras: Sequence[Camera]) -> Iterator[Picture]:
+        lights = place_lights(subject, on_surface=len(parts) > 1)
+        title = f"render {scene} with BlenderProc"
+        render_frames(frames, environment, title, scene_things(parts), lights, cameras, samples, seed, threads)
+        return pictures(frames, cameras)
+
+    facts = {"renderer": "blenderproc", "samples": samples}
+    virtual.capture(render, model, scene, width_px, height_px, seed, out, facts=facts)
+    shutil.rmtree(frames, ignore_errors=True)
+
+
+def frames_folder(out: Path) -> Path:
+    """Where frames wait until all are there."""
+    return Path(out).with_name(f".{Path(out).name}.frames")
+
+
+def check_options(samples: int, environment: Path | None) -> None:
+    """Refuse what BlenderProc cannot work with."""
+    if not 1 <= samples <= 65536:
+        raise StepError(f"{samples} samples a pixel are out of range; give --samples 1..65536")
+    if environment is None:
+        raise StepError("BlenderProc has an environment of its own; make it with --method blender_environment and give its record")

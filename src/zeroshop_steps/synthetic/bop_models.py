@@ -1,0 +1,115 @@
+"""Take an object's model from a BOP dataset: from a local folder in BOP's layout, or from BOP's public hosting.
+
+The model is written as it is: BOP's models of YCB-V stand upright, z up, in mm.
+"""
+
+import argparse
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.models import checked_diameter_mm
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, texture_file_of, write_ply
+from zeroshop_steps.runtime.downloads import download, locked
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+
+HOSTED_MODELS = {"ycbv": "https://huggingface.co/datasets/bop-benchmark/ycbv/resolve/main/ycbv_models.zip"}
+"""The archives that hold `models/obj_*.ply`, by dataset."""
+
+FRONT_AZIMUTHS_DEG = {"ycbv": {1: 45, 4: 90, 5: 90, 6: 90, 9: 90, 12: 270, 14: 90, 15: 90, 18: 180}}
+"""Which side of an object is its front, degrees from +x towards +y; 0 for the others. Read off renderings of the models."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command line."""
+    parser.add_argument("--dataset", required=True, help="BOP's short name of the dataset, e.g. ycbv")
+    parser.add_argument("--object", required=True, help="e.g. obj_000005")
+    parser.add_argument("--models", type=Path, help="folder with obj_000001.ply ... and models_info.json (default: download)")
+    parser.add_argument("--resources", type=Path, default=Path("resources"), help="folder for downloads (default resources)")
+    parser.add_argument("--out", type=Path, required=True, help="model folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Entry point of the command line."""
+    models = args.models if args.models is not None else hosted_models(args.dataset, args.resources)
+    take_model(models, args.dataset, args.object, args.out)
+
+
+def hosted_models(dataset: str, resources: Path) -> Path:
+    """The folder of a hosted dataset's models under `resources`, downloaded and unpacked at first use."""
+    if dataset not in HOSTED_MODELS:
+        known = ", ".join(sorted(HOSTED_MODELS))
+        raise StepError(
+            f"no download is known for the dataset {dataset} (known: {known}); name a folder of models: models_folder in the config"
+        )
+    url, folder = HOSTED_MODELS[dataset], Path(resources) / "bop" / dataset / "models"
+    without = f"name a local folder of the models: datasets: {dataset}: models_folder in the config, --models on the command line"
+    archive = download(url, Path(resources) / "downloads" / url.rsplit("/", 1)[-1], without)
+    with locked(folder.parent / "models.lock"):
+        if not folder.is_dir():
+            _unpack(archive, folder)
+    return folder
+
+
+def take_model(models: Path, dataset: str, name: str, out: Path) -> None:
+    """Check one object of a BOP models folder and write model.ply, its texture and model_info.json into the folder `out`.
+
+    Raises:
+        StepError: the folder or the object is missing, the mesh is damaged or untextured, or its unit is not mm.
+    """
+    models = Path(models)
+    if not models.is_dir():
+        raise StepError(
+            f"models folder {models} does not exist; correct models_folder in the config (--models), or leave it out to download"
+        )
+    path = models / f"{name}.ply"
+    if not path.is_file():
+        there = [found.stem for found in sorted(models.glob("obj_*.ply"))]
+        listed = f"{there[0]} ... {there[-1]} ({len(there)} objects)" if there else "no obj_*.ply at all"
+        raise StepError(f"{dataset} has no object {name}: {path} does not exist; {models} holds {listed}")
+    mesh = read_ply(path)
+    if mesh.uv is None or mesh.texture is None:
+        raise StepError(f"model {path} has no texture (texture_u, texture_v and a TextureFile comment are needed); take a textured model")
+    if mesh.normals is None:
+        mesh = mesh.with_normals()
+    info = model_info(path, mesh, dataset, models)
+    texture = path.parent / texture_file_of(path)
+    with atomic_directory(out) as folder:
+        target = folder / f"model{texture.suffix.lower()}"
+        shutil.copyfile(texture, target)
+        write_ply(folder / "model.ply", mesh, target.name)
+        write_json(folder / "model_info.json", info)
+
+
+def model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
+    """This object's entry of models_info.json, completed and checked against the mesh.
+
+    Returns:
+        diameter, min_x .. size_z in mm; symmetries_discrete, symmetries_continuous, name, obj_id, front_azimuth_deg.
+    """
+    digits = path.stem.removeprefix("obj_")
+    object_id = int(digits) if digits.isdigit() else 0
+    listed = read_json(models / "models_info.json").get(str(object_id), {}) if (models / "models_info.json").exists() else {}
+    low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
+    measured_mm = checked_diameter_mm(path, mesh, listed.get("diameter"))
+    info = {"name": path.stem, "diameter": measured_mm}
+    info |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
+    info |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
+    info |= {"symmetries_discrete": [], "symmetries_continuous": []} | listed
+    return info | {"obj_id": object_id, "front_azimuth_deg": float(FRONT_AZIMUTHS_DEG.get(dataset, {}).get(object_id, 0))}
+
+
+def _unpack(archive: Path, folder: Path) -> None:
+    try:
+        with zipfile.ZipFile(archive) as opened, atomic_directory(folder) as temporary:
+            members = [name for name in opened.namelist() if name.split("/")[-2:-1] == ["models"] and not name.endswith("/")]
+            if not members:
+                raise StepError(f"{archive} has no folder models/; it is not BOP's archive of models. Delete it and fetch it again.")
+            for member in members:
+                with opened.open(member) as source, open(temporary / member.rsplit("/", 1)[-1], "wb") as target:
+                    shutil.copyfileobj(source, target)
+    except (zipfile.BadZipFile, EOFError) as error:
+        raise StepError(f"{archive} is not a whole zip archive ({error}); delete it and its .sha256 and fetch it again") from None

@@ -1,0 +1,106 @@
+"""Things lying close together on a table: each at rest as it would stand or lie, none touching another."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import manifold3d
+import numpy as np
+import trimesh
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.runtime.errors import StepError
+
+HULL_DIRECTIONS = 600
+UPRIGHT_SHARE = 0.5
+GAP_MM = 3.0
+FIRST_RADIUS_MM, RADIUS_STEP_MM, ATTEMPTS = 30.0, 1.5, 600
+DROP_RADIUS_MM, DROP_STEP_MM = 110.0, 10.0
+
+
+@dataclass(frozen=True)
+class Body:
+    """A thing's shape for placing it.
+
+    Attributes:
+        hull: (H, 3) corners of its convex hull, mm; others lie at most a fraction of a millimetre outside.
+        vertices: (V, 3) those of the whole hull, to put it exactly onto the table.
+        rests: (S, 3, 3) rotations in which it rests on a plane with normal z.
+        likely: (S,) how likely a thrown one comes to rest in each (Goldberg et al. 1999, as trimesh computes it).
+    """
+
+    hull: np.ndarray
+    vertices: np.ndarray
+    rests: np.ndarray
+    likely: np.ndarray
+
+
+def body_of(vertices: np.ndarray) -> Body:
+    """From (V, 3) vertices in mm."""
+    outer = vertices[ConvexHull(vertices).vertices]
+    index = np.arange(HULL_DIRECTIONS) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * index / HULL_DIRECTIONS), np.pi * (1 + 5**0.5) * index
+    directions = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], 1)
+    hull = outer[np.unique((outer @ np.concatenate([directions, np.eye(3), -np.eye(3)]).T).argmax(0))]
+    transforms, likely = trimesh.poses.compute_stable_poses(trimesh.convex.convex_hull(hull))
+    return Body(hull, outer, transforms[:, :3, :3], likely)
+
+
+def lie_down(body: Body, rng: np.random.Generator) -> np.ndarray:
+    """(4, 4) table_from_model: at rest above the origin, turned at random about z; half of those that can stand upright do."""
+    upright = np.flatnonzero(body.rests[:, 2, 2] > 0.999)
+    if len(upright) and rng.uniform() < UPRIGHT_SHARE:
+        rest = upright[body.likely[upright].argmax()]
+    else:
+        rest = rng.choice(len(body.rests), p=body.likely / body.likely.sum())
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi)).as_matrix() @ body.rests[rest]
+    turned = body.vertices @ transform[:3, :3].T
+    transform[:2, 3] = -(turned[:, :2].min(0) + turned[:, :2].max(0)) / 2
+    transform[2, 3] = -turned[:, 2].min()
+    return transform
+
+
+def place(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
+    """(4, 4) table_from_model of each body, in mm, z up, the table at 0: as near to the middle as a few tries find room.
+
+    Convex hulls keep `GAP_MM` from each other, so meshes never intersect.
+
+    Raises:
+        StepError: a body finds no room.
+    """
+    placed: list[manifold3d.Manifold] = []
+    transforms = []
+    for body in bodies:
+        for attempt in range(ATTEMPTS):
+            transform = lie_down(body, rng)
+            radius_mm, angle = (FIRST_RADIUS_MM + RADIUS_STEP_MM * attempt) * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
+            transform[:2, 3] += radius_mm * np.array([np.cos(angle), np.sin(angle)])
+            shape = manifold3d.Manifold.hull_points(body.hull @ transform[:3, :3].T + transform[:3, 3])
+            if all(shape.min_gap(other, GAP_MM) >= GAP_MM for other in placed):
+                placed.append(shape)
+                transforms.append(transform)
+                break
+        else:
+            raise StepError(f"no room on the table for body {len(transforms)} of {len(bodies)}; ask for fewer objects")
+    return transforms
+
+
+def dropped(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
+    """(4, 4) table_from_model of each body, in mm: above the table and turned at random, none touching another, to fall from there."""
+    placed: list[manifold3d.Manifold] = []
+    transforms = []
+    for body in bodies:
+        transform = np.eye(4)
+        transform[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+        turned = body.vertices @ transform[:3, :3].T
+        radius_mm, angle = DROP_RADIUS_MM * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
+        transform[:2, 3] = radius_mm * np.array([np.cos(angle), np.sin(angle)]) - (turned[:, :2].min(0) + turned[:, :2].max(0)) / 2
+        transform[2, 3] = DROP_STEP_MM - turned[:, 2].min()
+        shape = manifold3d.Manifold.hull_points(body.hull @ transform[:3, :3].T + transform[:3, 3])
+        while not all(shape.min_gap(other, GAP_MM) >= GAP_MM for other in placed):
+            transform[2, 3] += DROP_STEP_MM
+            shape = shape.translate([0.0, 0.0, DROP_STEP_MM])
+        placed.append(shape)
+        transforms.append(transform)
+    return transforms

@@ -1,0 +1,175 @@
+"""Make a virtual BOP test set: cluttered tables of a dataset's models, as RGB-D images with everything known about them.
+
+Five to eight objects a scene lie or stand close together among distractors, under lights that change from scene to scene. With
+the renderer `raycast` none touches another; with `blenderproc` they fell there.
+Written are the scenes (rgb, depth with a sensor's noise and holes, mask, mask_visib and BOP's three JSON files), the targets
+(every object of which at least a tenth is visible) and camera.json.
+"""
+
+import argparse
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.annotate import annotate
+from zeroshop_steps.bop.depth_render import DepthRenderer
+from zeroshop_steps.bop.models import listed_objects, read_models
+from zeroshop_steps.bop.scene import Frame, Instance, write_scene
+from zeroshop_steps.bop.targets import Target, write_targets
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_directory, write_json
+from zeroshop_steps.runtime.progress import track
+from zeroshop_steps.synthetic import blender_tables
+from zeroshop_steps.synthetic.blenderproc import add_blender_arguments, check_options, frames_folder
+from zeroshop_steps.synthetic.clutter import Body, body_of, place
+from zeroshop_steps.synthetic.distractors import distractor
+from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.table_scene import Shot, TableScene, cast_pictures
+
+OBJECTS = (5, 8)
+DISTRACTORS = (1, 3)
+LEAST_VISIBLE_SHARE = 0.1
+DEPTH_SCALE = 0.1
+RENDERERS = ("raycast", "blenderproc")
+
+
+@dataclass(frozen=True)
+class Studio:
+    """What may differ between renderers.
+
+    Attributes:
+        rest: gives bodies that are to be at rest on the table `scene_id` their (4, 4) table_from_model.
+        pictures: gives each camera of the table `scene_id` its linear light.
+    """
+
+    rest: Callable[[int, Sequence[Body], np.random.Generator], list[np.ndarray]]
+    pictures: Callable[[int, TableScene, Iterable[Camera]], Iterator[tuple[Camera, np.ndarray]]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--models", type=Path, required=True, help="folder of true, textured models with models_info.json")
+    parser.add_argument("--scenes", type=int, default=6, help="tables (default: %(default)s)")
+    parser.add_argument("--images", type=int, default=5, help="images of each (default: %(default)s)")
+    parser.add_argument("--width-px", type=int, default=640, help="(default: %(default)s)")
+    parser.add_argument("--height-px", type=int, default=480, help="(default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=0, help="threads for shading (default: all)")
+    parser.add_argument("--renderer", choices=RENDERERS, default=RENDERERS[0], help="(default: %(default)s)")
+    add_blender_arguments(parser)
+    parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json to write")
+    parser.add_argument("--camera", type=Path, required=True, help="camera.json to write")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the scenes to write, BOP's test/")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write one test set."""
+    use_threads(args.threads)
+    models = read_models(args.models, listed_objects(args.models))
+    for model in models.values():
+        if model.mesh.uv is None or model.mesh.texture is None:
+            raise StepError(f"object {model.object_id} in {args.models} has no texture; a test set needs textured models")
+    bodies = {number: body_of(model.mesh.vertices) for number, model in models.items()}
+    renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
+    studio = studio_of(args)
+    targets: list[Target] = []
+    with atomic_directory(args.out) as out:
+        for scene_id in track(range(1, args.scenes + 1), "tables", args.scenes):
+            rng = np.random.default_rng([args.seed, scene_id])
+            chosen = chosen_objects(list(models), scene_id, args.seed)
+            extras = [distractor(rng) for _ in range(rng.integers(DISTRACTORS[0], DISTRACTORS[1] + 1))]
+            things = [models[number].mesh for number in chosen] + extras
+            shapes = [bodies[number] for number in chosen] + [body_of(extra.vertices) for extra in extras]
+            order = rng.permutation(len(things))
+            world_from_models = studio.rest(scene_id, [shapes[i] for i in order], rng)
+            scene = TableScene([things[i] for i in order], world_from_models, rng, plain=scene_id % 2 == 1)
+            poses = {int(i): pose for i, pose in zip(order, world_from_models, strict=True)}
+            folder, frames = out / f"{scene_id:06d}", []
+            cameras = table_cameras(scene, args, rng)
+            for image, (camera, linear) in enumerate(studio.pictures(scene_id, scene, cameras)):
+                shot = scene.shoot(camera, linear, rng)
+                frame = write_shot(folder, scene_id, image, shot, chosen, poses, renderers)
+                frames.append(frame)
+                targets += [
+                    Target(scene_id, image, instance.object_id, 1)
+                    for instance in frame.instances
+                    if instance.visible_share >= LEAST_VISIBLE_SHARE
+                ]
+            write_scene(folder, frames)
+    shutil.rmtree(frames_folder(args.out), ignore_errors=True)
+    write_targets(args.targets, sorted(targets, key=lambda target: (target.scene_id, target.im_id, target.obj_id)))
+    write_json(args.camera, camera_notes(frames[0].intrinsics, args.width_px, args.height_px))
+    print(f"{args.out}: {args.scenes} scenes, {args.scenes * args.images} images, {len(targets)} targets")
+
+
+def studio_of(args: argparse.Namespace) -> Studio:
+    """The renderer that was asked for."""
+    if args.renderer == "raycast":
+        return Studio(lambda _, bodies, rng: place(bodies, rng), lambda _, scene, cameras: cast_pictures(scene, cameras))
+    check_options(args.samples, args.environment)
+    frames = frames_folder(args.out)
+
+    def pictures(scene_id: int, scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
+        folder, title = frames / f"{scene_id:06d}", f"table {scene_id} of {args.scenes}"
+        return blender_tables.pictures(folder, args.environment, title, scene, list(cameras), args.samples, args.threads)
+
+    return Studio(
+        lambda scene_id, bodies, rng: blender_tables.settled(frames / f"settled_{scene_id:06d}", args.environment, bodies, rng), pictures
+    )
+
+
+def table_cameras(scene: TableScene, args: argparse.Namespace, rng: np.random.Generator) -> Iterator[Camera]:
+    """The cameras of a table, each drawn when it is due."""
+    return (scene.camera(args.width_px, args.height_px, f"{image:06d}.png", rng) for image in range(args.images))
+
+
+def chosen_objects(numbers: list[int], scene_id: int, seed: int) -> list[int]:
+    """Five to eight objects of a scene, each at most once; from scene to scene all take turns."""
+    rng = np.random.default_rng([seed, 0])
+    queue: list[int] = []
+    most = min(OBJECTS[1], len(numbers))
+    for _ in range(scene_id):
+        count = int(rng.integers(min(OBJECTS[0], most), most + 1))
+        while len(queue) < count:
+            queue += [number for number in rng.permutation(numbers).tolist() if number not in queue]
+        chosen, queue = queue[:count], queue[count:]
+    return sorted(chosen)
+
+
+def write_shot(
+    folder: Path,
+    scene_id: int,
+    image: int,
+    shot: Shot,
+    chosen: list[int],
+    poses: dict[int, np.ndarray],
+    renderers: dict[int, DepthRenderer],
+) -> Frame:
+    """Write one image with its depth and masks; objects that are not in the image at all are left out."""
+    name = f"{image:06d}"
+    write_image(folder / "rgb" / f"{name}.png", shot.image)
+    write_depth_mm(folder / "depth" / f"{name}.png", shot.measured_mm)
+    intrinsics = shot.camera.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    instances: list[Instance] = []
+    for index, number in enumerate(chosen):
+        camera_from_model = shot.camera.camera_from_world @ poses[index]
+        found = annotate(renderers[number], camera_from_model, intrinsics, shot.exact_mm, shot.measured_mm)
+        if not found.silhouette.any():
+            continue
+        write_mask(folder / "mask" / f"{name}_{len(instances):06d}.png", found.silhouette)
+        write_mask(folder / "mask_visib" / f"{name}_{len(instances):06d}.png", found.visible)
+        instances.append(Instance(number, camera_from_model, found.info["visib_fract"], found.info))
+    return Frame(scene_id, image, intrinsics, DEPTH_SCALE, shot.camera.camera_from_world, tuple(instances), folder)
+
+
+def camera_notes(intrinsics: np.ndarray, width_px: int, height_px: int) -> dict:
+    """The content of camera.json."""
+    k = intrinsics
+    return {
+        "cx": k[0, 2], "cy": k[1, 2], "depth_scale": DEPTH_SCALE, "fx": k[0, 0], "fy": k[1, 1], "height": height_px, "width": width_px,
+    }  # fmt: skip

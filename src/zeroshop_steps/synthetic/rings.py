@@ -1,0 +1,90 @@
+"""Where the cameras of a virtual capture stand: the thesis's rings around the object.
+
+Fifty-millimetre lens on a 36 mm sensor, ten azimuths a ring, distance 3.2 times the object's largest dimension.
+World frame: the model's, in mm, z up. Azimuth 0 looks at the object's front, azimuths turn counter-clockwise seen from above.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera
+
+LENS_MM, SENSOR_WIDTH_MM = 50.0, 36.0
+VIEWS_A_RING = 10
+DISTANCE_IN_SIZES = 3.2
+ELEVATIONS_DEG = {"su_l": (0.0, 45.0), "su_h": (0.0, 45.0), "se": (0.0, 45.0, -45.0)}
+HELD_OUT_AZIMUTHS_ELEVATIONS_DEG = ((18.0, 20.0), (198.0, 45.0))
+LEAST_HEIGHT_IN_SIZES = 0.5
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What the cameras look at.
+
+    Attributes:
+        centre_mm: (3,) middle of the object's bounding box.
+        largest_mm: the longest edge of that box.
+        bottom_mm: z of the support surface.
+        front_azimuth_deg: azimuth, from +x towards +y, of the side that the first camera sees.
+    """
+
+    centre_mm: np.ndarray
+    largest_mm: float
+    bottom_mm: float
+    front_azimuth_deg: float = 0.0
+
+    @property
+    def distance_mm(self) -> float:
+        """Distance of every camera from the centre."""
+        return DISTANCE_IN_SIZES * self.largest_mm
+
+
+def look_at(centre_mm: np.ndarray, target_mm: np.ndarray) -> np.ndarray:
+    """(4, 4) camera_from_world of an upright camera (x right, y down, z forward) at `centre_mm` that looks at `target_mm`."""
+    forward = (target_mm - centre_mm) / np.linalg.norm(target_mm - centre_mm)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ centre_mm
+    return camera_from_world
+
+
+def ring_camera(
+    subject: Subject, azimuth_deg: float, elevation_deg: float, width_px: int, height_px: int, name: str, on_surface: bool
+) -> Camera:
+    """One camera of a ring.
+
+    At the height of a flat object's centre the lowest ring would skim the surface so closely that nothing of it can be recognised
+    (the bowl: 3 degrees). On a surface no camera is therefore lower above it than half the object's largest dimension, where it
+    is at an object that stands on its shortest side (9 degrees); it still looks at the centre, from the same distance.
+    """
+    elevation = np.radians(elevation_deg)
+    if on_surface:
+        raised_mm = LEAST_HEIGHT_IN_SIZES * subject.largest_mm - (subject.centre_mm[2] - subject.bottom_mm)
+        elevation = max(elevation, np.arcsin(np.clip(raised_mm / subject.distance_mm, -1.0, 1.0)))
+    azimuth = np.radians(azimuth_deg + subject.front_azimuth_deg)
+    direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    focal_px = width_px * LENS_MM / SENSOR_WIDTH_MM
+    intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
+    pose = look_at(subject.centre_mm + subject.distance_mm * direction, subject.centre_mm)
+    return Camera(name, width_px, height_px, intrinsics, pose)
+
+
+def capture_cameras(subject: Subject, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+    """The 20 (su_l, su_h) or 30 (se) cameras, ring by ring, from the horizontal ring on; the first sees the front."""
+    places = [(360.0 * view / VIEWS_A_RING, elevation) for elevation in ELEVATIONS_DEG[scene] for view in range(VIEWS_A_RING)]
+    return _cameras(subject, places, scene, width_px, height_px)
+
+
+def held_out_cameras(subject: Subject, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+    """Two cameras half-way between the azimuths of the rings, for judging the result in views that it was not made from."""
+    return _cameras(subject, HELD_OUT_AZIMUTHS_ELEVATIONS_DEG, scene, width_px, height_px)
+
+
+def _cameras(subject: Subject, places, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+    return tuple(
+        ring_camera(subject, azimuth, elevation, width_px, height_px, f"{index:06d}.png", on_surface=scene != "se")
+        for index, (azimuth, elevation) in enumerate(places)
+    )

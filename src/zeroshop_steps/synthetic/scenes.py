@@ -1,0 +1,132 @@
+"""The geometry and the looks of the virtual scenes: su_l (plain surface), su_h (richly textured surface), se (object on black)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.synthetic.rings import Subject
+from zeroshop_steps.synthetic.textures import Pyramid, build_pyramid, texture_coverage
+
+SCENES = ("su_l", "su_h", "se")
+SURFACE_SIDE_IN_SIZES = 10.0
+SURFACE_TEXELS = 4096
+SURFACE_BUMPS = 96
+BUMP_HEIGHT_IN_SIZES = 0.003
+
+
+@dataclass(frozen=True)
+class Part:
+    """One textured surface of a scene, in the form the shading kernel reads.
+
+    Attributes:
+        vertices: (V, 3) float32 mm.
+        faces: (F, 3) uint32.
+        corner_normals: (F, 3, 3) float32 unit normals at each face's corners.
+        corner_uv: (F, 3, 2) float32 texture coordinates, origin at the lower left.
+        pyramid: its texture.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    corner_normals: np.ndarray
+    corner_uv: np.ndarray
+    pyramid: Pyramid
+
+
+def object_part(mesh: Mesh) -> Part:
+    """The object itself. Normals are those of the mesh, else smooth ones. Raises StepError without a texture."""
+    if mesh.uv is None or mesh.texture is None:
+        raise StepError("the model has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
+    normals = mesh.with_normals().normals if mesh.normals is None else mesh.normals
+    inside = (mesh.uv > -1e-3).all() and (mesh.uv < 1 + 1e-3).all()
+    height, width = mesh.texture.shape[:2]
+    coverage = texture_coverage(mesh.uv, mesh.faces, width, height) if inside else None
+    return Part(
+        mesh.vertices.astype(np.float32),
+        mesh.faces.astype(np.uint32),
+        normals[mesh.faces].astype(np.float32),
+        mesh.uv[mesh.faces].astype(np.float32),
+        build_pyramid(mesh.texture, coverage, wrap=not inside),
+    )
+
+
+def surface_part(scene: str, subject: Subject, seed: int, paint: Callable[[np.ndarray], None] | None = None) -> Part | None:
+    """The square support surface under the object; None for se.
+
+    su_h is flat, so that its texture alone makes it rich. su_l undulates downwards by at most 0.3 % of the object's size.
+    `paint` changes its (texels, texels, 3) uint8 texture in place: what lies on it.
+    """
+    if scene == "se":
+        return None
+    rng = np.random.default_rng([seed, SCENES.index(scene)])
+    cells = SURFACE_BUMPS if scene == "su_l" else 1
+    half_mm = SURFACE_SIDE_IN_SIZES * subject.largest_mm / 2
+    grid = np.linspace(-1.0, 1.0, cells + 1)
+    x, y = np.meshgrid(grid * half_mm + subject.centre_mm[0], grid * half_mm + subject.centre_mm[1])
+    depth_mm = np.zeros_like(x)
+    if scene == "su_l":
+        depth_mm = _octaves(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * subject.largest_mm
+    vertices = np.stack([x, y, subject.bottom_mm - depth_mm], -1).reshape(-1, 3)
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
+    right, up, both = corner + 1, corner + cells + 1, corner + cells + 2
+    faces = np.concatenate([np.stack([corner, right, both], 1), np.stack([corner, both, up], 1)])
+    uv = np.stack(np.meshgrid((grid + 1) / 2, (grid + 1) / 2), -1).reshape(-1, 2)
+    normals = Mesh(vertices, faces).with_normals().normals
+    texture = plain_texture(rng) if scene == "su_l" else rich_texture(rng)
+    if paint:
+        paint(texture)
+    return Part(
+        vertices.astype(np.float32),
+        faces.astype(np.uint32),
+        normals[faces].astype(np.float32),
+        uv[faces].astype(np.float32),
+        build_pyramid(texture),
+    )
+
+
+def plain_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS // 2) -> np.ndarray:
+    """(texels, texels, 3) uint8: a near-uniform grey, its brightness off by at most about two per cent."""
+    grey = 150.0 + 7.0 * (_octaves(rng, texels, 8, texels // 2) - 0.5)
+    return np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, -1)
+
+
+def rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) -> np.ndarray:
+    """(texels, texels, 3) uint8: noise of all scales under thousands of random shapes of all sizes, nothing repeats."""
+    grey = np.clip((_octaves(rng, texels, 16, texels // 2, 0.85) - 0.5) * 500 + 115, 12, 243)
+    tint = np.stack([_octaves(rng, texels // 8, 8, 64) for _ in range(3)], -1) * 0.8 + 0.6
+    image = np.rint(np.clip(cv2.resize(tint, (texels, texels)) * grey[..., None], 0, 250)).astype(np.uint8)
+    for size, count in ((0.05, 130), (0.025, 500), (0.012, 2000), (0.006, 7000), (0.003, 20000)):
+        for _ in range(count):
+            _draw_shape(image, rng, size * texels * rng.uniform(0.5, 1.5))
+    return image
+
+
+def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> None:
+    x, y = (rng.uniform(0.0, image.shape[0], 2) * 16).astype(int).tolist()
+    color = np.clip(rng.uniform(15, 240) * rng.uniform(0.65, 1.25, 3), 5, 250).astype(int).tolist()
+    radius, kind, angle = max(int(size * 8), 16), rng.integers(4), float(rng.uniform(0, 360))
+    if kind == 0:
+        cv2.ellipse(image, (x, y), (radius, int(radius * rng.uniform(0.3, 1.0))), angle, 0, 360, color, -1, cv2.LINE_AA, 4)
+    elif kind == 1:
+        cv2.circle(image, (x, y), radius, color, max(int(size * 0.15), 1), cv2.LINE_AA, 4)
+    else:
+        corners = 3 + int(rng.integers(4))
+        around = np.sort(rng.uniform(0, 2 * np.pi, corners))
+        radii = radius * rng.uniform(0.5, 1.2, corners)
+        points = np.stack([x + radii * np.cos(around), y + radii * np.sin(around)], 1).astype(np.int32)
+        cv2.fillPoly(image, [points], color, cv2.LINE_AA, 4)
+
+
+def _octaves(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
+    """(texels, texels) float32 noise in 0..1: random grids of `coarsest`, twice, ... `finest` cells, amplitude `falling` each time."""
+    total, amplitude, cells, sum_amplitude = np.zeros((coarsest, coarsest), np.float32), 1.0, coarsest, 0.0
+    while cells <= finest:
+        total = cv2.resize(total, (cells, cells), interpolation=cv2.INTER_CUBIC)
+        total += amplitude * rng.random((cells, cells), dtype=np.float32)
+        sum_amplitude += amplitude
+        amplitude, cells = amplitude * falling, cells * 2
+    return np.clip(cv2.resize(total, (texels, texels), interpolation=cv2.INTER_CUBIC) / sum_amplitude, 0.0, 1.0)

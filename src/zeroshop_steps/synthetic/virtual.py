@@ -1,0 +1,143 @@
+"""The capture of a virtual object, whichever renderer takes its pictures: the same cameras, files and sensor noise for all.
+
+Beside images and masks, `depth/` and `truth/` keep what is exactly true, `held_out/` two more views.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera, write_cameras
+from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.runtime.progress import track
+from zeroshop_steps.synthetic.renderer import Picture, expose
+from zeroshop_steps.synthetic.rings import DISTANCE_IN_SIZES, ELEVATIONS_DEG, Subject, capture_cameras, held_out_cameras
+from zeroshop_steps.synthetic.scenes import SCENES, Part, object_part, surface_part
+
+Lay = Callable[[Mesh, Subject], Callable[[np.ndarray], None]]  # given the object, what paints the surface's texture
+Render = Callable[[list[Part], Subject, Sequence[Camera]], Iterable[Picture]]  # the pictures of these cameras, in their order
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all renderers share."""
+    parser.add_argument("--model", type=Path, required=True, help="textured PLY in mm, upright, z up")
+    parser.add_argument("--scene", choices=SCENES, required=True)
+    add_image_arguments(parser)
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def add_image_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all rendered captures share."""
+    parser.add_argument("--width", type=int, default=1000, help="image width in px (default 1000)")
+    parser.add_argument("--height", type=int, default=750, help="image height in px (default 750)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the surface and of the sensor noise (default 0)")
+    parser.add_argument("--threads", type=int, default=0, help="threads for shading (default all)")
+
+
+def capture(
+    render: Render,
+    model: Path,
+    scene: str,
+    width_px: int,
+    height_px: int,
+    seed: int,
+    out: Path,
+    lay: Lay | None = None,
+    facts: dict | None = None,
+) -> None:
+    """Render all views of one scene into the capture folder `out`, whole or not at all.
+
+    Args:
+        render: the renderer.
+        model: textured PLY in mm, upright.
+        scene: su_l, su_h or se.
+        width_px, height_px: of the images.
+        seed: of the surface and of the sensor noise.
+        out: folder to write.
+        lay: what lies on the surface.
+        facts: for capture.json, over what stands there.
+
+    Raises:
+        StepError: the model is missing, damaged, untextured or not in mm; the image size or the seed is out of range.
+    """
+    start_s = time.monotonic()
+    mesh, subject, info = read_subject(model, width_px, height_px, seed)
+    paint = lay(mesh, subject) if lay else None
+    try:
+        parts = [part for part in (object_part(mesh), surface_part(scene, subject, seed, paint)) if part is not None]
+    except StepError as error:
+        raise StepError(f"{model}: {error}") from None
+    views = capture_cameras(subject, scene, width_px, height_px)
+    held_out = held_out_cameras(subject, scene, width_px, height_px)
+    with atomic_directory(out) as folder:
+        jobs = [(camera, folder, index) for index, camera in enumerate(views)]
+        jobs += [(camera, folder / "held_out", len(views) + index) for index, camera in enumerate(held_out)]
+        pictures = render(parts, subject, [camera for camera, _, _ in jobs])
+        for (camera, place, number), picture in zip(track(jobs, f"render {scene}", len(jobs)), pictures, strict=True):
+            rng = np.random.default_rng([seed, number, SCENES.index(scene)])
+            write_view(picture, camera.name, place, rng, scene, with_depth=place == folder)
+        write_cameras(folder / "truth", views)
+        write_cameras(folder / "held_out" / "truth", held_out)
+        size_mm = np.ptp(mesh.vertices, axis=0)
+        write_json(
+            folder / "capture.json",
+            {
+                "scene": scene,
+                "virtual": True,
+                "seed": seed,
+                "width_px": width_px,
+                "height_px": height_px,
+                "images": len(views),
+                "held_out_images": len(held_out),
+                "object": info.get("name"),
+                "known_height_m": round(float(size_mm[2]) / 1000.0, 6),
+                "distance_mm": round(subject.distance_mm, 3),
+                "distance_in_largest_dimensions": DISTANCE_IN_SIZES,
+                "ring_elevations_deg": list(ELEVATIONS_DEG[scene]),
+                "front_azimuth_deg": subject.front_azimuth_deg,
+                "support_z_mm": None if scene == "se" else round(subject.bottom_mm, 4),
+                **(facts or {}),
+                "seconds": round(time.monotonic() - start_s, 2),
+            },
+        )
+
+
+def read_subject(model: Path, width_px: int, height_px: int, seed: int) -> tuple[Mesh, Subject, dict]:
+    """The model, what the cameras look at, and its model_info.json; refuses what `capture` refuses."""
+    if not (64 <= width_px <= 8000 and 48 <= height_px <= 6000):
+        raise StepError(f"image size {width_px} x {height_px} px is out of range; give --width 64..8000 and --height 48..6000")
+    if seed < 0:
+        raise StepError(f"seed {seed} is negative; give --seed 0 or more")
+    mesh = read_ply(model)
+    info_path = Path(model).with_name("model_info.json")
+    info = read_json(info_path) if info_path.exists() else {}
+    subject = subject_of(mesh, model, float(info.get("front_azimuth_deg", 0.0)))
+    return mesh, subject, info
+
+
+def subject_of(mesh: Mesh, model: Path, front_azimuth_deg: float) -> Subject:
+    """What the cameras look at; refuses a mesh whose size cannot be millimetres of a hand-held object."""
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    largest_mm = float((high - low).max())
+    if largest_mm == 0.0:
+        raise StepError(f"{model} has no size: all of its vertices are one point; export the model again")
+    if not 5.0 <= largest_mm <= 3000.0:
+        raise StepError(f"{model}: its largest dimension is {largest_mm:g}; expected 5..3000 mm. Convert the model to millimetres.")
+    return Subject((low + high) / 2, largest_mm, float(low[2]), front_azimuth_deg)
+
+
+def write_view(picture: Picture, name: str, folder: Path, rng: np.random.Generator, scene: str, with_depth: bool) -> None:
+    """Photograph one view, and write its image and mask and, where wanted, its depth."""
+    image = expose(picture.linear, rng)
+    if scene == "se":
+        image[~picture.mask] = 0
+    write_image(folder / "images" / name, image)
+    write_mask(folder / "masks" / name, picture.mask)
+    if with_depth:
+        write_depth_mm(folder / "depth" / name, picture.depth_mm)
