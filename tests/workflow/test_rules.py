@@ -125,6 +125,6 @@ def test_the_renderer_of_captures_has_the_defaults_of_its_step():
     capture = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())["capture"]
     for method in ("raycast", "blenderproc"):
         parser = argparse.ArgumentParser()
-        importlib.import_module(f"zeroshop_steps.capture.{method}").add_arguments(parser)
+        importlib.import_module(f"zeroshop_steps.synthetic.{method}").add_arguments(parser)
         assert (capture["image_width_px"], capture["image_height_px"]) == (parser.get_default("width"), parser.get_default("height"))
     assert capture["samples"] == parser.get_default("samples")
