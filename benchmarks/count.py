@@ -4,11 +4,11 @@ import math
 
 import numba
 import numpy as np
-from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
 
 from zeroshop_steps.surface.svraster import project as voxels
 from zeroshop_steps.surface.svraster import rasterize as voxel_rasterize
 from zeroshop_steps.surface.svraster import render as voxel_render
+from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
 from zeroshop_steps.surface.training_views import TILE_PX
 from zeroshop_steps.surface.twodgs import project as disks
 from zeroshop_steps.surface.twodgs import render as disk_render

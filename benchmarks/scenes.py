@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from zeroshop_steps.surface.svraster.octree import Octree
-from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.surface.svraster import render as voxel_render
+from zeroshop_steps.surface.svraster.octree import Octree
+from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference
 from zeroshop_steps.surface.twodgs import render as disk_render
 from zeroshop_steps.surface.twodgs.reference import render_reference as disk_reference
 from zeroshop_steps.surface.twodgs.surfels import quaternions_towards

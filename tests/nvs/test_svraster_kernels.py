@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import torch
-from zeroshop_steps.surface.svraster.octree import CELLS, MAX_LEVEL, Octree
-from zeroshop_steps.surface.svraster.reference import render_reference
-from zeroshop_steps.surface.svraster.render import RenderView, render
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.blocks import STOP
+from zeroshop_steps.surface.svraster.octree import CELLS, MAX_LEVEL, Octree
+from zeroshop_steps.surface.svraster.reference import render_reference
+from zeroshop_steps.surface.svraster.render import RenderView, render
 from zeroshop_steps.surface.training_views import TILE_PX
 
 WIDTH_PX, HEIGHT_PX = 40, 35

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from zeroshop_steps.surface.svraster.settings import TrainingSettings
-from zeroshop_steps.surface.svraster.train import view_loss
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.surface.svraster.settings import TrainingSettings
+from zeroshop_steps.surface.svraster.train import view_loss
 from zeroshop_steps.surface.training import depth_loss
 from zeroshop_steps.surface.training_views import TrainingView
 

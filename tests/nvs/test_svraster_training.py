@@ -8,18 +8,18 @@ import pytest
 import torch
 import trimesh
 from ball import RADIUS, ball_start
-from zeroshop_steps.surface.svraster.adapt import prune_and_subdivide
-from zeroshop_steps.surface.svraster.field import Field, half_value, signed_distances
-from zeroshop_steps.surface.svraster.octree import CELLS, Octree
-from zeroshop_steps.surface.svraster.settings import TrainingSettings
-from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, Trainer
-from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels, write_voxels
 
 from zeroshop_steps.geometry.crops import ObjectSphere
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.optimizer import AdamWithSurgery
+from zeroshop_steps.surface.svraster.adapt import prune_and_subdivide
+from zeroshop_steps.surface.svraster.field import Field, half_value, signed_distances
 from zeroshop_steps.surface.svraster.initialization import start_voxels
+from zeroshop_steps.surface.svraster.octree import CELLS, Octree
+from zeroshop_steps.surface.svraster.settings import TrainingSettings
+from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, Trainer
+from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels, write_voxels
 from zeroshop_steps.surface.svraster_mesh import marching_cubes, seen, surface, view_depth
 from zeroshop_steps.surface.training import Views
 from zeroshop_steps.surface.training_views import TrainingView

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 from ball import ball_start, ball_views
-from zeroshop_steps.surface.svraster.settings import TrainingSettings as VoxelSettings
-from zeroshop_steps.surface.svraster.train import Trainer as VoxelTrainer
 
 from zeroshop_steps.surface.initialization import Start
 from zeroshop_steps.surface.svraster.initialization import start_voxels
+from zeroshop_steps.surface.svraster.settings import TrainingSettings as VoxelSettings
+from zeroshop_steps.surface.svraster.train import Trainer as VoxelTrainer
 from zeroshop_steps.surface.training import Views, ViewTrainer, anchors
 from zeroshop_steps.surface.training_views import TrainingView
 from zeroshop_steps.surface.twodgs.surfels import start_surfels
