@@ -1,9 +1,9 @@
-# make mesh    the demo object, end to end
-# make test    every check and test
-# make lint    the checks alone
-# make viewer  bundles the report's scripts again after a change to their sources; needs node and npm
-# make bench   measures the optimizers' kernels: rates, ratios, share of the processor's peak
-# Each sets up .venv first where it is missing or older than the list of versions; PYTHON=... chooses another Python.
+# make mesh    makes the mesh of a demo object from scratch
+# make test    runs every check and test
+# make lint    runs the checks alone
+# make viewer  rebuilds the report's scripts after a change to their sources; needs node and npm
+# make bench   measures how fast the optimizers' kernels are on this machine
+# All but viewer first set up .venv, if it is missing or older than requirements.lock; PYTHON=... chooses another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
@@ -29,7 +29,7 @@ bench: $(READY)
 viewer:
 	cd src/zeroshop_steps/report/viewer && npm ci --no-audit --no-fund && node build.mjs
 
-# torch goes first and alone: asked for together with others, pip may choose another build of it.
+# torch is installed first and alone: together with other packages, pip may choose another build of it.
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo 'error: $(PYTHON) is missing or older than 3.11. Install it (apt-get install python3 python3-venv) or run: make $(MAKECMDGOALS) PYTHON=/path/to/python3.11' >&2; exit 1; }
