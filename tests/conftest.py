@@ -1,11 +1,15 @@
 """Fixtures that several stages' tests share."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parent.parent
+from helpers.paths import REPOSITORY
+from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.synthetic.demo_objects import write_demo_object
+from zeroshop_steps.synthetic.raycast import capture
 
 
 @pytest.fixture(scope="session")
@@ -20,9 +24,26 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def carton(tmp_path_factory):
     """A small printed carton on a table with its cameras (carton_scene.py)."""
-    from carton_scene import photographed_carton
+    from helpers.carton_scene import photographed_carton
 
     return photographed_carton(tmp_path_factory.mktemp("carton"))
+
+
+@pytest.fixture(scope="session")
+def carton_capture(tmp_path_factory) -> Path:
+    """The raised ring of ten views (480 x 360) around a printed carton on a textured surface, with true cameras."""
+    folder = tmp_path_factory.mktemp("register")
+    write_demo_object("gelatin_carton", folder / "model")
+    capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "whole")
+    ring = folder / "ring"
+    names = [f"{index:06d}.png" for index in range(10, 20)]
+    for part in ("images", "masks", "depth"):
+        (ring / part).mkdir(parents=True)
+        for name in names:
+            shutil.copy(folder / "whole" / part / name, ring / part / name)
+    cameras = read_sparse_model(folder / "whole" / "truth").cameras
+    write_cameras(ring / "truth", [camera for camera in cameras if camera.name in names])
+    return ring
 
 
 @pytest.fixture(scope="session")

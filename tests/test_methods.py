@@ -1,10 +1,9 @@
 """A method that cannot run here is left out of "all" and refused where it is named, with what it lacks."""
 
-from pathlib import Path
-
 import pytest
 import yaml
 
+from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
 from zeroshop_steps.methods import Method, lacks, left_out, refusal
 
@@ -34,7 +33,7 @@ def test_what_is_missing_is_named(tmp_path):
 
 
 def test_the_table_of_photos_may_name_every_height_method():
-    schema = yaml.safe_load((Path(__file__).parents[1] / "workflow/schemas/objects.schema.yaml").read_text())
+    schema = yaml.safe_load((REPOSITORY / "workflow/schemas/objects.schema.yaml").read_text())
     assert sorted(schema["properties"]["height_method"]["enum"]) == sorted(["", *methods.HEIGHTS])
 
 
@@ -48,5 +47,5 @@ def test_the_table_of_photos_may_name_every_height_method():
     ],
 )
 def test_the_config_may_name_every_method(table, key):
-    schema = yaml.safe_load((Path(__file__).parents[1] / "workflow/schemas/config.schema.yaml").read_text())
+    schema = yaml.safe_load((REPOSITORY / "workflow/schemas/config.schema.yaml").read_text())
     assert schema["$defs"][key]["enum"] == list(table)

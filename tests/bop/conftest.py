@@ -3,7 +3,8 @@
 from types import SimpleNamespace
 
 import pytest
-from small_dataset import make_dataset
+
+from helpers.small_dataset import make_dataset
 
 
 @pytest.fixture

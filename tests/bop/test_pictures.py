@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from small_dataset import true_estimates
 
+from helpers.small_dataset import true_estimates
 from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
 from zeroshop_steps.bop.estimates import write_estimates
 from zeroshop_steps.bop.pictures import CAPTION_PX, ESTIMATED_COLOR, TILE_PX, TRUE_COLOR

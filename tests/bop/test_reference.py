@@ -1,13 +1,13 @@
-"""Errors and scores agree with those recorded from bop_toolkit (reference_cases.py tells how)."""
+"""Errors and scores agree with those recorded from bop_toolkit (helpers/bop_reference_cases.py tells how)."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-import reference_cases as cases
 from pycocotools import mask as coco_masks
 
+from helpers import bop_reference_cases as cases
 from zeroshop_steps.bop.depth_render import DepthPatch
 from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask
 from zeroshop_steps.bop.pose_error import ModelPoints, mspd, mssd, vsd

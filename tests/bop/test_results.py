@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from small_dataset import true_estimates
 
+from helpers.small_dataset import true_estimates
 from zeroshop_steps.bop.detections import Detection, _compressed, decode_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.estimates import HEADER, read_estimates, write_estimates
 from zeroshop_steps.runtime.errors import StepError

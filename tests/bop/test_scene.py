@@ -5,8 +5,8 @@ import shutil
 
 import numpy as np
 import pytest
-from small_dataset import BOX, CAN, HEIGHT_PX, WIDTH_PX, dataset_in
 
+from helpers.small_dataset import BOX, CAN, HEIGHT_PX, WIDTH_PX, dataset_in
 from zeroshop_steps.bop.models import model_file, read_models
 from zeroshop_steps.bop.scene import read_scene, write_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from small_dataset import BOX, CAN, true_estimates
 
+from helpers.small_dataset import BOX, CAN, true_estimates
 from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.estimates import write_estimates
 from zeroshop_steps.bop.precision import average_precision
@@ -128,7 +128,7 @@ def test_a_mask_of_another_size_is_refused(dataset):
 
 
 def test_a_real_submission_scores_as_bop_toolkit_says(shared_data, tmp_path):
-    """35 instances of YCB-V; both numbers were computed by bop_toolkit from the same files (reference_cases.py names its version)."""
+    """35 instances of YCB-V; both numbers were computed by bop_toolkit from the same files (bop_reference_cases.py names its version)."""
     (tmp_path / "test").mkdir()
     source = shared_data / "bop" / "ycbv_scene48"
     shutil.copytree(source, tmp_path / "test" / "000048")

@@ -4,7 +4,8 @@ import shutil
 from types import SimpleNamespace
 
 import pytest
-from painted_scene import write_painted_dataset
+
+from helpers.painted_scene import write_painted_dataset
 
 
 @pytest.fixture(scope="session")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from painted_scene import CAN, CARTON, detect
 
+from helpers.painted_scene import CAN, CARTON, detect
 from zeroshop_steps import methods
 from zeroshop_steps.bop.detections import decode_mask, read_detections
 from zeroshop_steps.detect.cnos import described_views, named, object_scores

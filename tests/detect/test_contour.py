@@ -6,8 +6,8 @@ import re
 import cv2
 import numpy as np
 import pytest
-from painted_scene import CAN, CARTON, detect
 
+from helpers.painted_scene import CAN, CARTON, detect
 from zeroshop_steps.bop.detections import decode_mask, read_detections
 from zeroshop_steps.detect.contour import explained
 from zeroshop_steps.detect.contour.surface import ground_of, surface_of

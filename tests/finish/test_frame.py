@@ -4,11 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from carton_scene import SIZE_MM, camera_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from helpers.carton_scene import SIZE_MM, camera_at
 from zeroshop_steps.finish import frame as frame_method
 from zeroshop_steps.finish.frame import object_frame
 from zeroshop_steps.finish.preview import seen_from

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import trimesh
-from carton_scene import camera_at
 
+from helpers.carton_scene import camera_at
 from zeroshop_steps.finish.atlas import rasterize
 from zeroshop_steps.finish.texture import bake
 from zeroshop_steps.finish.unwrap import atlas_use, unwrap_mesh

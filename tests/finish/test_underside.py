@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
-from carton_scene import SIZE_MM
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from helpers.carton_scene import SIZE_MM
 from zeroshop_steps.finish.texture import bake
 from zeroshop_steps.finish.underside import closed, open_borders, without_underside
 from zeroshop_steps.finish.unwrap import unwrap_mesh

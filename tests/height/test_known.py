@@ -1,11 +1,10 @@
 """Heights that are known, and scales that stay unknown."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
 
+from helpers.paths import REPOSITORY
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.height.record import HEIGHT_RANGE_M, known_height_m
 from zeroshop_steps.runtime.cli import stage_main
@@ -69,7 +68,7 @@ def test_absurd_heights_of_the_user_are_refused(tmp_path, height_m):
 
 
 def test_both_bounds_of_a_given_height_are_those_of_the_table():
-    schema = yaml.safe_load((Path(__file__).parents[2] / "workflow/schemas/objects.schema.yaml").read_text())
+    schema = yaml.safe_load((REPOSITORY / "workflow/schemas/objects.schema.yaml").read_text())
     assert tuple(schema["properties"]["height_m"][bound] for bound in ("minimum", "maximum")) == HEIGHT_RANGE_M
 
 

@@ -1,12 +1,13 @@
-"""Record what the reference of MASt3R does (README.md): `PYTHONPATH=CHECKOUT:tests/parity python tests/parity/record_mast3r.py`."""
+"""Record what the reference of MASt3R does (README.md): `PYTHONPATH=CHECKOUT:tests python tests/parity/record_mast3r.py`."""
 
 from pathlib import Path
 
 import numpy as np
 import torch
 from mast3r.model import AsymmetricMASt3R
-from mast3r_cases import SMALL, folded, images, parameters
-from seeded import seeded_tensor
+
+from helpers.mast3r_cases import SMALL, folded, images, parameters
+from helpers.seeded import seeded_tensor
 
 HERE = Path(__file__).parent
 PUBLISHED = dict(

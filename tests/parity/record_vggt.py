@@ -1,4 +1,4 @@
-"""Record what the published VGGT answers, for test_vggt_parity.py: `python record_vggt.py`, with the package `vggt` on the path.
+"""Record what the published VGGT answers, for networks/vggt/test_model.py (README.md says how).
 
 Needs the reference (README.md), einops and huggingface_hub; the tests need only what is written here.
 """
@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from parameters import fill, noise
 from vggt.heads.camera_head import CameraHead
 from vggt.heads.dpt_head import DPTHead
 from vggt.heads.track_head import TrackHead
 from vggt.layers.vision_transformer import DinoVisionTransformer
 from vggt.models.aggregator import Aggregator
 from vggt.models.vggt import VGGT
+
+from helpers.named_parameters import fill, noise
 
 FOLDER = Path(__file__).parent
 WIDTH, HEADS, LAYERS = 32, 2, [0, 1, 2, 3]

@@ -2,21 +2,18 @@
 
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.append(str(Path(__file__).parents[1] / "bop"))
-from small_dataset import BOX, CAN, dataset_in, make_dataset  # noqa: E402
-
-from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections  # noqa: E402
-from zeroshop_steps.bop.estimates import read_estimates  # noqa: E402
-from zeroshop_steps.bop.targets import Target  # noqa: E402
-from zeroshop_steps.pose.confidence import confidence  # noqa: E402
-from zeroshop_steps.pose.dataset import looked_at  # noqa: E402
-from zeroshop_steps.runtime.cli import stage_main  # noqa: E402
+from helpers.small_dataset import BOX, CAN, dataset_in, make_dataset
+from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
+from zeroshop_steps.bop.estimates import read_estimates
+from zeroshop_steps.bop.targets import Target
+from zeroshop_steps.pose.confidence import confidence
+from zeroshop_steps.pose.dataset import looked_at
+from zeroshop_steps.runtime.cli import stage_main
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from small_vggt import SETTINGS, TrueNetwork, encode, write_weights
 
+from helpers.small_vggt import SETTINGS, TrueNetwork, encode, write_weights
 from zeroshop_steps import methods
 from zeroshop_steps.evaluate.camera_error import camera_error
 from zeroshop_steps.geometry.cameras import read_sparse_model

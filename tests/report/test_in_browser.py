@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 import pytest
-from browser import browser, chromium
-from small_report import failed_cell, finished_cell, made_gallery, made_page
 
+from helpers.browser import browser, chromium
+from helpers.small_report import failed_cell, finished_cell, made_gallery, made_page
 from zeroshop_steps.runtime.files import write_json
 
 EVIL = '<img src=x onerror="window.ran = true"><script>window.ran = true</script>'

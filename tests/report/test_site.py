@@ -13,8 +13,9 @@ import numpy as np
 import pymeshlab
 import pytest
 import trimesh
-from small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
 
+from helpers.paths import REPOSITORY
+from helpers.small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.report.site.advice import advice_on_failure
 from zeroshop_steps.report.site.charts import scatter
@@ -22,7 +23,7 @@ from zeroshop_steps.report.site.reduced import TEXTURED_FACES, reduced
 from zeroshop_steps.report.site.viewer_data import UNSEEN, levels
 from zeroshop_steps.runtime.files import read_json, write_json
 
-VIEWER = Path(__file__).parents[2] / "src/zeroshop_steps/report/viewer"
+VIEWER = REPOSITORY / "src/zeroshop_steps/report/viewer"
 
 
 class Links(HTMLParser):

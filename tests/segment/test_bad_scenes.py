@@ -1,8 +1,8 @@
 """What a film may show that it should not, and what the user is told: nothing, two things, a thing that moved or that is gone."""
 
 import pytest
-from table_scene import COUNT, table_views
 
+from helpers.table_scene import COUNT, table_views
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.support_plane import find_masks
 

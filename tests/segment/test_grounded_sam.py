@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ball_scene import ball_cameras, ball_mask, write_ball_scene
 
+from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.detector import Box, choose_box

@@ -6,9 +6,9 @@ import shutil
 import numpy as np
 import pytest
 import torch
-from ball_scene import write_ball_scene
-from small_networks import write_detector, write_tracker
 
+from helpers.ball_scene import write_ball_scene
+from helpers.small_networks import write_detector, write_tracker
 from zeroshop_steps.geometry.images import list_images, read_mask
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.runtime.cli import stage_main

@@ -5,7 +5,8 @@ from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
-from running import run_snakemake
+
+from helpers.running import run_snakemake
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """Rendered films are planned as a user's videos are."""
 
-from running import planned
+from helpers.running import planned
 
 
 def test_a_rendered_film_goes_the_way_of_a_video(snakemake):

@@ -1,13 +1,9 @@
 """`segmentation: auto` takes the networks where their files are, and the rule runs the same command with small random ones."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
-from running import REPOSITORY
-
-sys.path.insert(0, str(REPOSITORY / "tests" / "segment"))
 
 TARGET = "results/photos/ball/video/colmap/cameras"
 
@@ -15,7 +11,7 @@ TARGET = "results/photos/ball/video/colmap/cameras"
 @pytest.fixture
 def photographed(tmp_path):
     """A folder in which a ball is registered, and the options that name it and the small models."""
-    from ball_scene import write_ball_scene
+    from helpers.ball_scene import write_ball_scene
 
     table = tmp_path / "objects.tsv"
     table.write_text(f"dataset\tobject\timages\tmasks\theight_m\tprompt\nphotos\tball\t{tmp_path}/photos\t\t\tred ball's middle.\n")
@@ -44,7 +40,7 @@ def test_what_auto_means_depends_on_the_weights(snakemake, tmp_path, photographe
 
 
 def test_the_rule_runs_with_small_random_networks(snakemake, tmp_path, photographed):
-    from small_networks import write_detector, write_tracker
+    from helpers.small_networks import write_detector, write_tracker
 
     write_detector(tmp_path / "resources/weights/small-dino")
     write_tracker(tmp_path / "resources/weights/small-sam")

@@ -2,26 +2,21 @@
 
 import json
 import shutil
-import sys
 
 import numpy as np
 import pytest
 import torch
-from running import REPOSITORY, planned
 
+from helpers.mast3r_cases import SMALL, parameters
+from helpers.running import planned
 from zeroshop_steps.geometry.crops import object_sphere
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.networks.mast3r.model import Configuration, MASt3R
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.surface.seeds import Seeds, write_seeds
 from zeroshop_steps.surface.training_views import grid_view, read_camera_set, seed_views
-
-sys.path.insert(0, str(REPOSITORY / "tests" / "parity"))
-
-from mast3r_cases import SMALL, parameters  # noqa: E402
-
-from zeroshop_steps.networks.mast3r.model import Configuration, MASt3R  # noqa: E402
 
 
 @pytest.fixture

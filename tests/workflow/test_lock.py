@@ -6,7 +6,8 @@ import subprocess
 import time
 
 import pytest
-from running import command_and_environment, run_snakemake
+
+from helpers.running import command_and_environment, run_snakemake
 
 
 @pytest.mark.slow

@@ -5,9 +5,10 @@ import re
 import cv2
 import numpy as np
 import pytest
-from pretend import pretend
-from running import REPOSITORY, planned
 
+from helpers.paths import REPOSITORY
+from helpers.pretend import pretend
+from helpers.running import planned
 from zeroshop_steps import methods
 from zeroshop_steps.geometry.images import write_image
 

@@ -7,7 +7,9 @@ import time
 
 import psutil
 import pytest
-from running import REPOSITORY, command_and_environment, planned
+
+from helpers.paths import REPOSITORY
+from helpers.running import command_and_environment, planned
 
 
 @pytest.mark.parametrize("profile", ["default", "gpu", "slurm"])

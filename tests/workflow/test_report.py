@@ -2,8 +2,8 @@
 
 import zipfile
 
-from pretend import pretend
-from running import planned
+from helpers.pretend import pretend
+from helpers.running import planned
 
 
 def test_a_report_waits_for_the_chosen_cell_of_every_object_and_method(snakemake):

@@ -7,8 +7,8 @@ import tomllib
 
 import pytest
 import yaml
-from running import REPOSITORY
 
+from helpers.paths import REPOSITORY
 from zeroshop_steps.synthetic.blender.start import BLENDERPROC_VERSION, BPY_VERSION
 from zeroshop_steps.synthetic.demo_objects import demo_object_names
 

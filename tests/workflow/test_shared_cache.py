@@ -6,7 +6,9 @@ import subprocess
 import sys
 
 import pytest
-from running import REPOSITORY, run_snakemake
+
+from helpers.paths import REPOSITORY
+from helpers.running import run_snakemake
 
 CELL = "results/demo/mustard_bottle/su_h/truth"
 SPLATS = f"{CELL}/2dgs/splats/splats.ply"

@@ -3,8 +3,9 @@
 from collections import Counter
 
 import pytest
-from pretend import pretend
-from running import planned, run_snakemake
+
+from helpers.pretend import pretend
+from helpers.running import planned, run_snakemake
 
 CHOSEN, CELL, PHOTO = "results/demo/mug/2dgs.ply", "results/demo/mug/su_l/truth/2dgs/cell.csv", "results/photos/cup/2dgs.ply"
 TARGETS = (CHOSEN, CELL, PHOTO)

@@ -11,8 +11,8 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
-from running import command_and_environment, planned, run_snakemake
 
+from helpers.running import command_and_environment, planned, run_snakemake
 from zeroshop_steps.geometry.meshes import read_ply
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]

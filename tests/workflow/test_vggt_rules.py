@@ -1,15 +1,11 @@
 """VGGT through the rules, with small random weights: everything but what it would have learned."""
 
-import sys
-
 import pytest
-from pretend import pretend
-from running import REPOSITORY, planned
 
+from helpers.pretend import pretend
+from helpers.running import planned
+from helpers.small_vggt import write_weights
 from zeroshop_steps.runtime.files import read_json
-
-sys.path.append(str(REPOSITORY / "tests/register"))
-from small_vggt import write_weights  # noqa: E402
 
 SMALL = "capture={image_width_px: 160, image_height_px: 120}"
 CELL = "results/demo/gelatin_carton/su_h/vggt"

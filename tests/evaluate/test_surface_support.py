@@ -1,0 +1,87 @@
+"""What of a mesh was measured: outlines and confirmed print are, the lid over a plain hollow and an underside are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from helpers.carton_scene import camera_at
+from zeroshop_steps.geometry.images import write_mask
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, area_shares, with_evidence
+from zeroshop_steps.geometry.surface_support import surface_support
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+
+RADIUS_MM, HEIGHT_MM = 40.0, 60.0
+
+
+@pytest.fixture(scope="module")
+def cup(tmp_path_factory):
+    """A cup as its hull has it, closed above; views of it from the side, some edge-on to the lid."""
+    solid = trimesh.creation.cylinder(RADIUS_MM, HEIGHT_MM, sections=96)
+    for _ in range(4):
+        solid = solid.subdivide()
+    mesh = Mesh(np.array(solid.vertices), np.array(solid.faces)).with_normals()
+    folder = tmp_path_factory.mktemp("cup")
+    views = []
+    for k in range(24):
+        camera = camera_at(f"{k:06d}.png", 15.0 * k, (2.0, 25.0, 45.0)[k % 3])
+        mask = folder / camera.name
+        write_mask(mask, MeshRenderer(mesh).hits(camera).mask)
+        views.append(View(camera, mask, mask))
+    return mesh, views
+
+
+def places(mesh: Mesh) -> dict[str, np.ndarray]:
+    """Vertices of the lid's middle, the wall's and the underside's."""
+    radius, z = np.linalg.norm(mesh.vertices[:, :2], axis=1), mesh.vertices[:, 2]
+    return {
+        "lid": (radius < 0.7 * RADIUS_MM) & (z > 0.49 * HEIGHT_MM),
+        "wall": (radius > 0.99 * RADIUS_MM) & (np.abs(z) < 0.4 * HEIGHT_MM),
+        "underside": (radius < 0.9 * RADIUS_MM) & (z < -0.49 * HEIGHT_MM),
+    }
+
+
+def test_outlines_measure_a_round_wall_and_no_lid(cup):
+    mesh, views = cup
+    evidence = surface_support(mesh, views, np.zeros((0, 3)))
+    where = places(mesh)
+    assert (evidence[where["wall"]] == MEASURED).mean() > 0.95
+    assert (evidence[where["lid"]] == ASSUMED).mean() > 0.95, "two degrees above the lid's plane, an outline shows its rim alone"
+    assert (evidence[where["underside"]] == UNSEEN).all()
+
+
+def test_stereo_measures_what_hangs_together_with_an_outline(cup):
+    mesh, views = cup
+    lid = places(mesh)["lid"]
+    top = mesh.vertices[mesh.vertices[:, 2] > 0.49 * HEIGHT_MM]
+    assert (surface_support(mesh, views, top)[lid] == MEASURED).all()
+    spot = top[np.linalg.norm(top[:, :2], axis=1) < 0.2 * RADIUS_MM]
+    assert (surface_support(mesh, views, spot)[lid] == ASSUMED).mean() > 0.95
+
+
+def test_shares_are_of_the_area(cup):
+    mesh, _ = cup
+    evidence = np.where(mesh.vertices[:, 2] > 0, MEASURED, UNSEEN)
+    shares = area_shares(replace(mesh, quality=evidence / MEASURED))
+    assert shares["measured"] == pytest.approx(0.5, abs=0.05) and sum(shares.values()) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_file_of_another_mesh_is_refused(cup, tmp_path):
+    np.savez(tmp_path / "evidence.npz", evidence=np.zeros(7, np.uint8))
+    with pytest.raises(StepError, match="tells of 7 vertices"):
+        with_evidence(cup[0], tmp_path / "evidence.npz")
+    (tmp_path / "evidence.npz").write_bytes(b"PK half of it")
+    with pytest.raises(StepError, match="not a whole file"):
+        with_evidence(cup[0], tmp_path / "evidence.npz")
+
+
+def test_a_stereo_of_other_cameras_is_refused(carton, tmp_path, capsys):
+    write_ply(tmp_path / "unwrapped.ply", carton.mesh)
+    words = ["--mesh", tmp_path / "unwrapped.ply", "--cameras", carton.cameras, "--stereo", tmp_path / "seeds.npz"]
+    assert stage_main("zeroshop_steps.evaluate", ["--method", "surface_support", *map(str, words), "--out", str(tmp_path / "e.npz")]) == 1
+    assert "run stereo first" in capsys.readouterr().err and not (tmp_path / "e.npz").exists()

@@ -1,0 +1,52 @@
+"""Meshes: what is written reads back, by other readers too, and a damaged file is named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.runtime.errors import StepError
+
+
+def square(texture: bool = True) -> Mesh:
+    vertices = np.array([[0.0, 0, 0], [10, 0, 0], [10, 20, 0], [0, 20, 0]])
+    uv = vertices[:, :2] / [10, 20] if texture else None
+    return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), uv=uv).with_normals()
+
+
+def test_a_mesh_survives_the_disk_and_other_readers(tmp_path: Path) -> None:
+    import trimesh
+
+    mesh = square()
+    write_image(tmp_path / "t.png", np.full((4, 4, 3), 200, np.uint8))
+    write_ply(tmp_path / "m.ply", mesh, "t.png")
+    back = read_ply(tmp_path / "m.ply")
+    assert np.array_equal(back.vertices, mesh.vertices) and np.array_equal(back.faces, mesh.faces)
+    assert np.allclose(back.uv, mesh.uv) and np.allclose(back.normals, [[0, 0, 1]] * 4) and back.texture.shape == (4, 4, 3)
+    assert len(trimesh.load(tmp_path / "m.ply", process=False).vertices) == 4
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_other_layouts_of_ply_read_alike(tmp_path: Path, encoding: str) -> None:
+    import trimesh
+
+    mesh = square(texture=False)
+    write_ply(tmp_path / "ours.ply", mesh)
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=np.full((4, 4), 90, np.uint8), process=False)
+    (tmp_path / "other.ply").write_bytes(trimesh.exchange.ply.export_ply(other, encoding=encoding))
+    ours, theirs = read_ply(tmp_path / "ours.ply"), read_ply(tmp_path / "other.ply")
+    assert np.array_equal(ours.vertices, theirs.vertices) and np.array_equal(ours.faces, theirs.faces)
+
+
+@pytest.mark.parametrize("damage", ["truncated", "text", "empty", "faces"])
+def test_a_corrupted_ply_is_named(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "bad.ply"
+    mesh = square(texture=False)
+    write_ply(path, Mesh(mesh.vertices, mesh.faces + 7) if damage == "faces" else mesh)
+    content = path.read_bytes()
+    if damage != "faces":
+        path.write_bytes({"truncated": content[:-9], "text": b"hello", "empty": b""}[damage])
+    with pytest.raises(StepError, match="bad.ply"):
+        read_ply(path)

@@ -1,0 +1,61 @@
+"""Balls on a printed table, drawn by their equations: what a film may show that it should not."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from helpers.camera_ring import ring_camera
+from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.registered_views import View
+
+WIDTH, HEIGHT, FOCAL, DISTANCE, COUNT = 240, 180, 260.0, 4.0, 12
+Ball = tuple[float, float, float]  # x and y of its foot, radius
+
+
+def table_views(folder: Path, balls_in: list[list[Ball]]) -> tuple[list[View], SparseModel]:
+    """Write a view for each list of balls; returns the views and what a registration knows of the scene.
+
+    Args:
+        folder: for the images.
+        balls_in: the balls that each view shows, of views evenly around the table's middle at two heights.
+    """
+    rng = np.random.default_rng(0)
+    print_ = cv2.resize(rng.integers(20, 236, (160, 160, 3), np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC).astype(np.float32)
+    views, points = [], [np.c_[rng.uniform(-1.6, 1.6, (600, 2)), np.zeros(600)]]
+    for index, balls in enumerate(balls_in):
+        camera = ring_camera(index, len(balls_in), DISTANCE, (25, 45), (0.0, 0.0, 0.3), FOCAL, (WIDTH, HEIGHT))
+        image, on_balls = _drawn(camera, balls, print_, rng)
+        path = folder / "images" / camera.name
+        write_image(path, image)
+        views.append(View(camera, path, None))
+        points.append(on_balls)
+    points = np.concatenate(points)
+    model = SparseModel(tuple(view.camera for view in views), points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3))
+    return views, model
+
+
+def _drawn(camera: Camera, balls: list[Ball], print_: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, 3) picture, and (30 B, 3) points of the balls that it shows."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
+    origin = camera.centre_in_world
+    down = np.where(rays[..., 2] < -1e-6, -origin[2] / rays[..., 2], np.inf)
+    with np.errstate(invalid="ignore"):
+        ground = np.where(np.isfinite(down)[..., None], origin + down[..., None] * rays, 0.0)
+    texel = ((ground[..., :2] / 8.0 + 0.5) * 639).astype(np.float32)
+    image = cv2.remap(print_, texel[..., 0], texel[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    image[~np.isfinite(down)] = 128
+    points = [np.zeros((0, 3))]
+    for foot_x, foot_y, radius in balls:
+        middle = np.array([foot_x, foot_y, radius])
+        away = origin - middle
+        b, c, n = rays @ away, away @ away - radius**2, (rays**2).sum(-1)
+        hit = b**2 > n * c
+        depth = (-b - np.sqrt(np.maximum(b**2 - n * c, 0))) / n
+        normal = (origin + depth[..., None] * rays - middle) / radius
+        image[hit] = (np.array([230, 140, 20]) * (0.75 + 0.25 * normal[..., 2:]) * (0.9 + 0.1 * np.sin(9 * normal[..., :1])))[hit]
+        chosen = np.argwhere(hit)[rng.choice(int(hit.sum()), 30)] if hit.any() else np.zeros((0, 2), int)
+        points.append((origin + depth[..., None] * rays)[tuple(chosen.T)])
+    return np.clip(image, 0, 255).astype(np.uint8), np.concatenate(points)

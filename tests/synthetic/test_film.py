@@ -1,0 +1,105 @@
+"""A rendered film: a video that can be taken frames from, on a table whose clutter hides nothing, with masks that are true."""
+
+import functools
+
+import cv2
+import numpy as np
+import pytest
+
+from helpers.capture_box import box_mesh, write_box
+from zeroshop_steps.capture.video import take_frames
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.synthetic import lighting, scenes, table_scene
+from zeroshop_steps.synthetic.board_scene import BOARD, empty_cameras
+from zeroshop_steps.synthetic.film import film
+from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, TableView, laid
+from zeroshop_steps.synthetic.handheld_camera import DURATION_S, ELEVATIONS_DEG, Hand, Lens
+from zeroshop_steps.synthetic.rings import Subject
+
+SIZE_PX = (320, 180)
+FRAMES = 20
+SUBJECT = Subject(np.zeros(3), 100.0, -50.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_table():
+    """A table with fewer texels and samples of light: what is tested here does not depend on them, and they take most of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lighting, "SURFACE_CELLS", 24)
+        patch.setattr(scenes, "rich_texture", functools.partial(scenes.rich_texture, texels=1024))
+        patch.setattr(table_scene, "TILE_PX", 96)
+        yield
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory):
+    """A small film of a box beside the board."""
+    folder = tmp_path_factory.mktemp("film")
+    film(write_box(folder / "model"), True, 3, folder / "film", SIZE_PX, FRAMES)
+    return folder / "film"
+
+
+def test_the_film_is_a_video_that_frames_are_taken_from(filmed, tmp_path):
+    take_frames(filmed / "film.mp4", 8, 1920, tmp_path / "capture")
+    assert len(list_images(tmp_path / "capture" / "images")) >= 7
+    record = read_json(tmp_path / "capture" / "capture.json")
+    assert (record["width_px"], record["height_px"], record["video_frames"]) == (*SIZE_PX, FRAMES)
+
+
+def test_the_truth_covers_every_frame(filmed):
+    cameras = read_sparse_model(filmed / "truth" / "cameras").cameras
+    masks = [read_mask(path) for path in list_images(filmed / "truth" / "masks")]
+    assert len(cameras) == len(masks) == FRAMES
+    assert read_json(filmed / "truth" / "truth.json")["height_m"] == 0.1
+    for camera, mask in zip(cameras, masks, strict=True):
+        pixels, _ = camera.project(box_mesh().vertices)
+        hull = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), cv2.convexHull(np.rint(pixels - 0.5).astype(np.int32)), 1) > 0
+        assert (mask & hull).sum() > 0.97 * (mask | hull).sum() - 0.5 * np.hypot(*mask.shape)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_another_table(tmp_path):
+    model = write_box(tmp_path / "model")
+    for name, seed in (("one", 3), ("again", 3), ("other", 4)):
+        film(model, False, seed, tmp_path / name, SIZE_PX, 3)
+    one, again, other = ((tmp_path / name / "film.mp4").read_bytes() for name in ("one", "again", "other"))
+    assert one == again and one != other
+
+
+def test_the_board_lies_in_the_empty_scene_and_the_object_does_not():
+    mesh = box_mesh()
+    table = laid(mesh, SUBJECT, 0, np.random.default_rng(0))
+    view = TableView(table, with_object=False, with_board=True)
+    camera = empty_cameras(mesh, table.subject, *SIZE_PX, 30.0, BOARD_GAP_MM)[0]
+    squares = [(column, row) for column in range(BOARD.columns) for row in range(BOARD.rows)]
+    middles = np.array([[(c + 0.5) * BOARD.square_mm, (r + 0.5) * BOARD.square_mm, 0, 1] for c, r in squares]) @ table.board_pose.T
+    x, y = camera.project(middles[:, :3])[0].astype(int).T
+    corner = camera.project((middles + (table.board_pose @ [0.46 * BOARD.square_mm, 0, 0, 0]))[:, :3])[0].astype(int).T
+    levels = view.linear(camera).mean(2)
+    black = np.array([(column + row) % 2 == 0 for column, row in squares])
+    assert levels[y, x][black].max() < 0.5 * levels[corner[1], corner[0]][~black].mean()
+    assert not view.mask(camera).any()
+
+
+def test_the_hand_goes_around_twice_in_two_heights_and_is_never_still():
+    hand = Hand(SUBJECT, 120.0, Lens(*SIZE_PX), np.random.default_rng(0))
+    centres = np.array([hand.camera(time, "").centre_in_world for time in np.linspace(0, DURATION_S, 200)])
+    azimuth = np.unwrap(np.arctan2(centres[:, 1], centres[:, 0]))
+    assert azimuth[0] == pytest.approx(0, abs=0.2) and azimuth[-1] - azimuth[0] == pytest.approx(4 * np.pi, abs=0.5)
+    elevation = np.degrees(np.arcsin(centres[:, 2] / np.linalg.norm(centres, axis=1)))
+    assert abs(elevation[:80].mean() - ELEVATIONS_DEG[0]) < 5 and abs(elevation[120:].mean() - ELEVATIONS_DEG[1]) < 5
+    turned = [np.linalg.norm(np.diff([hand.camera(t + dt, "").camera_from_world[2, :3] for dt in (0, 0.02)], axis=0)) for t in range(0, 40)]
+    assert min(turned) > 1e-5 and max(turned) < 0.05
+
+
+def test_clutter_keeps_apart_and_low_enough_to_hide_nothing():
+    mesh = box_mesh()
+    for seed in range(2):
+        things = laid(mesh, SUBJECT, seed, np.random.default_rng(seed)).clutter
+        assert len(things) >= 3
+        for thing in things:
+            gap_mm = np.linalg.norm(np.maximum(np.abs(thing.vertices[:, :2]) - [20, 30], 0), axis=1).min()
+            tall_mm = thing.vertices[:, 2].max() + 50
+            assert gap_mm > max(LEAST_GAP_MM, tall_mm / np.tan(np.radians(CLEAR_VIEW_DEG))) - 1.5
+            assert thing.vertices[:, 2].min() == pytest.approx(-50, abs=0.5)
