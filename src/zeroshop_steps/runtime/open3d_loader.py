@@ -19,7 +19,7 @@ if ctypes.util.find_library("usb-1.0") is None:
 
 # Open3D imports a web server for drawing in notebooks, half of its import's time; nothing here draws in one.
 _drawing = ModuleType("open3d.visualization.draw_plotly")
-_drawing.get_plotly_fig = _drawing.draw_plotly = _drawing.draw_plotly_server = None
+vars(_drawing).update(get_plotly_fig=None, draw_plotly=None, draw_plotly_server=None)
 sys.modules.setdefault(_drawing.__name__, _drawing)
 
 import open3d as o3d  # noqa: E402

@@ -101,8 +101,8 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
             raise StepError(
                 f"{table}, line {number}: {len(cells)} cells, but the header names {len(columns)} columns; separate cells by one tab"
             )
-        row: Row = dict(zip(columns, [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells)), strict=True))
-        row = dict.fromkeys(schema["properties"], "") | row
+        cells = [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells))
+        row: Row = dict.fromkeys(schema["properties"], "") | dict(zip(columns, cells, strict=True))
         row["height_m"] = _number(row["height_m"]) if row["height_m"] else None
         faults = _faults(row, schema_path)
         if faults:
