@@ -23,7 +23,7 @@ def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
     assert [(row["object"], row["nvs"], row["measure"], row["value"], row["reason"]) for row in rows] == [
         ("mug", "2dgs", "accuracy", "0.5", ""),
         ("mug", "2dgs", "f_score", "0.9", ""),
-        ("bowl", "2dgs", "grade", "none", "nvs.twodgs: 3 of 20 images registered"),
+        ("bowl", "2dgs", "grade", "none", "surface.twodgs: 3 of 20 images registered"),
     ]
     assert list(rows[0]) == ["dataset", "object", "scene", "registration", "nvs", "measure", "value", "unit", "reason"]
 
