@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.surface_distance import seen_count, surface_error
+from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_surface_error
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -80,7 +80,7 @@ def test_a_tilted_frame_shows_as_up_error(carton, truth_side):
 
 def test_missing_surface_costs_completeness_and_not_accuracy(carton, truth_side):
     upper = (carton.mesh.vertices[carton.mesh.faces][:, :, 2] > 0).all(1)
-    figures = surface_error(Mesh(carton.mesh.vertices, carton.mesh.faces[upper]), carton.mesh, list(truth_side[0]), -SIZE_MM[2] / 2)
+    figures = measure_surface_error(Mesh(carton.mesh.vertices, carton.mesh.faces[upper]), carton.mesh, list(truth_side[0]), -SIZE_MM[2] / 2)
     assert figures.to_truth_mm.mean() < 1e-3
     assert figures.to_mesh_mm.mean() > 5.0
     assert figures.f_score(2.0) < 0.8
@@ -91,8 +91,8 @@ def test_the_side_on_the_table_is_not_asked_for(carton, truth_side):
     normals = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     below = list(truth_side[0])
     below.append(seen_from(below[1], np.diag([1.0, -1.0, -1.0, 1.0])))  # a camera under the table
-    with_table = seen_count(points, normals, carton.mesh, below, -SIZE_MM[2] / 2)
-    without_table = seen_count(points, normals, carton.mesh, below, None)
+    with_table = count_seeing_views(points, normals, carton.mesh, below, -SIZE_MM[2] / 2)
+    without_table = count_seeing_views(points, normals, carton.mesh, below, None)
     assert with_table[0] == 0 and with_table[1] == with_table[2] == 5
     assert without_table[0] == 1
 

@@ -11,8 +11,8 @@ from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, area_shares, with_evidence
-from zeroshop_steps.geometry.surface_support import surface_support
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN, compute_area_shares, with_surface_support
+from zeroshop_steps.geometry.surface_support import classify_surface_support
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 
@@ -31,7 +31,7 @@ def cup(tmp_path_factory):
     for k in range(24):
         camera = camera_at(f"{k:06d}.png", 15.0 * k, (2.0, 25.0, 45.0)[k % 3])
         mask = folder / camera.name
-        write_mask(mask, MeshRenderer(mesh).hits(camera).mask)
+        write_mask(mask, MeshRenderer(mesh).cast_rays(camera).mask)
         views.append(View(camera, mask, mask))
     return mesh, views
 
@@ -48,7 +48,7 @@ def places(mesh: Mesh) -> dict[str, np.ndarray]:
 
 def test_outlines_measure_a_round_wall_and_no_lid(cup):
     mesh, views = cup
-    evidence = surface_support(mesh, views, np.zeros((0, 3)))
+    evidence = classify_surface_support(mesh, views, np.zeros((0, 3)))
     where = places(mesh)
     assert (evidence[where["wall"]] == MEASURED).mean() > 0.95
     assert (evidence[where["lid"]] == ASSUMED).mean() > 0.95, "two degrees above the lid's plane, an outline shows its rim alone"
@@ -59,25 +59,25 @@ def test_stereo_measures_what_hangs_together_with_an_outline(cup):
     mesh, views = cup
     lid = places(mesh)["lid"]
     top = mesh.vertices[mesh.vertices[:, 2] > 0.49 * HEIGHT_MM]
-    assert (surface_support(mesh, views, top)[lid] == MEASURED).all()
+    assert (classify_surface_support(mesh, views, top)[lid] == MEASURED).all()
     spot = top[np.linalg.norm(top[:, :2], axis=1) < 0.2 * RADIUS_MM]
-    assert (surface_support(mesh, views, spot)[lid] == ASSUMED).mean() > 0.95
+    assert (classify_surface_support(mesh, views, spot)[lid] == ASSUMED).mean() > 0.95
 
 
 def test_shares_are_of_the_area(cup):
     mesh, _ = cup
     evidence = np.where(mesh.vertices[:, 2] > 0, MEASURED, UNSEEN)
-    shares = area_shares(replace(mesh, quality=evidence / MEASURED))
+    shares = compute_area_shares(replace(mesh, quality=evidence / MEASURED))
     assert shares["measured"] == pytest.approx(0.5, abs=0.05) and sum(shares.values()) == pytest.approx(1.0, abs=1e-4)
 
 
 def test_a_file_of_another_mesh_is_refused(cup, tmp_path):
     np.savez(tmp_path / "evidence.npz", evidence=np.zeros(7, np.uint8))
     with pytest.raises(StepError, match="tells of 7 vertices"):
-        with_evidence(cup[0], tmp_path / "evidence.npz")
+        with_surface_support(cup[0], tmp_path / "evidence.npz")
     (tmp_path / "evidence.npz").write_bytes(b"PK half of it")
     with pytest.raises(StepError, match="not a whole file"):
-        with_evidence(cup[0], tmp_path / "evidence.npz")
+        with_surface_support(cup[0], tmp_path / "evidence.npz")
 
 
 def test_a_stereo_of_other_cameras_is_refused(carton, tmp_path, capsys):

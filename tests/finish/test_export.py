@@ -15,7 +15,7 @@ from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
-from zeroshop_steps.height.object_pose import standing_on
+from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, height_record
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
@@ -28,9 +28,9 @@ def product(carton, tmp_path_factory: pytest.TempPathFactory) -> Path:
     views, _ = read_views(carton.cameras)
     write_ply(folder / "unwrapped.ply", carton.mesh)
     write_image(folder / "texture.png", carton.mesh.texture)
-    standing = standing_on(carton.mesh, views, None)
-    scale = Scale("known_height", 0.18 / standing.extent, 0.001, {})  # twice its size
-    write_json(folder / "frame.json", object_frame(carton.mesh, views, height_record(standing, scale)) | {"seconds": 1.5})
+    object_pose = measure_above_plane(carton.mesh, views, None)
+    scale = Scale("known_height", 0.18 / object_pose.extent, 0.001, {})  # twice its size
+    write_json(folder / "frame.json", object_frame(carton.mesh, views, height_record(object_pose, scale)) | {"seconds": 1.5})
     write_json(folder / "clean.json", {"seconds": 2.0, "parameters": {"smooth": 5}})
     write_json(folder / "registration.json", {"seconds": {"total": 30.25}})
     export.run(

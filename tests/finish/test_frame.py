@@ -14,8 +14,8 @@ from zeroshop_steps.finish.frame import object_frame
 from zeroshop_steps.finish.preview import seen_from
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
-from zeroshop_steps.height.object_pose import standing_on
+from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
+from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, height_record
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -25,7 +25,7 @@ HEIGHT_M = SIZE_MM[2] / 1000
 @pytest.fixture(scope="module")
 def scene(carton):
     views, model = read_views(carton.cameras)
-    return carton.mesh, views, model.points[background_points(model.points, views)]
+    return carton.mesh, views, model.points[find_background_points(model.points, views)]
 
 
 def moved(similarity: np.ndarray, mesh: Mesh, views: list[View], points: np.ndarray):
@@ -39,9 +39,9 @@ def frame_of(mesh: Mesh, views: list[View], points: np.ndarray, height_m: float 
 
 
 def frame_on(mesh: Mesh, views: list[View], plane: SupportPlane | None, height_m: float | None = HEIGHT_M) -> dict:
-    standing = standing_on(mesh, views, plane)
-    scale = Scale("known_height", height_m / standing.extent, 0.001, {}) if height_m else None
-    return object_frame(mesh, views, height_record(standing, scale))
+    object_pose = measure_above_plane(mesh, views, plane)
+    scale = Scale("known_height", height_m / object_pose.extent, 0.001, {}) if height_m else None
+    return object_frame(mesh, views, height_record(object_pose, scale))
 
 
 def test_the_frame_of_a_box_on_a_table(scene):
@@ -61,12 +61,12 @@ def test_a_lid_that_nothing_measured_has_no_say_in_the_height(scene):
     vertices = np.r_[mesh.vertices, np.array(lid.vertices) + [0, 0, top]]
     faces = np.r_[mesh.faces, np.array(lid.faces) + len(mesh.vertices)]
     quality = np.r_[np.ones(len(mesh.vertices)), np.full(len(lid.vertices), 0.5)]
-    whole = standing_on(mesh, views, plane)
-    lidded = standing_on(Mesh(vertices, faces, quality=quality), views, plane)
+    whole = measure_above_plane(mesh, views, plane)
+    lidded = measure_above_plane(Mesh(vertices, faces, quality=quality), views, plane)
     assert lidded.extent == pytest.approx(whole.extent, rel=1e-3)
     assert lidded.top_of_mesh == pytest.approx(whole.top + 15.0, rel=0.01)
-    assert standing_on(Mesh(vertices, faces), views, plane).extent > 1.1 * whole.extent, "without evidence all of it counts"
-    nothing = standing_on(Mesh(vertices, faces, quality=np.full(len(vertices), 0.5)), views, plane)
+    assert measure_above_plane(Mesh(vertices, faces), views, plane).extent > 1.1 * whole.extent, "without evidence all of it counts"
+    nothing = measure_above_plane(Mesh(vertices, faces, quality=np.full(len(vertices), 0.5)), views, plane)
     assert nothing.top == nothing.top_of_mesh, "where nothing was measured the mesh is all there is"
 
 
@@ -136,7 +136,7 @@ def test_without_a_plane_up_comes_from_the_cameras_roll(scene):
     frame = frame_on(mesh, views, None)
     assert frame["up_source"] == "camera_roll"
     assert np.abs(np.array(frame["object_from_registration"]) - np.eye(4)).max() < 1e-6
-    up, certainty = up_from_roll(views)
+    up, certainty = estimate_up_from_roll(views)
     assert up[2] > 0.9999 and certainty > 0.5
 
 
@@ -166,7 +166,7 @@ def test_a_spike_on_top_does_not_change_the_scale(scene):
 def test_an_unknown_scale_is_kept_as_it_is(carton, scene, tmp_path):
     mesh, views, _ = scene
     write_ply(tmp_path / "underside.ply", Mesh(mesh.vertices, mesh.faces))
-    write_json(tmp_path / "height.json", height_record(standing_on(mesh, views, None), None))
+    write_json(tmp_path / "height.json", height_record(measure_above_plane(mesh, views, None), None))
     files = {"mesh": tmp_path / "underside.ply", "height": tmp_path / "height.json", "out": tmp_path / "frame.json"}
     frame_method.run(argparse.Namespace(**files, cameras=carton.cameras, capture=tmp_path))
     frame = read_json(tmp_path / "frame.json")

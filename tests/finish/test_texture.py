@@ -65,8 +65,8 @@ def test_a_baked_print_renders_as_it_was(carton, baked):
     truth = MeshRenderer(carton.mesh)
     for azimuth_deg in (15.0, 130.0, 250.0):
         camera = camera_at("new.png", azimuth_deg, 22.0)
-        expected, mask = truth.masked_color(camera, 3)
-        assert psnr_db(product.masked_color(camera, 3)[0][mask], expected[mask]) > 32.0
+        expected, mask = truth.render_masked_color(camera, 3)
+        assert psnr_db(product.render_masked_color(camera, 3)[0][mask], expected[mask]) > 32.0
     assert 0.75 < figures["seen_share"] <= 1.0
 
 

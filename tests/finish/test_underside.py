@@ -13,7 +13,7 @@ from zeroshop_steps.finish.underside import closed, open_borders, without_unders
 from zeroshop_steps.finish.unwrap import unwrap_mesh
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.surface_fields import welded
+from zeroshop_steps.geometry.surface_fields import weld
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -136,7 +136,7 @@ def test_the_underside_takes_its_colour_from_its_border(carton):
     whole, underside = closed(mesh, UP, -SIZE_MM[2] / 2)
     mesh, _ = unwrap_mesh(whole, 256)
     assert mesh.uv.min() >= 0.0 and mesh.uv.max() <= 1.0
-    joined, index = welded(mesh)
+    joined, index = weld(mesh)
     assert np.array_equal(joined.vertices[index[mesh.faces]], whole.vertices[whole.faces]), "unwrapping keeps the order of the faces"
     views, _ = read_views(carton.cameras)
     texture, _ = bake(mesh, views, 256)

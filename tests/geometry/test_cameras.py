@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, similarity_between, write_cameras
+from zeroshop_steps.geometry.cameras import Camera, fit_similarity, read_sparse_model, write_cameras
 from zeroshop_steps.runtime.errors import StepError
 
 
@@ -29,7 +29,7 @@ def test_similarity_is_recovered_exactly(seed: int, scale: float) -> None:
     rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     rotation *= np.sign(np.linalg.det(rotation))
     source, shift = rng.normal(size=(8, 3)), rng.normal(size=3) * 10
-    found = similarity_between(source, scale * source @ rotation.T + shift)
+    found = fit_similarity(source, scale * source @ rotation.T + shift)
     assert np.allclose(found[:3, :3], scale * rotation, atol=1e-9 * scale + 1e-12)
     assert np.allclose(found[:3, 3], shift, atol=1e-8 * (1 + scale))
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.printed_board import BOARDS, MM_PER_INCH, Board, drawn, sheet
+from zeroshop_steps.geometry.printed_board import BOARDS, MM_PER_INCH, Board, draw_board, draw_sheet
 from zeroshop_steps.height.board_fit import fit_board
 from zeroshop_steps.height.board_photos import BoardView, board_in, check_views, corners_in, view_of
 from zeroshop_steps.runtime.cli import stage_main
@@ -25,7 +25,7 @@ A4 = BOARDS["a4"]
 @pytest.mark.parametrize("board", BOARDS.values(), ids=lambda board: board.name)
 def test_the_sheet_shows_the_board_at_its_size(board):
     """Printed at 8 dots a millimetre and read back, every corner is where the board says, in millimetres."""
-    figure = sheet(board)
+    figure = draw_sheet(board)
     figure.set_dpi(8 * MM_PER_INCH)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -93,7 +93,7 @@ def to_rays(pixels: np.ndarray) -> np.ndarray:
 def photo(pose: np.ndarray, board: Board = A4, shape=(1.0, 1.0)) -> np.ndarray:
     """(480, 640, 3) picture of a board on grey; its x and y stretched by `shape`, its y turned so that it faces up."""
     texels = 4.0
-    picture = np.repeat((40 + 180 * drawn(board, texels, 10.0))[..., None], 3, -1).astype(np.uint8)
+    picture = np.repeat((40 + 180 * draw_board(board, texels, 10.0))[..., None], 3, -1).astype(np.uint8)
     world_from_texel = np.array(
         [[shape[0] / texels, 0, -10 * shape[0]], [0, -shape[1] / texels, board.size_mm[1] + 10 * shape[1]], [0, 0, 1]]
     )

@@ -28,7 +28,7 @@ def measure(carton, tmp_path, capsys):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         for number, view in enumerate(views[:kept]):
-            depth = renderer.hits(view.camera).depth * MM_A_UNIT
+            depth = renderer.cast_rays(view.camera).depth * MM_A_UNIT
             depth = np.where(depth > 0, depth, 900.0)  # a wall behind
             changed = change(depth, number)
             name = names[number] if names else view.camera.name

@@ -21,7 +21,7 @@ UNITS_A_MM = 0.0137
 
 @dataclass(frozen=True)
 class Measured:
-    """As much of height.record.Subject as the method reads."""
+    """As much of height.record.RegisteredObject as the method reads."""
 
     views: list[View]
     cameras: Path
@@ -34,7 +34,7 @@ def scenes():
 
 
 @pytest.fixture(scope="module")
-def subject(scenes, tmp_path_factory):
+def registered(scenes, tmp_path_factory):
     """A registration of the carton's views in its own unit, with points that the views show."""
     folder = tmp_path_factory.mktemp("registered")
     cameras = [_in_units(camera) for camera in scenes[0].cameras]
@@ -77,9 +77,9 @@ def made(scenes, noise, width_px):
     return predictor
 
 
-def test_the_true_height_comes_back(scenes, subject):
+def test_the_true_height_comes_back(scenes, registered):
     noise, limit = Noise(feature=0.03, point=0.01, scale=0.02), 0.02
-    scale = scale_of(subject, [Path("empty") / f"{number}.png" for number in range(4)], made(scenes, noise, 128))
+    scale = scale_of(registered, [Path("empty") / f"{number}.png" for number in range(4)], made(scenes, noise, 128))
     height_m = SIZE_MM[2] * UNITS_A_MM * scale.metres_per_unit
     assert abs(height_m / (SIZE_MM[2] * 1e-3) - 1.0) < limit
     assert 0.08 <= scale.deviation < 0.1
@@ -101,14 +101,14 @@ def test_the_alignment_finds_the_true_cameras(scenes):
     assert alignment.error_px < 1.5, "matches are whole pixels, in pictures 192 px wide"
 
 
-def test_photos_of_another_place_are_refused(scenes, subject):
+def test_photos_of_another_place_are_refused(scenes, registered):
     nothing = [np.zeros_like(depth) for depth in scenes[1].depths]
     elsewhere = (scenes[0], type(scenes[1])(scenes[1].cameras, nothing, scenes[1].masks))
     with pytest.raises(StepError, match=r"pictures 2, 3, 4, 5 .* match none of the others"):
-        scale_of(subject, [Path("empty") / f"{number}.png" for number in range(4)], made(elsewhere, Noise(), 128))
+        scale_of(registered, [Path("empty") / f"{number}.png" for number in range(4)], made(elsewhere, Noise(), 128))
 
 
-def test_views_are_taken_a_little_apart(subject):
-    names = [view.camera.name for view in object_views(subject.views, 2)]
+def test_views_are_taken_a_little_apart(registered):
+    names = [view.camera.name for view in object_views(registered.views, 2)]
     assert names[0] == "000000.png" and names[1] in ("000001.png", "000002.png")
-    assert len(object_views(subject.views, 6)) == len(object_views(subject.views, 9)) == 6
+    assert len(object_views(registered.views, 6)) == len(object_views(registered.views, 9)) == 6

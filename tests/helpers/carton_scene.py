@@ -77,8 +77,8 @@ def photographed_carton(folder: Path) -> Carton:
     renderer = MeshRenderer(mesh)
     for set_folder, views, sparse in ((folder / "cameras", cameras, "sparse"), (folder / "capture" / "held_out", held_out, "truth")):
         for camera in views:
-            write_image(set_folder / "images" / camera.name, renderer.color(camera, (90, 160, 90), 3))
-            write_mask(set_folder / "masks" / camera.name, renderer.masked_color(camera, 3)[1])
+            write_image(set_folder / "images" / camera.name, renderer.render_color(camera, (90, 160, 90), 3))
+            write_mask(set_folder / "masks" / camera.name, renderer.render_masked_color(camera, 3)[1])
         write_cameras(set_folder / sparse, views)
     write_cameras(folder / "capture" / "truth", cameras)
     add_points(folder / "cameras" / "sparse", table_points(np.random.default_rng(1), 400))

@@ -26,7 +26,7 @@ from zeroshop_steps.geometry.images import read_image, read_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import surface_error
+from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d
@@ -84,13 +84,13 @@ def read_case(capture: Path, model: Path) -> Case:
         MemoryView(camera, Path(), None, read_image(capture / "images" / camera.name), read_mask(capture / "masks" / camera.name))
         for camera in cameras
     ]
-    depths = tuple(renderer.hits(camera).depth for camera in cameras)
+    depths = tuple(renderer.cast_rays(camera).depth for camera in cameras)
     return Case(truth, read_json(model.with_name("model_info.json"))["diameter"], cameras, tuple(views), depths, len(views))
 
 
 def grade_of(case: Case, mesh: Mesh) -> dict:
     """The content of grade.json for a mesh in the true frame."""
-    error = surface_error(mesh, case.truth, list(case.true_cameras), case.support_z_mm)
+    error = measure_surface_error(mesh, case.truth, list(case.true_cameras), case.support_z_mm)
     threshold_mm = 0.01 * case.diameter_mm
     truth = {
         "f_score_1_percent": error.f_score(threshold_mm),

@@ -65,10 +65,10 @@ def write_painted_dataset(folder: Path) -> SimpleNamespace:
             table_from_thing[:3, 3] = place
             poses.append(camera_from_table @ table_from_thing)
             camera = Camera("", WIDTH_PX, HEIGHT_PX, intrinsics, poses[-1])
-            hits = renderer.hits(camera)
+            hits = renderer.cast_rays(camera)
             front = hits.mask & (hits.depth < depth)
             depth[front], owner[front] = hits.depth[front], index
-            color[front] = renderer.masked_color(camera)[0][front]
+            color[front] = renderer.render_masked_color(camera)[0][front]
         write_image(scene / "rgb" / f"{image:06d}.png", (color * 0.8).astype(np.uint8))
         write_image(scene / "depth" / f"{image:06d}.png", np.rint(np.where(np.isfinite(depth), depth, 0)).astype(np.uint16))
         instances = []

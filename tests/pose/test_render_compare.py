@@ -44,13 +44,13 @@ def taken(model: Model, pose: np.ndarray, rng: np.random.Generator, hidden: bool
     """(photo, depth, mask) of the box at this pose, before a wall."""
     camera = Camera("", 160, 120, INTRINSICS + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]), pose)
     renderer = MeshRenderer(model.mesh)
-    depth = renderer.hits(camera).depth
+    depth = renderer.cast_rays(camera).depth
     mask = depth > 0
     if hidden:
         mask[:, : int(np.median(np.nonzero(mask)[1]))] = False
     measured = np.where(depth > 0, depth, 950.0) + rng.normal(0, 1, depth.shape)
     measured[(depth > 0) & ~mask] = 500.0
-    return renderer.color(camera), measured.astype(np.float32), mask
+    return renderer.render_color(camera), measured.astype(np.float32), mask
 
 
 @pytest.mark.parametrize(("seed", "hidden"), [(1, False), (2, True)])
@@ -107,7 +107,7 @@ def test_a_hollow_behind_a_lid_that_was_assumed_is_allowed_for():
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_euler("xyz", [160, 15, 30], degrees=True).as_matrix(), [8, -5, 700]
     camera = Camera("", 160, 120, INTRINSICS + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]), pose)
-    depth = MeshRenderer(true).hits(camera).depth
+    depth = MeshRenderer(true).cast_rays(camera).depth
     mask, photo = depth > 0, np.full((120, 160, 3), 128, np.uint8)
     depth = np.where(mask, depth, 950.0).astype(np.float32)
     diameter_mm = float(np.linalg.norm((120, 80, 60)))

@@ -5,7 +5,7 @@ import pytest
 
 from helpers.made_pairs import MadePairs, Noise
 from helpers.made_scene import MadeScene, made_scene
-from zeroshop_steps.geometry.cameras import read_sparse_model, similarity_between
+from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
 from zeroshop_steps.register.mast3r import Mast3rOptions, register
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.structure import StructureOptions
@@ -24,7 +24,7 @@ def camera_errors(scene, sparse):
     """Distances of the camera centres from the true ones in mm, and angles between the axes in degrees, after a similarity."""
     found = {camera.name: camera for camera in read_sparse_model(sparse).cameras}
     true = np.array([camera.centre_in_world for camera in scene.cameras])
-    world = similarity_between(np.array([found[camera.name].centre_in_world for camera in scene.cameras]), true)
+    world = fit_similarity(np.array([found[camera.name].centre_in_world for camera in scene.cameras]), true)
     rotation = world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
     distances, angles = [], []
     for camera in scene.cameras:

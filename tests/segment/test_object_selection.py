@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.object_selection import find_subject
+from zeroshop_steps.segment.object_selection import select_object
 from zeroshop_steps.segment.voxel_carving import splat
 from zeroshop_steps.synthetic.rings import look_at
 
 INTRINSICS = np.array([[200.0, 0, 80], [0, 200, 60], [0, 0, 1]])
-STAND = Stand(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 8]), 100.0, 100)
+SUPPORT = SceneSupport(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 8]), 100.0, 100)
 CAMERAS = [
     Camera(f"{index}.png", 160, 120, INTRINSICS, look_at(100 * np.array([np.cos(a) * 0.8, np.sin(a) * 0.8, 0.6]), np.array([0.0, 0, 5])))
     for index, a in enumerate(np.linspace(0, 2 * np.pi, 10, endpoint=False))
@@ -28,26 +28,26 @@ def blocks(*boxes):
     return [np.where(splat(points, 1.5, camera), 1.0, -1.0).astype(np.float32) for camera in CAMERAS]
 
 
-def extent(subject):
+def extent(selection):
     """Mean position of the chosen cluster on the ground, and its width."""
-    centres = subject.space.centres(np.argwhere(subject.core))
+    centres = selection.grid.centres(np.argwhere(selection.cluster))
     return centres[:, :2].mean(0), np.ptp(centres[:, :2], axis=0)
 
 
 def test_the_thing_in_the_middle_is_meant():
-    subject = find_subject(STAND, CAMERAS, blocks((1, 0, 5, 12), (24, 5, 4, 10), (-20, 14, 6, 8)))
-    middle, width = extent(subject)
+    selection = select_object(SUPPORT, CAMERAS, blocks((1, 0, 5, 12), (24, 5, 4, 10), (-20, 14, 6, 8)))
+    middle, width = extent(selection)
     # Voxels of 1.2 and the cones behind the block widen it by two voxels and half a splat at either side; its neighbours are 8 off.
     assert np.abs(middle - [1, 0]).max() < 1.5 and (width < 17).all()
-    assert subject.found == 3 and len(subject.others) > 100
-    assert (subject.room & subject.core).sum() == subject.core.sum()
+    assert selection.cluster_count == 3 and len(selection.other_points) > 100
+    assert (selection.allowed & selection.cluster).sum() == selection.cluster.sum()
 
 
 def test_two_objects_are_refused():
     with pytest.raises(StepError, match="2 objects stand equally near"):
-        find_subject(STAND, CAMERAS, blocks((13, 0, 5, 10), (-13, 0, 5, 10)))
+        select_object(SUPPORT, CAMERAS, blocks((13, 0, 5, 10), (-13, 0, 5, 10)))
 
 
 def test_parts_close_together_are_one_object():
-    middle, width = extent(find_subject(STAND, CAMERAS, blocks((6, 0, 3, 8), (-6, 0, 3, 8))))
+    middle, width = extent(select_object(SUPPORT, CAMERAS, blocks((6, 0, 3, 8), (-6, 0, 3, 8))))
     assert abs(middle[0]) < 1.5 and width.max() > 14

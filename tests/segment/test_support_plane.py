@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.scene_support import find_stand, focus_of
+from zeroshop_steps.geometry.scene_support import find_focus, fit_scene_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.support_plane import find_masks, tidy
 
@@ -17,29 +17,29 @@ def overlap(one, other):
 
 def test_the_plane_is_found(carton_scene):
     views, model = carton_scene
-    stand = find_stand(model, views)
-    assert stand.normal @ [0, 0, 1] > np.cos(np.radians(0.3))
+    support = fit_scene_support(model, views)
+    assert support.normal @ [0, 0, 1] > np.cos(np.radians(0.3))
     lowest = model.points[:, 2].min()
-    assert abs(stand.heights(np.array([[0, 0, lowest]]))[0]) < 0.01 * stand.distance
-    assert np.linalg.norm(np.cross(stand.axes()[0], stand.axes()[1]) - stand.normal) < 1e-9
+    assert abs(support.heights(np.array([[0, 0, lowest]]))[0]) < 0.01 * support.distance
+    assert np.linalg.norm(np.cross(support.axes()[0], support.axes()[1]) - support.normal) < 1e-9
 
 
 def test_a_lid_is_no_ground(carton_scene):
     """Most points on the lid, few on the ground: what lies below a plane near the focus speaks against it."""
     views, model = carton_scene
-    height = find_stand(model, views).heights(model.points)
+    height = fit_scene_support(model, views).heights(model.points)
     top = np.quantile(height[height > 2], 0.5) if (height > 2).any() else 10.0
     rng = np.random.default_rng(1)
     lid = np.column_stack([rng.uniform(-30, 30, (600, 2)), np.full(600, model.points[:, 2].min() + top)])
     sides = np.column_stack([rng.uniform(-30, 30, (500, 2)), rng.uniform(0, 0.9 * top, 500) + model.points[:, 2].min()])
-    stand = find_stand(replace(model, points=np.concatenate([model.points[::2], lid, sides])), views)
-    assert abs(stand.heights(lid)).min() > 0.5 * top
+    support = fit_scene_support(replace(model, points=np.concatenate([model.points[::2], lid, sides])), views)
+    assert abs(support.heights(lid)).min() > 0.5 * top
 
 
 def test_no_ground_is_an_error(carton_scene):
     views, model = carton_scene
     with pytest.raises(StepError, match="no support plane"):
-        find_stand(SparseModel(model.cameras, model.points[:20], model.colors[:20], model.track_lengths[:20]), views)
+        fit_scene_support(SparseModel(model.cameras, model.points[:20], model.colors[:20], model.track_lengths[:20]), views)
 
 
 def test_cameras_that_look_apart_have_no_focus(carton_scene):
@@ -47,7 +47,7 @@ def test_cameras_that_look_apart_have_no_focus(carton_scene):
         replace(camera, camera_from_world=np.diag([-1.0, 1.0, -1.0, 1.0]) @ camera.camera_from_world) for camera in carton_scene[1].cameras
     ]
     with pytest.raises(StepError, match="look away"):
-        focus_of(turned)
+        find_focus(turned)
 
 
 def test_masks_match_the_true_ones(carton_scene):

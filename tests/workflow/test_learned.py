@@ -9,7 +9,7 @@ import torch
 
 from helpers.mast3r_cases import SMALL, parameters
 from helpers.running import planned
-from zeroshop_steps.geometry.crops import object_sphere
+from zeroshop_steps.geometry.crops import fit_object_sphere
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.geometry.visual_hull import VisualHull
@@ -63,7 +63,7 @@ def test_the_height_by_mast3r_with_random_weights_ends_with_its_reason(snakemake
     shutil.copytree(carton.cameras, scene / "colmap" / "cameras")
     write_ply(scene / "colmap" / "2dgs" / "clean.ply", carton.mesh)
     camera_set = read_camera_set(carton.cameras)
-    sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
+    sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
     sizes = {view.camera.name: grid_view(view).mask.shape for view in seed_views(camera_set, sphere)}
     nothing = {name: np.zeros(shape, np.float32) for name, shape in sizes.items()}
     hull = VisualHull(np.ones((8, 8, 8), bool), 1.0)

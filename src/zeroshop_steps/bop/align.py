@@ -18,9 +18,9 @@ from zeroshop_steps.bop.similarity_icp import Fit, Refinement
 from zeroshop_steps.bop.similarity_search import search
 from zeroshop_steps.bop.symmetry import symmetry_transforms
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
-from zeroshop_steps.geometry.support_classes import with_evidence
-from zeroshop_steps.geometry.surface_distance import distances_to
-from zeroshop_steps.geometry.surface_points import surface_points
+from zeroshop_steps.geometry.support_classes import with_surface_support
+from zeroshop_steps.geometry.surface_distance import measure_distances
+from zeroshop_steps.geometry.surface_points import sample_surface_points
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh, truth = read_ply(args.mesh), read_ply(args.model)
     if args.evidence:
-        mesh = with_evidence(mesh, args.evidence)
+        mesh = with_surface_support(mesh, args.evidence)
         mesh = replace(mesh, faces=mesh.faces[mesh.measured_faces()]).without_loose_vertices()
         if len(mesh.faces) == 0:
             raise StepError(f"{args.evidence} says that nothing of {args.mesh} was measured; it cannot be aligned")
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
 def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> Fit:
     """The best similarity truth_from_mesh; `symmetries` are (S, 4, 4) of the truth."""
     rng = np.random.default_rng(seed)
-    source, target = surface_points(mesh, SOURCE_SAMPLES, rng), surface_points(truth, TARGET_SAMPLES, rng)
+    source, target = sample_surface_points(mesh, SOURCE_SAMPLES, rng), sample_surface_points(truth, TARGET_SAMPLES, rng)
     best = Refinement(source, target).best_of(search(source, target))[0]
     alike = symmetries @ best.transform
     turned_least = np.argmax(np.round(np.trace(alike[:, :3, :3], axis1=1, axis2=2), 9))
@@ -79,8 +79,8 @@ def residuals(mesh: Mesh, truth: Mesh, fit: Fit, diameter_mm: float, seed: int) 
     """What remains between the aligned mesh and the truth: figures for aligned.json; scale is that of truth_from_mesh."""
     aligned = Mesh(mesh.vertices @ fit.transform[:3, :3].T + fit.transform[:3, 3], mesh.faces)
     rng = np.random.default_rng(seed)
-    there = distances_to(truth, surface_points(aligned, SOURCE_SAMPLES, rng).points)
-    back = distances_to(aligned, surface_points(truth, SOURCE_SAMPLES, rng).points)
+    there = measure_distances(truth, sample_surface_points(aligned, SOURCE_SAMPLES, rng).points)
+    back = measure_distances(aligned, sample_surface_points(truth, SOURCE_SAMPLES, rng).points)
     figures = {
         "scale": float(np.cbrt(np.linalg.det(fit.transform[:3, :3]))),
         "mesh_to_truth_mm": float(there.mean()),

@@ -16,7 +16,7 @@ import numpy as np
 from zeroshop_steps.bop.models import checked_diameter_mm, model_file
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
-from zeroshop_steps.geometry.support_classes import with_evidence
+from zeroshop_steps.geometry.support_classes import with_surface_support
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
@@ -58,7 +58,7 @@ def read_part(part: Path) -> tuple[Mesh, dict]:
     mesh, transform = read_ply(part.with_name("mesh.ply")), np.array(aligned["truth_from_mesh"])
     evidence = part.with_name("evidence.npz")
     if evidence.is_file():
-        mesh = with_evidence(mesh, evidence)
+        mesh = with_surface_support(mesh, evidence)
     return replace(mesh, vertices=mesh.vertices @ transform[:3, :3].T + transform[:3, 3]).with_normals(), aligned["model_info"]
 
 

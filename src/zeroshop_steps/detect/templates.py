@@ -78,8 +78,8 @@ def render_templates(model: Model, views: int, side_px: int) -> Templates:
     for direction in view_directions(views):
         pose = look_at(middle + distance_mm * direction, middle)
         camera = Camera("", side_px, side_px, intrinsics, pose)
-        depth = renderer.hits(camera).depth
-        color, _ = renderer.masked_color(camera)
+        depth = renderer.cast_rays(camera).depth
+        color, _ = renderer.render_masked_color(camera)
         colors.append(np.where((depth > 0)[..., None], color, 0))
         depths.append(depth)
         poses.append(pose)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera, paired_with_truth, read_sparse_model, similarity_to_truth
+from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 
@@ -76,10 +76,10 @@ def camera_error(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> Ca
     Raises:
         StepError: fewer than three cameras in common.
     """
-    pairs = paired_with_truth(estimated, truth)
+    pairs = pair_with_truth(estimated, truth)
     centres = np.array([camera.centre_in_world for camera, _ in pairs])
     true_centres = np.array([camera.centre_in_world for _, camera in pairs])
-    truth_from_estimate = similarity_to_truth(pairs)
+    truth_from_estimate = align_to_truth(pairs)
     scale = np.cbrt(np.linalg.det(truth_from_estimate[:3, :3]))
     aligned = centres @ truth_from_estimate[:3, :3].T + truth_from_estimate[:3, 3]
     rotation = truth_from_estimate[:3, :3] / scale

@@ -24,7 +24,7 @@ from zeroshop_steps.finish.preview import seen_from
 from zeroshop_steps.finish.underside import without_underside
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.support_classes import area_shares, with_evidence
+from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     values = measured(without_underside(mesh, notes), views, record["images"], facts["bottom_z"])
     if args.evidence:
-        values["assumed_share"] = area_shares(without_underside(with_evidence(mesh, args.evidence), notes))["assumed"]
+        values["assumed_share"] = compute_area_shares(without_underside(with_surface_support(mesh, args.evidence), notes))["assumed"]
     true_values = None
     if args.quality:
         quality = read_json(args.quality)

@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.finish import exposure
-from zeroshop_steps.geometry.mesh_rendering import Hits, MeshRenderer
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, RayHits
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import face_normals, sampled
-from zeroshop_steps.geometry.surface_fields import neighbour_matrix, smoothed, welded
-from zeroshop_steps.geometry.visibility import sample, view_maps, visible
+from zeroshop_steps.geometry.surface_distance import face_normals, sample_surface
+from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
+from zeroshop_steps.geometry.visibility import compute_view_maps, find_visible, sample_image
 from zeroshop_steps.runtime.errors import StepError
 
 LONGEST_PX = 1000  # larger photos are shrunk: finer print than this asks for finer alignment than a grade is about
@@ -76,9 +76,9 @@ def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAg
         StepError: a mask that shows no object in any view.
     """
     views = [_shrunk(view) for view in views]
-    joined, _ = welded(mesh)
-    normals = smoothed(joined.normals, neighbour_matrix(joined), NORMAL_SMOOTHING)
-    points, faces = sampled(joined, SAMPLES, np.random.default_rng(seed))
+    joined, _ = weld(mesh)
+    normals = smooth(joined.normals, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
+    points, faces = sample_surface(joined, SAMPLES, np.random.default_rng(seed))
     normals = normals[joined.faces[faces]].sum(1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     diameter = diameter_of(joined)
@@ -126,27 +126,31 @@ def _look(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[V
     weight, slope = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
     iou, back_px, mesh_px = [], 0, 0
     for k, view in enumerate(views):
-        mask, hits = view.mask(), renderer.hits(view.camera)
+        mask, hits = view.mask(), renderer.cast_rays(view.camera)
         if not mask.any():
             raise StepError(f"{view.mask_path}: the mask shows no object; make the mask again, or leave the photo out")
         iou.append(float((mask & hits.mask).sum() / (mask | hits.mask).sum()))
         back_px, mesh_px = back_px + _back_pixels(mesh, hits, view), mesh_px + int(hits.mask.sum())
-        maps = view_maps(view, hits, diameter)
+        maps = compute_view_maps(view, hits, diameter)
         pixels, depth = view.camera.project(places[0])
         towards = view.camera.centre_in_world - places[0]
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
-        seen = visible(pixels, depth, hits.depth, 0.004 * diameter) & (cosine > MIN_COSINE) & (sample(maps.trust, pixels) > MIN_TRUST)
+        seen = (
+            find_visible(pixels, depth, hits.depth, 0.004 * diameter)
+            & (cosine > MIN_COSINE)
+            & (sample_image(maps.trust, pixels) > MIN_TRUST)
+        )
         weight[:, k] = np.where(seen, cosine, 0.0)
         image = cv2.GaussianBlur(view.image().astype(np.float32) / 255.0, (0, 0), BLUR_PX)
-        slope[:, k] = sample(_slope(image), pixels)
+        slope[:, k] = sample_image(_slope(image), pixels)
         for place, moved in enumerate(places):
             pixels, _ = view.camera.project(moved)
-            colors[place, :, k] = sample(image, pixels)
-            on_object[place, :, k] = sample(mask, pixels) > 0.99
+            colors[place, :, k] = sample_image(image, pixels)
+            on_object[place, :, k] = sample_image(mask, pixels) > 0.99
     return _Look(colors, on_object, weight, slope, iou, back_px, mesh_px)
 
 
-def _back_pixels(mesh: Mesh, hits: Hits, view: View) -> int:
+def _back_pixels(mesh: Mesh, hits: RayHits, view: View) -> int:
     towards = view.camera.centre_in_world - mesh.vertices[mesh.faces[:, 0]]
     facing = np.einsum("ij,ij->i", face_normals(mesh), towards)
     return int((facing[hits.face[hits.mask]] < 0).sum())

@@ -19,11 +19,11 @@ import numpy as np
 
 from zeroshop_steps.finish.preview import seen_from
 from zeroshop_steps.finish.underside import without_underside
-from zeroshop_steps.geometry.cameras import Camera, paired_with_truth, read_sparse_model, similarity_to_truth
+from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_distance import surface_error
+from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 F_SCORE_MM = 2.0
@@ -108,10 +108,10 @@ def figures_of(mesh: Mesh, object_from_registration: np.ndarray, registered: tup
         object_from_registration: (4, 4) similarity.
         registered: the cameras that were found.
     """
-    truth_from_registration = similarity_to_truth(paired_with_truth(registered, truth.cameras))
+    truth_from_registration = align_to_truth(pair_with_truth(registered, truth.cameras))
     truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
     aligned = Mesh(mesh.vertices @ truth_from_object[:3, :3].T + truth_from_object[:3, 3], mesh.faces)
-    error = surface_error(aligned, truth.surface, list(truth.cameras), truth.support_z_mm)
+    error = measure_surface_error(aligned, truth.surface, list(truth.cameras), truth.support_z_mm)
     one_percent_mm = F_SCORE_DIAMETER * truth.diameter_mm
     up_in_truth = truth_from_object[:3, 2] / np.linalg.norm(truth_from_object[:3, 2])
     rotation_scale = np.cbrt(np.linalg.det(truth_from_object[:3, :3]))
@@ -140,7 +140,7 @@ def _appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View])
     psnr, iou = [], []
     for view in held_out:
         mask, camera = view.mask(), seen_from(view.camera, object_from_truth)
-        rendered, silhouette = renderer.masked_color(camera, 3)
+        rendered, silhouette = renderer.render_masked_color(camera, 3)
         photo = np.where(mask[..., None], view.image(), 0)
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.finish.clean import part_labels
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
-from zeroshop_steps.geometry.surface_distance import SEEN_BY, face_normals, sampled, seen_count
-from zeroshop_steps.geometry.surface_fields import welded
+from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, face_normals, sample_surface
+from zeroshop_steps.geometry.surface_fields import weld
 
 UNDERSIDE_DIAMETERS = 0.05  # a border this near to the support is the rim of the side that no photo shows
 ROUGHNESS_DIAMETERS = 0.02  # roughness is what normals vary by within this distance
@@ -20,7 +20,7 @@ LEAST_NEIGHBOURS = 4
 
 def largest_part_share(mesh: Mesh) -> float:
     """Area of the largest connected part, as a share of the whole; vertices of equal position are joined."""
-    joined, _ = welded(mesh)
+    joined, _ = weld(mesh)
     areas = np.bincount(part_labels(joined), joined.face_areas())
     return float(areas.max() / max(areas.sum(), 1e-30))
 
@@ -35,14 +35,14 @@ def open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: float | None
         cameras: of the photos, in the object frame.
         support_z: height of the support, near which borders are left out; None where photos show the underside.
     """
-    joined, _ = welded(mesh)
+    joined, _ = weld(mesh)
     edges = np.sort(joined.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     unique, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
     ends, faces = joined.vertices[unique[count == 1]], first[count == 1] // 3
     diameter = diameter_of(joined)
     # a little inside the face: rays at the border itself may miss it
     points = 0.9 * ends.mean(1) + 0.1 * joined.vertices[joined.faces[faces]].mean(1)
-    counts = seen_count(points, face_normals(joined)[faces], joined, list(cameras), support_z) >= SEEN_BY
+    counts = count_seeing_views(points, face_normals(joined)[faces], joined, list(cameras), support_z) >= SEEN_BY
     if support_z is not None:
         counts &= points[:, 2] > support_z + UNDERSIDE_DIAMETERS * diameter
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
@@ -53,7 +53,7 @@ def roughness_deg(mesh: Mesh, seed: int = 0) -> float:
 
     The median leaves out edges and folds that the object itself may have.
     """
-    points, faces = sampled(mesh, SAMPLES, np.random.default_rng(seed))
+    points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(seed))
     normals = face_normals(mesh)[faces]
     a, b = cKDTree(points).query_pairs(ROUGHNESS_DIAMETERS * diameter_of(mesh), output_type="ndarray").T
     same_side = np.einsum("ij,ij->i", normals[a], normals[b]) > 0.0

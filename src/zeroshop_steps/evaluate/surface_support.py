@@ -10,8 +10,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.support_classes import MEASURED, area_shares
-from zeroshop_steps.geometry.surface_support import surface_support
+from zeroshop_steps.geometry.support_classes import MEASURED, compute_area_shares
+from zeroshop_steps.geometry.surface_support import classify_surface_support
 from zeroshop_steps.runtime.files import atomic_write, write_json
 from zeroshop_steps.surface.seeds import confirmed_points
 
@@ -29,8 +29,8 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
-    evidence = surface_support(mesh, views, confirmed_points(args.stereo, views))
-    shares = area_shares(replace(mesh, quality=evidence / MEASURED))
+    evidence = classify_surface_support(mesh, views, confirmed_points(args.stereo, views))
+    shares = compute_area_shares(replace(mesh, quality=evidence / MEASURED))
     with atomic_write(args.out) as temporary:
         np.savez_compressed(temporary, evidence=evidence)
     write_json(args.out.with_suffix(".json"), {"area_shares": shares, "seconds": round(time.monotonic() - start_s, 2)})

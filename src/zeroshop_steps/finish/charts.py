@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_fields import neighbour_matrix, smoothed
+from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth
 
 SMOOTHING = 15  # steps over the mesh for the copy that directions are taken from
 LIGHT_SMOOTHING = 2  # steps for the positions that are laid flat: little, so that print stays straight
@@ -29,8 +29,8 @@ def cut(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
         chart: (F,) chart of each face; each chart is connected and, but for folds of a few texels, shown without overlap.
         flat: (F, 3, 2) projected corners, in the mesh's unit.
     """
-    neighbours = neighbour_matrix(mesh)
-    broad = smoothed(mesh.vertices - mesh.vertices.mean(0), neighbours, SMOOTHING).astype(float)
+    neighbours = build_neighbour_matrix(mesh)
+    broad = smooth(mesh.vertices - mesh.vertices.mean(0), neighbours, SMOOTHING).astype(float)
     corners = broad[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
@@ -40,7 +40,7 @@ def cut(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     label = _labels(normals, areas, directions, pairs)
     chart = _connected(label, pairs)
     right, up = _axes(directions)
-    light = smoothed(mesh.vertices - mesh.vertices.mean(0), neighbours, LIGHT_SMOOTHING).astype(float)[mesh.faces]
+    light = smooth(mesh.vertices - mesh.vertices.mean(0), neighbours, LIGHT_SMOOTHING).astype(float)[mesh.faces]
     flat = np.stack([np.einsum("fcj,fj->fc", light, right[label]), np.einsum("fcj,fj->fc", light, up[label])], -1)
     height = np.einsum("fcj,fj->fc", corners, directions[label]).mean(1)
     for layer in range(1, 6):  # what lies behind another part of its chart becomes a chart of its own

@@ -168,7 +168,7 @@ def _trimmed_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
 
 def _seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
     renderer = MeshRenderer(mesh)
-    seen = [hits.face[hits.mask] for hits in (renderer.hits(_small_camera(view)) for view in views)]
+    seen = [hits.face[hits.mask] for hits in (renderer.cast_rays(_small_camera(view)) for view in views)]
     return np.unique(np.concatenate(seen))
 
 
@@ -179,7 +179,7 @@ def _facing_cameras(mesh: Mesh, views: list[View]) -> Mesh:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     balance = 0
     for view in views:
-        hits = renderer.hits(_small_camera(view))
+        hits = renderer.cast_rays(_small_camera(view))
         face = hits.face[hits.mask]
         balance += np.sign(np.einsum("ij,ij->i", normals[face], view.camera.centre_in_world - corners[face, 0])).sum()
     return mesh if balance >= 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())

@@ -49,7 +49,7 @@ def draw(renderer: MeshRenderer, views: list[View], object_from_registration: np
         tile = camera.resized(TILE_PX, TILE_PX)
         interpolation = cv2.INTER_AREA if camera.width_px > TILE_PX else cv2.INTER_CUBIC
         photo = cv2.resize(photo, (TILE_PX, TILE_PX), interpolation=interpolation)
-        columns.append(np.concatenate([photo, renderer.color(tile, (255, 255, 255), 3), renderer.shaded(tile, samples=3)], 0))
+        columns.append(np.concatenate([photo, renderer.render_color(tile, (255, 255, 255), 3), renderer.render_shaded(tile, samples=3)], 0))
     return np.concatenate(columns, 1)
 
 

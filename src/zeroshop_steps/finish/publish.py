@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 from zeroshop_steps.geometry.meshes import read_ply, write_ply
-from zeroshop_steps.geometry.support_classes import area_shares, with_evidence
+from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
@@ -49,8 +49,8 @@ def publish(
     if grade:
         notes["grade"] = read_json(grade)
     if evidence:
-        mesh = with_evidence(mesh, evidence)
-        notes["area_shares"] = area_shares(mesh)
+        mesh = with_surface_support(mesh, evidence)
+        notes["compute_area_shares"] = compute_area_shares(mesh)
     pairs = [(parts[".png"], out.with_suffix(".png")), (parts[".glb"], out.with_suffix(".glb"))]
     pairs += [(preview, out.with_suffix(".preview.png"))] if preview else []
     for source, target in pairs:

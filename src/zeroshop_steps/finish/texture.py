@@ -22,8 +22,8 @@ from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_fields import harmonic_fill, neighbour_matrix, smoothed, welded
-from zeroshop_steps.geometry.visibility import ViewMaps, sample, vertex_quality, view_maps, visible
+from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, weld
+from zeroshop_steps.geometry.visibility import ViewMaps, compute_view_maps, find_visible, rate_vertex_views, sample_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
@@ -57,13 +57,13 @@ def run(args: argparse.Namespace) -> None:
 
 def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
     """Bake a (size, size, 3) uint8 texture for an unwrapped `mesh` in the frame of the views' cameras; see the module's text."""
-    joined, index = welded(mesh)
+    joined, index = weld(mesh)
     extent = float(np.linalg.norm(np.ptp(joined.vertices, axis=0)))
     renderer = MeshRenderer(joined)
-    neighbours = neighbour_matrix(joined)
-    normals = smoothed(joined.normals, neighbours, 2)
+    neighbours = build_neighbour_matrix(joined)
+    normals = smooth(joined.normals, neighbours, 2)
     joined = Mesh(joined.vertices, joined.faces, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
-    maps = [view_maps(view, renderer.hits(view.camera), extent) for view in views]
+    maps = [compute_view_maps(view, renderer.cast_rays(view.camera), extent) for view in views]
     images = [view.image().astype(np.float32) / 255.0 for view in views]
     texels = rasterize(mesh, size)
     if len(texels.face) == 0:
@@ -74,7 +74,7 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
         (texels.barycentric.ravel(), index[mesh.faces[texels.face]].ravel(), np.arange(0, 3 * count + 1, 3)), (count, len(joined.vertices))
     )
 
-    quality = vertex_quality(joined, maps, extent)
+    quality = rate_vertex_views(joined, maps, extent)
     images, gains = _equalised(images, quality, joined, maps)
     broad, corrections = _broad_colors(images, quality, joined, maps, neighbours)
     choice = _choice(quality, neighbours)
@@ -88,10 +88,10 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
             chosen = share > threshold
             use = pending[chosen]
             pixels, depth = view.camera.project(points[use])
-            strength = share[chosen] * sample(view.trust, pixels) * visible(pixels, depth, view.depth, 0.004 * extent)
+            strength = share[chosen] * sample_image(view.trust, pixels) * find_visible(pixels, depth, view.depth, 0.004 * extent)
             use, pixels, strength = use[strength > 0], pixels[strength > 0], strength[strength > 0]
             level = at_texels[use] @ corrections[:, k]
-            color[use] += strength[:, None] * (sample(images[k], pixels) + level)
+            color[use] += strength[:, None] * (sample_image(images[k], pixels) + level)
             weight[use] += strength
     filled = at_texels @ broad
     color = (color + 1e-4 * filled) / (weight + 1e-4)[:, None]
@@ -122,20 +122,20 @@ def _broad_colors(
         mean = np.einsum("vk,vkc->vc", weights, colors) / np.maximum(weights.sum(1), 1e-12)[:, None]
         distance = np.linalg.norm(colors - mean[:, None], axis=2)
         weights = quality / (1.0 + (distance / HIGHLIGHT) ** 2)
-    broad = harmonic_fill(mean, quality.max(1) > 1e-3, neighbours)
+    broad = fill_harmonically(mean, quality.max(1) > 1e-3, neighbours)
     corrections = np.empty_like(colors)
     for k in range(len(maps)):
-        corrections[:, k] = smoothed(mean - colors[:, k], neighbours, LEVEL_SMOOTHING, np.minimum(quality[:, k], 0.05))
+        corrections[:, k] = smooth(mean - colors[:, k], neighbours, LEVEL_SMOOTHING, np.minimum(quality[:, k], 0.05))
     return broad, corrections
 
 
 def _vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:
     blurred = (cv2.GaussianBlur(image, (0, 0), 1.5) for image in images)
-    return np.stack([sample(image, view.camera.project(mesh.vertices)[0]) for image, view in zip(blurred, maps, strict=True)], 1)
+    return np.stack([sample_image(image, view.camera.project(mesh.vertices)[0]) for image, view in zip(blurred, maps, strict=True)], 1)
 
 
 def _choice(quality: np.ndarray, neighbours) -> np.ndarray:
     """(V, K) share of each photo in a vertex's detail: a sharp but smooth vote for the best one."""
-    smooth = smoothed(quality, neighbours, QUALITY_SMOOTHING)
-    share = (smooth / np.maximum(smooth.max(1, keepdims=True), 1e-12)) ** SELECT_POWER
+    calm = smooth(quality, neighbours, QUALITY_SMOOTHING)
+    share = (calm / np.maximum(calm.max(1, keepdims=True), 1e-12)) ** SELECT_POWER
     return share / np.maximum(share.sum(1, keepdims=True), 1e-12)

@@ -10,7 +10,7 @@ import xatlas
 
 from zeroshop_steps.finish.charts import cut
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
-from zeroshop_steps.geometry.surface_fields import welded
+from zeroshop_steps.geometry.surface_fields import weld
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
@@ -48,7 +48,7 @@ def unwrap_mesh(mesh: Mesh, texture_size: int) -> tuple[Mesh, int]:
         mesh: seam-split mesh with `uv` in [0, 1] and normals that are shared across seams.
         charts: number of charts.
     """
-    mesh, _ = welded(mesh)
+    mesh, _ = weld(mesh)
     chart, flat = cut(mesh)
     # one vertex for each pair of place and chart
     keys, split = np.unique(chart[:, None] * len(mesh.vertices) + mesh.faces, return_inverse=True)

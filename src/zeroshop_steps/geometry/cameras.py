@@ -122,7 +122,7 @@ def write_cameras(folder: Path, cameras: tuple[Camera, ...] | list[Camera]) -> N
     reconstruction.write_binary(str(folder))
 
 
-def paired_with_truth(registered: Iterable[Camera], truth: Iterable[Camera]) -> list[tuple[Camera, Camera]]:
+def pair_with_truth(registered: Iterable[Camera], truth: Iterable[Camera]) -> list[tuple[Camera, Camera]]:
     """Registered cameras with the true ones whose images have the same stem. Raises StepError below three, too few to align by."""
     true_cameras = {Path(camera.name).stem: camera for camera in truth}
     pairs = [(camera, true_cameras[stem]) for camera in registered if (stem := Path(camera.name).stem) in true_cameras]
@@ -134,13 +134,13 @@ def paired_with_truth(registered: Iterable[Camera], truth: Iterable[Camera]) -> 
     return pairs
 
 
-def similarity_to_truth(pairs: Iterable[tuple[Camera, Camera]]) -> np.ndarray:
+def align_to_truth(pairs: Iterable[tuple[Camera, Camera]]) -> np.ndarray:
     """The (4, 4) similarity truth_from_registration of such pairs, by their centres."""
     source, target = (np.array([camera.centre_in_world for camera in cameras]) for cameras in zip(*pairs, strict=True))
-    return similarity_between(source, target)
+    return fit_similarity(source, target)
 
 
-def similarity_between(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+def fit_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """The (4, 4) similarity target_from_source that best maps (N, 3) source to target points (Umeyama 1991, least squares)."""
     source_mean, target_mean = source.mean(0), target.mean(0)
     source_centred, target_centred = source - source_mean, target - target_mean

@@ -30,7 +30,7 @@ class ObjectSphere:
         return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, camera_from_world)
 
 
-def object_sphere(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> ObjectSphere:
+def fit_object_sphere(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> ObjectSphere:
     """Centre: the point nearest, in the least-squares sense, to the rays through the masks' box centres.
     Radius: large enough for the largest half diagonal of a mask's box, back-projected to the centre's depth."""
     matrix, vector = np.zeros((3, 3)), np.zeros(3)
@@ -88,7 +88,7 @@ def crop(camera: Camera, mask: np.ndarray, sphere: ObjectSphere, image_width_px:
     return Crop(small, (width_px, height_px), window, coverage[window], active[window])
 
 
-def seed_crop(camera: Camera, mask: np.ndarray, sphere: ObjectSphere) -> Crop:
+def crop_for_seeds(camera: Camera, mask: np.ndarray, sphere: ObjectSphere) -> Crop:
     """The crop in which stereo looks for seeds: of the image's full size, if that is moderate."""
     return crop(camera, mask, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
 

@@ -11,7 +11,7 @@ from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 
 @dataclass(frozen=True)
-class Hits:
+class RayHits:
     """What the rays through the pixel centres meet first.
 
     Attributes:
@@ -37,7 +37,7 @@ class MeshRenderer:
         self.mesh = mesh
         self.scene = ray_caster((mesh.vertices, mesh.faces))
 
-    def hits(self, camera: Camera) -> Hits:
+    def cast_rays(self, camera: Camera) -> RayHits:
         """Cast one ray through each pixel centre of `camera`, but for those that pass far from the mesh."""
         shape = (camera.height_px, camera.width_px)
         face, depth = np.full(shape, -1, np.int64), np.zeros(shape, np.float32)
@@ -53,7 +53,7 @@ class MeshRenderer:
             face[window] = np.where(hit, answer["primitive_ids"].numpy().astype(np.int64), -1)
             depth[window] = np.where(hit, distance, 0.0)
             barycentric[window] = answer["primitive_uvs"].numpy()
-        return Hits(face, barycentric, depth)
+        return RayHits(face, barycentric, depth)
 
     def _around_mesh(self, camera: Camera) -> tuple[tuple[slice, slice], Camera]:
         """Rows and columns of the pixels that may see the mesh, and the camera of these alone."""
@@ -69,11 +69,11 @@ class MeshRenderer:
         window = (slice(first[1], last[1]), slice(first[0], last[0]))
         return window, Camera(camera.name, width_px, height_px, intrinsics, camera.camera_from_world)
 
-    def color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
+    def render_color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
         """Unlit textured render as (height, width, 3) uint8 sRGB, antialiased over `samples` x `samples` rays a pixel."""
         return _over(background, *self._averaged(camera, self._texture_color, samples))
 
-    def masked_color(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    def render_masked_color(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
         """Unlit textured render with a hard silhouette, as a photo cut out by its mask.
 
         Returns:
@@ -84,12 +84,12 @@ class MeshRenderer:
         mask = coverage >= 0.5
         return np.clip(np.rint(np.where(mask[..., None], color, 0.0)), 0, 255).astype(np.uint8), mask
 
-    def cut_out(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    def render_cut_out(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
         """Unlit textured render as (height, width, 3) uint8 sRGB, and (height, width) uint8 opacity."""
         color, coverage = self._averaged(camera, self._texture_color, samples)
         return np.clip(np.rint(color), 0, 255).astype(np.uint8), np.rint(coverage * 255).astype(np.uint8)
 
-    def shaded(self, camera: Camera, background: tuple[int, int, int] = (255, 255, 255), samples: int = 2) -> np.ndarray:
+    def render_shaded(self, camera: Camera, background: tuple[int, int, int] = (255, 255, 255), samples: int = 2) -> np.ndarray:
         """Grey render lit from the camera, which shows the shape alone, as (height, width, 3) uint8."""
         return _over(background, *self._averaged(camera, self._shade, samples))
 
@@ -100,7 +100,7 @@ class MeshRenderer:
         window, cropped = self._around_mesh(camera)
         if coverage[window].size:
             fine = cropped.resized(cropped.width_px * samples, cropped.height_px * samples)
-            hits = self.hits(fine)
+            hits = self.cast_rays(fine)
             image = np.zeros((fine.height_px, fine.width_px, 3), np.float32)
             image[hits.mask] = shade(fine, hits)
             shape = (cropped.height_px, samples, cropped.width_px, samples)
@@ -108,12 +108,12 @@ class MeshRenderer:
             color[window] = image.reshape(*shape, 3).mean((1, 3)) / np.maximum(coverage[window], 1e-6)[..., None]
         return color, coverage
 
-    def _texture_color(self, camera: Camera, hits: Hits) -> np.ndarray:
+    def _texture_color(self, camera: Camera, hits: RayHits) -> np.ndarray:
         if self.mesh.uv is None or self.mesh.texture is None:
             return np.full((int(hits.mask.sum()), 3), 190.0)
         return sample_texture(self.mesh.texture, self._interpolate(self.mesh.uv, hits))
 
-    def _shade(self, camera: Camera, hits: Hits) -> np.ndarray:
+    def _shade(self, camera: Camera, hits: RayHits) -> np.ndarray:
         corners = self.mesh.vertices[self.mesh.faces[hits.face[hits.mask]]]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         towards = camera.centre_in_world - corners.mean(1)
@@ -123,7 +123,7 @@ class MeshRenderer:
         back_tint = np.where(cosine[:, None] < 0, [1.0, 0.4, 0.4], 1.0)  # a face seen from behind shows red
         return np.where(cosine < 0, 60.0 - 120.0 * cosine, front)[:, None] * back_tint
 
-    def _interpolate(self, values: np.ndarray, hits: Hits) -> np.ndarray:
+    def _interpolate(self, values: np.ndarray, hits: RayHits) -> np.ndarray:
         corners = values[self.mesh.faces[hits.face[hits.mask]]]
         second, third = hits.barycentric[hits.mask].T[:, :, None]
         return corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third

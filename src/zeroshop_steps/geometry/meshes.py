@@ -101,7 +101,7 @@ def read_ply(path: Path) -> Mesh:
         return np.stack([np.asarray(data[key], float).reshape(-1) for key in keys], 1) if set(keys) <= set(names) else None
 
     uv = columns("texture_u", "texture_v")
-    texture_name = texture_file_of(path)
+    texture_name = read_texture_name(path)
     texture = read_image(path.parent / texture_name) if texture_name and uv is not None else None
     quality = columns("quality")
     return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture, None if quality is None else quality[:, 0])
@@ -172,7 +172,7 @@ def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
         temporary.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
 
 
-def texture_file_of(path: Path) -> str | None:
+def read_texture_name(path: Path) -> str | None:
     """The texture that a PLY's `TextureFile` comment names, or None."""
     with open(path, "rb") as file:
         for raw in file:

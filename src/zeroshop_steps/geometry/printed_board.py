@@ -91,12 +91,12 @@ BOARDS = {
 
 def write_pdf(board: Board, path: Path) -> None:
     """Write the board as a vector PDF of the paper's exact size, with a ruler line to check the print by."""
-    figure = sheet(board)
+    figure = draw_sheet(board)
     with matplotlib.rc_context({"pdf.fonttype": 42}), atomic_write(path) as temporary:
         FigureCanvasPdf(figure).print_pdf(temporary, metadata={"CreationDate": None, "Title": f"ZeroShOP board {board.name}"})
 
 
-def sheet(board: Board) -> Figure:
+def draw_sheet(board: Board) -> Figure:
     """The sheet as a figure whose unit is the millimetre."""
     width, height = board.paper_mm
     figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH))
@@ -120,7 +120,7 @@ def sheet(board: Board) -> Figure:
     return figure
 
 
-def drawn(board: Board, texels_per_mm: float, margin_mm: float) -> np.ndarray:
+def draw_board(board: Board, texels_per_mm: float, margin_mm: float) -> np.ndarray:
     """(height, width) float32 picture of the board with a white margin: 0 black, 1 white, edges as exact shares of a texel."""
     size = np.ceil((np.array(board.size_mm) + 2 * margin_mm) * texels_per_mm).astype(int)
     picture = np.ones((size[1], size[0]), np.float32)

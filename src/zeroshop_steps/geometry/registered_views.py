@@ -59,7 +59,7 @@ def read_views(folder: Path, images: str = "images", masks: str = "masks", spars
     return views, model
 
 
-def object_masks(views: Sequence[View]) -> list[np.ndarray]:
+def read_object_masks(views: Sequence[View]) -> list[np.ndarray]:
     """The views' masks. Raises StepError naming one that shows no object."""
     masks = [view.mask() for view in views]
     for view, mask in zip(views, masks, strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import up_from_roll
+from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 
 TRIALS = 3000
@@ -18,7 +18,7 @@ MIN_INLIERS = 40
 
 
 @dataclass(frozen=True)
-class Stand:
+class SceneSupport:
     """The focus of the cameras and the plane that holds the object.
 
     Attributes:
@@ -51,7 +51,7 @@ class Stand:
         return np.stack([first, np.cross(self.normal, first)])
 
 
-def find_stand(model: SparseModel, views: list[View], seed: int = 0) -> Stand:
+def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> SceneSupport:
     """Fit the plane among the sparse points around the focus.
 
     RANSAC (Fischler and Bolles 1981), then total least squares of the inliers. A candidate's score are the points on it less
@@ -60,7 +60,7 @@ def find_stand(model: SparseModel, views: list[View], seed: int = 0) -> Stand:
     Raises:
         StepError: no plane under what the cameras look at.
     """
-    focus = focus_of(list(model.cameras))
+    focus = find_focus(list(model.cameras))
     centres = np.array([camera.centre_in_world for camera in model.cameras])
     distance = float(np.median(np.linalg.norm(centres - focus, axis=1)))
     near = model.points[np.linalg.norm(model.points - focus, axis=1) < NEAR_DISTANCES * distance]
@@ -70,7 +70,7 @@ def find_stand(model: SparseModel, views: list[View], seed: int = 0) -> Stand:
     )
     if len(near) < MIN_INLIERS:
         raise fault
-    up, _ = up_from_roll(views)
+    up, _ = estimate_up_from_roll(views)
     rng = np.random.default_rng(seed)
     threshold = THRESHOLD_DISTANCES * distance
     best, best_score = None, 0.0
@@ -98,10 +98,10 @@ def find_stand(model: SparseModel, views: list[View], seed: int = 0) -> Stand:
     inliers = int((np.abs(near @ normal - offset) < threshold).sum())
     if inliers < MIN_INLIERS:
         raise fault
-    return Stand(normal, offset, focus, distance, inliers)
+    return SceneSupport(normal, offset, focus, distance, inliers)
 
 
-def focus_of(cameras: list[Camera]) -> np.ndarray:
+def find_focus(cameras: list[Camera]) -> np.ndarray:
     """(3,) the point nearest to all optical axes, by least absolute distances, so that a few stray looks do not move it."""
     centres = np.array([camera.centre_in_world for camera in cameras])
     axes = np.array([camera.camera_from_world[2, :3] for camera in cameras])

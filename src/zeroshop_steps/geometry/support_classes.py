@@ -12,7 +12,7 @@ UNSEEN, ASSUMED, MEASURED = 0, 1, 2
 NAMES = ("unseen", "assumed", "measured")
 
 
-def with_evidence(mesh: Mesh, path: Path) -> Mesh:
+def with_surface_support(mesh: Mesh, path: Path) -> Mesh:
     """The mesh with what the step `evidence` wrote of it as its quality.
 
     Raises:
@@ -28,7 +28,7 @@ def with_evidence(mesh: Mesh, path: Path) -> Mesh:
     return replace(mesh, quality=evidence / MEASURED)
 
 
-def area_shares(mesh: Mesh) -> dict[str, float]:
+def compute_area_shares(mesh: Mesh) -> dict[str, float]:
     """The share of the surface with each evidence, by name, of a mesh with quality."""
     area, quality = mesh.face_areas(), mesh.quality[mesh.faces]
     return {name: round(float(area @ (quality * MEASURED == kind).mean(1) / area.sum()), 5) for kind, name in enumerate(NAMES)}

@@ -34,7 +34,7 @@ class SupportPlane:
     normal_deviation_deg: float
 
 
-def background_points(points: np.ndarray, views: list[View]) -> np.ndarray:
+def find_background_points(points: np.ndarray, views: list[View]) -> np.ndarray:
     """(P,) bool: sparse points that fall outside the masks, hence are not on the object.
 
     A point behind the object falls inside some masks, so a quarter of the views that hold it is enough.
@@ -70,7 +70,7 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
     rng = np.random.default_rng(seed)
     vertices = vertices[rng.choice(len(vertices), min(2000, len(vertices)), replace=False)]
     cameras = np.array([view.camera.centre_in_world for view in views])
-    up, certainty = up_from_roll(views)
+    up, certainty = estimate_up_from_roll(views)
     best: dict[bool, tuple[np.ndarray, float]] = {}
     best_score = {True: 0.0, False: 0.0}
     for _ in range(TRIALS):
@@ -91,7 +91,7 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
     return _refined(*best[upright], near, centre, diagonal)
 
 
-def up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
+def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     """Up as the axis most orthogonal to all cameras' x axes, signed by their mean -y axis: photographers hold cameras level.
 
     Returns:

@@ -43,7 +43,7 @@ class SurfaceError:
         return float(2 * precision * recall / max(precision + recall, 1e-12))
 
 
-def surface_error(mesh: Mesh, truth: Mesh, cameras: list[Camera], support_z_mm: float | None, seed: int = 0) -> SurfaceError:
+def measure_surface_error(mesh: Mesh, truth: Mesh, cameras: list[Camera], support_z_mm: float | None, seed: int = 0) -> SurfaceError:
     """Compare `mesh` with `truth`, both in the true frame in mm.
 
     Args:
@@ -54,16 +54,16 @@ def surface_error(mesh: Mesh, truth: Mesh, cameras: list[Camera], support_z_mm: 
         seed: of the samples.
     """
     rng = np.random.default_rng(seed)
-    points, faces = sampled(mesh, SAMPLES, rng)
+    points, faces = sample_surface(mesh, SAMPLES, rng)
     distance, nearest = _nearest(truth, points)
     cosine = np.einsum("ij,ij->i", face_normals(mesh)[faces], face_normals(truth)[nearest])
-    true_points, true_faces = sampled(truth, SAMPLES, rng)
-    seen = seen_count(true_points, face_normals(truth)[true_faces], truth, cameras, support_z_mm) >= SEEN_BY
+    true_points, true_faces = sample_surface(truth, SAMPLES, rng)
+    seen = count_seeing_views(true_points, face_normals(truth)[true_faces], truth, cameras, support_z_mm) >= SEEN_BY
     to_mesh, _ = _nearest(mesh, true_points[seen])
     return SurfaceError(distance, to_mesh, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), float(seen.mean()))
 
 
-def sampled(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """(count, 3) points spread evenly over the surface and (count,) their faces."""
     corners = mesh.vertices[mesh.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -73,7 +73,9 @@ def sampled(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarra
     return (1 - root) * a + root * (1 - second) * b + root * second * c, faces
 
 
-def seen_count(points: np.ndarray, normals: np.ndarray, truth: Mesh, cameras: list[Camera], support_z_mm: float | None) -> np.ndarray:
+def count_seeing_views(
+    points: np.ndarray, normals: np.ndarray, truth: Mesh, cameras: list[Camera], support_z_mm: float | None
+) -> np.ndarray:
     """(N,) number of cameras that see each surface point: in the image, facing, and not hidden by the object or its support."""
     scene = ray_caster((truth.vertices, truth.faces))
     count = np.zeros(len(points), int)
@@ -90,7 +92,7 @@ def seen_count(points: np.ndarray, normals: np.ndarray, truth: Mesh, cameras: li
     return count
 
 
-def distances_to(mesh: Mesh, points: np.ndarray) -> np.ndarray:
+def measure_distances(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     """(N,) distances of (N, 3) points to the surface of `mesh`, in its unit."""
     return _nearest(mesh, points)[0]
 

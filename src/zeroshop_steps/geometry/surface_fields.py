@@ -7,7 +7,7 @@ from scipy.sparse.linalg import cg
 from zeroshop_steps.geometry.meshes import Mesh
 
 
-def welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
+def weld(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     """Join vertices of equal position, which texture seams split.
 
     Returns:
@@ -19,7 +19,7 @@ def welded(mesh: Mesh) -> tuple[Mesh, np.ndarray]:
     return Mesh(vertices, index[mesh.faces]).with_normals(), index
 
 
-def neighbour_matrix(mesh: Mesh) -> csr_matrix:
+def build_neighbour_matrix(mesh: Mesh) -> csr_matrix:
     """(V, V) adjacency over edges, each vertex its own neighbour too."""
     a, b, c = mesh.faces.T
     start, end = np.r_[a, b, c, b, c, a], np.r_[b, c, a, a, b, c]
@@ -29,7 +29,7 @@ def neighbour_matrix(mesh: Mesh) -> csr_matrix:
     return (matrix + diags(np.ones(size, np.float32))).tocsr().astype(np.float32)
 
 
-def smoothed(values: np.ndarray, neighbours: csr_matrix, steps: int, weights: np.ndarray | None = None) -> np.ndarray:
+def smooth(values: np.ndarray, neighbours: csr_matrix, steps: int, weights: np.ndarray | None = None) -> np.ndarray:
     """Average (V, C) values over neighbours `steps` times; with (V,) or (V, C) weights, by normalised convolution.
 
     Where no weight is near, the result is 0.
@@ -42,7 +42,7 @@ def smoothed(values: np.ndarray, neighbours: csr_matrix, steps: int, weights: np
     return np.where(norm > 1e-8, total / np.maximum(norm, 1e-8), 0.0).astype(np.float32)
 
 
-def harmonic_fill(values: np.ndarray, known: np.ndarray, neighbours: csr_matrix) -> np.ndarray:
+def fill_harmonically(values: np.ndarray, known: np.ndarray, neighbours: csr_matrix) -> np.ndarray:
     """Fill (V, C) values where (V,) `known` is False with the smoothest surface field through the known ones.
 
     Parts without any known vertex get the mean of the known values.

@@ -7,7 +7,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.mesh_rendering import sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_distance import face_normals, sampled
+from zeroshop_steps.geometry.surface_distance import face_normals, sample_surface
 
 BLUR_SHARE = 0.004  # of the texture's width: print finer than the sampling tells nothing
 
@@ -31,9 +31,9 @@ class SurfacePoints:
         return SurfacePoints(self.points[:count], self.normals[:count], None if self.colors is None else self.colors[:count])
 
 
-def surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfacePoints:
+def sample_surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfacePoints:
     """Sample a mesh evenly by area."""
-    points, faces = sampled(mesh, count, rng)
+    points, faces = sample_surface(mesh, count, rng)
     colors = None
     if mesh.uv is not None and mesh.texture is not None:
         corners = mesh.faces[faces]

@@ -20,8 +20,8 @@ from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN
-from zeroshop_steps.geometry.surface_fields import neighbour_matrix, smoothed, welded
-from zeroshop_steps.geometry.visibility import sample, visible
+from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
+from zeroshop_steps.geometry.visibility import find_visible, sample_image
 from zeroshop_steps.runtime.open3d_loader import o3d
 
 NEAR_DIAMETERS = 0.015
@@ -34,7 +34,7 @@ NORMAL_SMOOTHING = 3
 LEAST_VIEWS = 2
 
 
-def surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.ndarray:
+def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.ndarray:
     """(V,) uint8 UNSEEN, ASSUMED or MEASURED.
 
     Args:
@@ -42,8 +42,8 @@ def surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) ->
         views: registered photos with masks.
         confirmed: (N, 3) points that stereo confirmed, same frame.
     """
-    joined, index = welded(mesh)
-    normals = smoothed(joined.normals, neighbour_matrix(joined), NORMAL_SMOOTHING)
+    joined, index = weld(mesh)
+    normals = smooth(joined.normals, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     diameter, points, renderer = diameter_of(joined), joined.vertices, MeshRenderer(joined)
     outlined, confirmed_near = np.zeros(len(points), bool), np.zeros(len(points), bool)
@@ -57,20 +57,20 @@ def surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) ->
         towards = camera.centre_in_world - points
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         cosine = np.einsum("ij,ij->i", normals, towards)
-        in_sight = visible(pixels, depth, renderer.hits(camera).depth, VISIBLE_DIAMETERS * diameter)
+        in_sight = find_visible(pixels, depth, renderer.cast_rays(camera).depth, VISIBLE_DIAMETERS * diameter)
         seen += in_sight & (cosine > FACING_COSINE)
         mask = view.mask().astype(np.uint8)
-        inwards_px = sample(cv2.distanceTransform(mask, cv2.DIST_L2, 5), pixels)
+        inwards_px = sample_image(cv2.distanceTransform(mask, cv2.DIST_L2, 5), pixels)
         edge_px = EDGE_DIAMETERS * diameter * camera.intrinsics[0, 0] / np.maximum(depth, 1e-12)
         at_edge = np.flatnonzero(in_sight & ~outlined & (np.abs(cosine) < EDGE_COSINE) & (inwards_px < edge_px))
         step = ALONG_DIAMETERS * diameter * towards[at_edge]
         off = [surface.compute_distance(o3d.core.Tensor((points[at_edge] + way).astype(np.float32))).numpy() for way in (step, -step)]
         outlined[at_edge] = np.maximum(*off) > FLAT_DIAMETERS * diameter
-    measured = _reached(outlined, (outlined | confirmed_near) & (seen > 0), joined.faces)
+    measured = _grow_within(outlined, (outlined | confirmed_near) & (seen > 0), joined.faces)
     return np.where(measured, MEASURED, np.where(seen >= LEAST_VIEWS, ASSUMED, UNSEEN)).astype(np.uint8)[index]
 
 
-def _reached(starts: np.ndarray, within: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def _grow_within(starts: np.ndarray, within: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(V,) bool, the vertices `within` that hang together with any of `starts` by edges inside of it."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = edges[within[edges].all(1)]

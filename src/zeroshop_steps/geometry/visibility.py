@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import Hits
+from zeroshop_steps.geometry.mesh_rendering import RayHits
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
 
@@ -31,7 +31,7 @@ class ViewMaps:
     trust: np.ndarray
 
 
-def view_maps(view: View, hits: Hits, extent: float) -> ViewMaps:
+def compute_view_maps(view: View, hits: RayHits, extent: float) -> ViewMaps:
     """Measure each pixel's distance to the nearest edge that geometry errors could shift.
 
     Args:
@@ -40,7 +40,7 @@ def view_maps(view: View, hits: Hits, extent: float) -> ViewMaps:
         extent: size of the object in the same unit, the scale for depth steps.
     """
     inner = view.mask() & hits.mask
-    inner &= ~_depth_steps(hits.depth, 0.01 * extent)
+    inner &= ~_find_depth_steps(hits.depth, 0.01 * extent)
     inner[[0, -1]] = inner[:, [0, -1]] = False
     distance = cv2.distanceTransform(inner.astype(np.uint8), cv2.DIST_L2, 5)
     trust = np.clip((distance - ERODE_PX) / FEATHER_PX, 0.0, 1.0)
@@ -48,20 +48,20 @@ def view_maps(view: View, hits: Hits, extent: float) -> ViewMaps:
     return ViewMaps(view.camera, hits.depth, trust.astype(np.float32))
 
 
-def vertex_quality(mesh: Mesh, maps: list[ViewMaps], extent: float) -> np.ndarray:
+def rate_vertex_views(mesh: Mesh, maps: list[ViewMaps], extent: float) -> np.ndarray:
     """(V, K) how well view k sees vertex v: trust x cosine^2 x sharpness (pixels a unit length, best view = 1); 0 where hidden."""
     quality = np.zeros((len(mesh.vertices), len(maps)), np.float32)
     for k, view in enumerate(maps):
         pixels, depth = view.camera.project(mesh.vertices)
         towards = view.camera.centre_in_world - mesh.vertices
         cosine = np.einsum("ij,ij->i", mesh.normals, towards) / np.linalg.norm(towards, axis=1)
-        seen = visible(pixels, depth, view.depth, 0.004 * extent) & (cosine > MIN_COSINE)
-        trust = sample(view.trust, pixels)
+        seen = find_visible(pixels, depth, view.depth, 0.004 * extent) & (cosine > MIN_COSINE)
+        trust = sample_image(view.trust, pixels)
         quality[:, k] = seen * trust * cosine**2 * (view.camera.intrinsics[0, 0] / np.maximum(depth, 1e-12))
     return quality / max(float(quality.max()), 1e-30)
 
 
-def visible(pixels: np.ndarray, depth: np.ndarray, depth_map: np.ndarray, tolerance: float) -> np.ndarray:
+def find_visible(pixels: np.ndarray, depth: np.ndarray, depth_map: np.ndarray, tolerance: float) -> np.ndarray:
     """(N,) bool: points at (N, 2) `pixels` and `depth` are at no neighbouring pixel behind the mesh by more than `tolerance`."""
     height, width = depth_map.shape
     x, y = np.floor(np.nan_to_num(pixels, nan=-9.0, posinf=-9.0, neginf=-9.0) - 0.5).astype(np.int64).T
@@ -71,7 +71,7 @@ def visible(pixels: np.ndarray, depth: np.ndarray, depth_map: np.ndarray, tolera
     return inside & (farthest > 0) & (depth <= farthest + tolerance)
 
 
-def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def sample_image(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Bilinear look-up at (N, 2) pixel positions (pixel (0, 0)'s centre is (0.5, 0.5)); (N,) or (N, C) float32, 0 outside."""
     rows = max(1, -(-len(pixels) // 16384))
     padded = np.full((2, rows * 16384), -9.0, np.float32)
@@ -81,7 +81,7 @@ def sample(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return sampled.reshape((rows * 16384,) + image.shape[2:])[: len(pixels)]
 
 
-def _depth_steps(depth: np.ndarray, step: float) -> np.ndarray:
+def _find_depth_steps(depth: np.ndarray, step: float) -> np.ndarray:
     """(height, width) bool: the pixel is on the far side of an occlusion edge: a neighbour is nearer by more than a slope explains."""
     filled = np.where(depth > 0, depth, np.float32(depth.max() if depth.size else 0.0) + 10 * step)
     nearest = cv2.erode(filled, np.ones((3, 3), np.uint8))

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from zeroshop_steps.geometry.cameras import Camera
 
 
-def inside_all_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray], misses_allowed: int = 0) -> np.ndarray:
+def find_inside_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray], misses_allowed: int = 0) -> np.ndarray:
     """(P,) bool: which (P, 3) points project into the masks, (H, W) bool, of all cameras but `misses_allowed`.
 
     A point outside an image says nothing about that camera's mask unless the mask is a crop, as here: it counts as a miss.
@@ -39,7 +39,7 @@ class VisualHull:
     def carve(cameras: list[Camera], masks: list[np.ndarray], half_extent: float, resolution: int, misses_allowed: int = 0) -> "VisualHull":
         """Keep the voxels, `resolution` along each edge, whose centres lie inside the masks."""
         grid = voxel_centres(half_extent, resolution)
-        return VisualHull(inside_all_masks(grid, cameras, masks, misses_allowed).reshape((resolution,) * 3), half_extent)
+        return VisualHull(find_inside_masks(grid, cameras, masks, misses_allowed).reshape((resolution,) * 3), half_extent)
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
         """(P, 3) centres of the outermost voxels and (P, 3) their outward unit normals, from the smoothed occupancy's gradient."""

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import similarity_between
+from zeroshop_steps.geometry.cameras import fit_similarity
 from zeroshop_steps.geometry.printed_board import Board
 from zeroshop_steps.height.board_photos import BoardView
 from zeroshop_steps.runtime.errors import StepError
@@ -99,7 +99,7 @@ def _robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Least squares, again without what lies three times as far off as the median, until that settles."""
     kept = np.ones(len(source), bool)
     for _ in range(10):
-        similarity = similarity_between(source[kept], target[kept])
+        similarity = fit_similarity(source[kept], target[kept])
         errors = np.linalg.norm(source @ similarity[:3, :3].T + similarity[:3, 3] - target, axis=1)
         closer = errors <= 3.0 * np.median(errors) + 1e-12
         if closer.sum() < 4 or (closer == kept).all():

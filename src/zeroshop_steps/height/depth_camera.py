@@ -14,7 +14,7 @@ import pycolmap
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
+from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.register.undistort import undistortion_map
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -42,15 +42,15 @@ def run(args: argparse.Namespace) -> None:
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     else_wrong = "the depth images have another unit (height.depth_camera.step_mm)"
     write_height(
-        args, "depth_camera", lambda subject: scale_of(subject, MeshRenderer(mesh), diagonal, args.depth, args.step_mm), else_wrong
+        args, "depth_camera", lambda registered: scale_of(registered, MeshRenderer(mesh), diagonal, args.depth, args.step_mm), else_wrong
     )
 
 
-def scale_of(subject: Subject, renderer: MeshRenderer, diagonal: float, folder: Path, step_mm: float) -> Scale:
+def scale_of(registered: RegisteredObject, renderer: MeshRenderer, diagonal: float, folder: Path, step_mm: float) -> Scale:
     """The scale that the depth images agree on.
 
     Args:
-        subject: with the registered views.
+        registered: with the registered views.
         renderer: of the mesh in their frame.
         diagonal: of the mesh's box, in its unit.
         folder: of the depth images.
@@ -61,17 +61,17 @@ def scale_of(subject: Subject, renderer: MeshRenderer, diagonal: float, folder: 
     """
     if not folder.is_dir():
         raise StepError(f"the folder of depth images {folder} does not exist")
-    files = depth_files(subject, folder)
+    files = depth_files(registered, folder)
     if len(files) < LEAST_IMAGES:
         raise StepError(
-            f"{folder} has depth images for {len(files)} of the {len(subject.views)} registered photos, {LEAST_IMAGES} are needed; each "
+            f"{folder} has depth images for {len(files)} of the {len(registered.views)} registered photos, {LEAST_IMAGES} are needed; each "
             "is named like its photo, but .png"
         )
-    to_pinhole = _undistortion(subject)
+    to_pinhole = _undistortion(registered)
     ratios, off = {}, {}
     for view, path in files:
         measured_mm = to_pinhole(read_depth(path, view)) * step_mm
-        depth = renderer.hits(view.camera).depth
+        depth = renderer.cast_rays(view.camera).depth
         inside = cv2.erode((view.mask() & (depth > 0)).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2), borderValue=0) > 0
         inside &= measured_mm > 0
         if inside.sum() < LEAST_PIXELS:
@@ -96,14 +96,14 @@ def scale_of(subject: Subject, renderer: MeshRenderer, diagonal: float, folder: 
     return Scale("depth_camera", scale_mm / 1000.0, spread / np.sqrt(len(values)), evidence)
 
 
-def depth_files(subject: Subject, folder: Path) -> list[tuple[View, Path]]:
+def depth_files(registered: RegisteredObject, folder: Path) -> list[tuple[View, Path]]:
     """Each view's depth image, where there is one, named like the user's photo. Raises StepError for a video."""
-    facts = read_json(subject.capture / "capture.json")
+    facts = read_json(registered.capture / "capture.json")
     if "source_frames" in facts:
-        raise StepError(f"depth images belong to photos, and {subject.capture} comes from a video: export the colour images as photos, too")
+        raise StepError(f"depth images belong to photos, and {registered.capture} comes from a video: export the colour images as photos")
     names = facts.get("source_names")
     found = []
-    for view in subject.views:
+    for view in registered.views:
         stem = Path(view.camera.name).stem
         path = folder / f"{Path(names[int(stem)]).stem if names else stem}.png"
         if path.is_file():
@@ -135,9 +135,9 @@ def _check_unit(path: Path, median_mm: float, step_mm: float) -> None:
         )
 
 
-def _undistortion(subject: Subject):
+def _undistortion(registered: RegisteredObject):
     """What moves a depth image, aligned with the photo as it was taken, to the undistorted photo."""
-    record = subject.cameras / "registration.json"
+    record = registered.cameras / "registration.json"
     lens = read_json(record).get("lens") if record.is_file() else None
     if not lens:
         return lambda depth: depth

@@ -2,7 +2,7 @@
 
 import argparse
 
-from zeroshop_steps.height.record import RULER_M, Scale, Subject, add_common_arguments, write_height
+from zeroshop_steps.height.record import RULER_M, RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.runtime.errors import StepError
 
 
@@ -16,12 +16,12 @@ def run(args: argparse.Namespace) -> None:
     write_height(args, "known", scale_of)
 
 
-def scale_of(subject: Subject) -> Scale:
+def scale_of(registered: RegisteredObject) -> Scale:
     """The scale that gives the object its known height. Raises StepError where none is given."""
-    if subject.known_height_m is None:
+    if registered.known_height_m is None:
         raise StepError(
-            f"no height is given, and {subject.capture / 'capture.json'} has no known_height_m; give the height in metres as height_m,"
+            f"no height is given, and {registered.capture / 'capture.json'} has no known_height_m; give the height in metres as height_m,"
             " or use another height_method"
         )
-    height_m, extent = subject.known_height_m, subject.standing.extent
+    height_m, extent = registered.known_height_m, registered.pose.extent
     return Scale("known_height", height_m / extent, RULER_M / height_m, {"known_height_m": height_m})

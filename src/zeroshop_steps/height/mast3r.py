@@ -15,7 +15,7 @@ import torch
 
 from zeroshop_steps.geometry.images import list_images
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.height.record import Scale, Subject, add_common_arguments, write_height
+from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.networks.devices import DEVICES, chosen_device
 from zeroshop_steps.networks.mast3r.alignment import Alignment, align
 from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
@@ -59,22 +59,22 @@ def run(args: argparse.Namespace) -> None:
     write_height(args, "mast3r", measure, "the network takes the object for another one of another size")
 
 
-def scale_of(subject: Subject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], Predictor]) -> Scale:
+def scale_of(registered: RegisteredObject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], Predictor]) -> Scale:
     """The scale that the network gives: its metres beside the registration's units, where the registration has points.
 
     Args:
-        subject: what is measured.
+        registered: what is measured.
         scene_photos: of the empty scene.
         predictor: gives the network for photos.
 
     Raises:
         StepError: photos match none of the others, or the registration has too few points in them.
     """
-    chosen = object_views(subject.views, OBJECT_VIEWS if scene_photos else OBJECT_VIEWS + SCENE_VIEWS)
+    chosen = object_views(registered.views, OBJECT_VIEWS if scene_photos else OBJECT_VIEWS + SCENE_VIEWS)
     prepared = predictor([view.image_path for view in chosen] + list(scene_photos))
     torch.manual_seed(0)
     alignment = align(prepared, MIN_CONFIDENCE)
-    model = pycolmap.Reconstruction(str(subject.cameras / "sparse"))
+    model = pycolmap.Reconstruction(str(registered.cameras / "sparse"))
     ratios = [
         depth_ratios(model, view, prepared.framings[number], alignment.depth_m[number], alignment.confidence[number])
         for number, view in enumerate(chosen)

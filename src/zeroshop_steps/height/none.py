@@ -12,4 +12,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write height.json."""
-    write_height(args, "none", lambda subject: None)
+    write_height(args, "none", lambda registered: None)

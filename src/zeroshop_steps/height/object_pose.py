@@ -7,7 +7,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import SupportPlane, background_points, fit_support_plane, up_from_roll
+from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
 from zeroshop_steps.runtime.errors import StepError
 
 EDGE_PX = 1.0  # how well photos show where the object ends
@@ -16,7 +16,7 @@ LEAST_MEASURED = 0.05  # share of the surface's area that has to be measured to 
 
 
 @dataclass(frozen=True)
-class Standing:
+class ObjectPose:
     """The object above its support, in units of the registration.
 
     Attributes:
@@ -43,7 +43,7 @@ class Standing:
         return self.top - self.bottom
 
 
-def standing_of(mesh: Mesh, views: list[View], model: SparseModel) -> Standing:
+def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel) -> ObjectPose:
     """Fit the support plane to the sparse points around the object and measure the mesh above it.
 
     Where the mesh has `quality`, only its measured faces tell where its top is: the lid that masks leave over a plain hollow
@@ -52,12 +52,14 @@ def standing_of(mesh: Mesh, views: list[View], model: SparseModel) -> Standing:
     Raises:
         StepError: the mesh does not rise above its support plane.
     """
-    return standing_on(mesh, views, fit_support_plane(model.points[background_points(model.points, views)], mesh.vertices, views))
+    return measure_above_plane(
+        mesh, views, fit_support_plane(model.points[find_background_points(model.points, views)], mesh.vertices, views)
+    )
 
 
-def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> Standing:
+def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> ObjectPose:
     """Measure the mesh above a plane; without one, along the cameras' common up from the mesh's bottom."""
-    up, certainty = (plane.normal, None) if plane else up_from_roll(views)
+    up, certainty = (plane.normal, None) if plane else estimate_up_from_roll(views)
     heights = mesh.vertices @ up
     areas = mesh.face_areas()
     measured = areas * mesh.measured_faces()
@@ -81,7 +83,7 @@ def standing_on(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> St
     depths = [(view.camera.project(centre[None])[1][0], view.camera.intrinsics[0, 0]) for view in views]
     edge = EDGE_PX * float(np.median([depth / focal_px for depth, focal_px in depths]))
     deviation = float(np.linalg.norm([low_deviation, high_deviation, edge]))
-    return Standing(up, float(bottom), high, top_of_mesh, deviation, plane, certainty)
+    return ObjectPose(up, float(bottom), high, top_of_mesh, deviation, plane, certainty)
 
 
 def robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float) -> tuple[float, float]:

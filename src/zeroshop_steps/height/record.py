@@ -12,7 +12,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.height.object_pose import Standing, standing_of
+from zeroshop_steps.height.object_pose import ObjectPose, measure_object_pose
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -49,10 +49,10 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Subject:
+class RegisteredObject:
     """What a method measures: the object's stand, its registered views, and the capture that they come from."""
 
-    standing: Standing
+    pose: ObjectPose
     views: list[View]
     cameras: Path
     capture: Path
@@ -72,7 +72,7 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def write_height(
-    args: argparse.Namespace, method: str, measure: Callable[[Subject], Scale | None], else_wrong: str | None = None
+    args: argparse.Namespace, method: str, measure: Callable[[RegisteredObject], Scale | None], else_wrong: str | None = None
 ) -> None:  # fmt: skip
     """Measure with `measure`, which gives the scale or None where it stays unknown, and write height.json.
 
@@ -84,17 +84,17 @@ def write_height(
     """
     start_s = time.monotonic()
     views, model = read_views(args.cameras)
-    standing = standing_of(_mesh_with_evidence(args, views), views, model)
-    if standing.top_of_mesh - standing.top > BULGE * standing.extent:
-        warn(BULGES.format((standing.top_of_mesh - standing.top) / standing.extent))
-    subject = Subject(standing, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json", args.height_m))
-    scale = measure(subject)
+    pose = measure_object_pose(_mesh_with_evidence(args, views), views, model)
+    if pose.top_of_mesh - pose.top > BULGE * pose.extent:
+        warn(BULGES.format((pose.top_of_mesh - pose.top) / pose.extent))
+    registered = RegisteredObject(pose, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json", args.height_m))
+    scale = measure(registered)
     if scale and else_wrong:
-        check_known(scale, subject, else_wrong)
+        check_known(scale, registered, else_wrong)
     content = {
         "method": method,
-        **height_record(standing, scale),
-        "known_height_m": subject.known_height_m,
+        **height_record(pose, scale),
+        "known_height_m": registered.known_height_m,
         "seconds": round(time.monotonic() - start_s, 2),
     }
     write_json(args.out, content)
@@ -110,31 +110,31 @@ def _mesh_with_evidence(args: argparse.Namespace, views: list[View]) -> Mesh:
     if args.stereo is None:
         return mesh
     from zeroshop_steps.geometry.support_classes import MEASURED
-    from zeroshop_steps.geometry.surface_support import surface_support
+    from zeroshop_steps.geometry.surface_support import classify_surface_support
     from zeroshop_steps.surface.seeds import confirmed_points
 
-    return replace(mesh, quality=surface_support(mesh, views, confirmed_points(args.stereo, views)) / MEASURED)
+    return replace(mesh, quality=classify_surface_support(mesh, views, confirmed_points(args.stereo, views)) / MEASURED)
 
 
-def check_known(scale: Scale, subject: Subject, else_wrong: str) -> None:
+def check_known(scale: Scale, registered: RegisteredObject, else_wrong: str) -> None:
     """Raise StepError where a height that is known as well differs: a wrong unit or a wrong print shows nowhere else."""
-    if subject.known_height_m is None:
+    if registered.known_height_m is None:
         return
-    measured_m = subject.standing.extent * scale.metres_per_unit
-    deviation = np.linalg.norm([scale.deviation, subject.standing.deviation / subject.standing.extent, RULER_M / subject.known_height_m])
-    difference = measured_m / subject.known_height_m - 1.0
+    measured_m = registered.pose.extent * scale.metres_per_unit
+    deviation = np.linalg.norm([scale.deviation, registered.pose.deviation / registered.pose.extent, RULER_M / registered.known_height_m])
+    difference = measured_m / registered.known_height_m - 1.0
     if abs(difference) > max(CONTRADICTION, 3.0 * deviation):
         raise StepError(
-            f"by {scale.source} the object is {measured_m:.4f} m high, by its known height {subject.known_height_m:.4f} m: {else_wrong},"
+            f"by {scale.source} the object is {measured_m:.4f} m high, by its known height {registered.known_height_m:.4f} m: {else_wrong},"
             " or height_m is wrong"
         )
 
 
-def height_record(standing: Standing, scale: Scale | None) -> dict[str, Any]:
+def height_record(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:
     """The content of height.json. `up`, `bottom` and `top` are in the registration frame and its unit."""
-    plane = standing.plane
-    height_m = standing.extent * scale.metres_per_unit if scale else None
-    deviation = float(np.hypot(standing.deviation / standing.extent, scale.deviation)) if scale else None
+    plane = pose.plane
+    height_m = pose.extent * scale.metres_per_unit if scale else None
+    deviation = float(np.hypot(pose.deviation / pose.extent, scale.deviation)) if scale else None
     return {
         "scale": "known" if scale else "unknown",
         "scale_source": scale.source if scale else "unknown",
@@ -142,19 +142,19 @@ def height_record(standing: Standing, scale: Scale | None) -> dict[str, Any]:
         "height_deviation_m": height_m * deviation if scale else None,
         "metres_per_unit": scale.metres_per_unit if scale else None,
         "metres_per_unit_deviation_share": scale.deviation if scale else None,
-        "up": standing.up.tolist(),
+        "up": pose.up.tolist(),
         "up_source": "support_plane" if plane else "camera_roll",
-        "bottom": standing.bottom,
-        "top": standing.top,
-        "top_of_mesh": standing.top_of_mesh,
-        "height_in_registration": standing.extent,
-        "height_in_registration_deviation": standing.deviation,
+        "bottom": pose.bottom,
+        "top": pose.top,
+        "top_of_mesh": pose.top_of_mesh,
+        "height_in_registration": pose.extent,
+        "height_in_registration_deviation": pose.deviation,
         "height_measured_from": "support plane to the surface's top" if plane else "the surface's bottom to its top",
         "up_uncertainty": {
             "plane_inliers": plane.inliers if plane else 0,
             "plane_residual": plane.residual if plane else None,
             "deviation_deg": round(plane.normal_deviation_deg, 5) if plane else None,
-            "roll_certainty": None if standing.roll_certainty is None else round(standing.roll_certainty, 4),
+            "roll_certainty": None if pose.roll_certainty is None else round(pose.roll_certainty, 4),
         },
         "evidence": scale.evidence if scale else {},
     }

@@ -8,7 +8,7 @@ import numpy as np
 from zeroshop_steps.bop.similarity_icp import likeness
 from zeroshop_steps.geometry.mesh_rendering import sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import surface_points
+from zeroshop_steps.geometry.surface_points import sample_surface_points
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000
@@ -67,7 +67,7 @@ class Comparison:
         self._seen, self._assumed = mesh.seen_faces(), mesh.assumed_faces()
         self._scene = ray_caster((mesh.vertices, mesh.faces))
         self._behind = ray_caster((mesh.vertices, mesh.faces[~self._assumed])) if self._assumed.any() else None
-        samples = surface_points(mesh, SAMPLES, np.random.default_rng(0))
+        samples = sample_surface_points(mesh, SAMPLES, np.random.default_rng(0))
         self._printed = samples.colors is not None
         if self._printed:
             contrast = 255.0 * float(np.sqrt(samples.colors.var(0).mean()))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_points import surface_points
+from zeroshop_steps.geometry.surface_points import sample_surface_points
 
 SAMPLES = 16000
 CELLS = 160_000
@@ -45,7 +45,7 @@ def nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
     areas = mesh.face_areas()
     is_open = bool(areas[assumed].sum() > OPEN_SHARE * areas.sum())
     measured = Mesh(mesh.vertices, mesh.faces[~assumed]) if is_open else mesh
-    samples = surface_points(measured, SAMPLES, np.random.default_rng(0))
+    samples = sample_surface_points(measured, SAMPLES, np.random.default_rng(0))
     margin_mm = MARGIN_DIAMETERS * diameter_mm
     low = mesh.vertices.min(0) - margin_mm
     size = mesh.vertices.max(0) + margin_mm - low

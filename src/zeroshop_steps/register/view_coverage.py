@@ -8,8 +8,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import focus_of
-from zeroshop_steps.geometry.support_plane import up_from_roll
+from zeroshop_steps.geometry.scene_support import find_focus
+from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 
 WIDE_GAP_DEG = 60.0
@@ -59,8 +59,8 @@ def directions_of(cameras: list[Camera]) -> Directions:
     Raises:
         StepError: the cameras look away from each other.
     """
-    up, _ = up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
-    looks = np.array([camera.centre_in_world for camera in cameras]) - focus_of(cameras)
+    up, _ = estimate_up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
+    looks = np.array([camera.centre_in_world for camera in cameras]) - find_focus(cameras)
     looks /= np.linalg.norm(looks, axis=1, keepdims=True)
     elevations = np.degrees(np.arcsin(np.clip(looks @ up, -1.0, 1.0)))
     first = np.cross(up, np.eye(3)[np.abs(up).argmin()])

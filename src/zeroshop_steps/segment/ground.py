@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.geometry.scene_support import SceneSupport
 
 REACH_DISTANCES = 0.9  # half the side of the square of plane that is pictured
 CELL_DISTANCES = 0.004
@@ -78,23 +78,25 @@ class Ground:
         return np.where((known > 0.99) & in_front(camera, homography), odds, 0.0).astype(np.float32)
 
 
-def picture_ground(stand: Stand, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None = None) -> Ground:
+def picture_ground(
+    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None = None
+) -> Ground:
     """The median picture of the plane.
 
     Args:
         images: (H, W, 3) float32 RGB of the cameras' sizes.
         hidden: (H, W) bool for each view, pixels known to show no ground.
     """
-    return _pictured(stand, cameras, images, hidden, 1)[0]
+    return _pictured(support, cameras, images, hidden, 1)[0]
 
 
 def _pictured(
-    stand: Stand, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None, step: int
+    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None, step: int
 ) -> tuple[Ground, np.ndarray]:
     """The ground in cells `step` times the usual size, and (V, N, N, 3) what each view sees there, NaN for nothing."""
     count = round(2 * REACH_DISTANCES / CELL_DISTANCES / step)
-    axes, cell = stand.axes(), CELL_DISTANCES * step * stand.distance
-    origin = stand.foot - REACH_DISTANCES * stand.distance * axes.sum(0) + cell / 2 * axes.sum(0)
+    axes, cell = support.axes(), CELL_DISTANCES * step * support.distance
+    origin = support.foot - REACH_DISTANCES * support.distance * axes.sum(0) + cell / 2 * axes.sum(0)
     world_from_cell = np.zeros((4, 3))
     world_from_cell[:3] = np.stack([cell * axes[0], cell * axes[1], origin], axis=1)
     world_from_cell[3, 2] = 1.0
@@ -112,9 +114,9 @@ def _pictured(
     return Ground(*_median(samples), world_from_cell), samples
 
 
-def equalized(stand: Stand, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
+def equalized(support: SceneSupport, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
     """The images with one factor a channel each, so that they agree on the ground: exposure and white balance differ."""
-    ground, samples = _pictured(stand, cameras, images, None, GAIN_STEP)
+    ground, samples = _pictured(support, cameras, images, None, GAIN_STEP)
     steady = ground.known & (ground.spread < NO_GROUND_SPREAD / 2) & (ground.color.min(2) > 10) & (ground.color.max(2) < 250)
     gained = []
     for image, sample in zip(images, samples, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.segment.mask_quality import MaskQuality, judge_masks, judge_masks_alone
-from zeroshop_steps.segment.voxel_carving import Space, silhouette, votes
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, silhouette, votes
 
 ROOM = 1.5  # half the block's edge, in the radius that the masks have
 ROUNDS = 20  # of the point that all masks look at
@@ -31,8 +31,8 @@ def common_hulls(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndar
     for misses, voxels in ROUNDS_MISSES_VOXELS:
         if len(chosen) < 2:
             break
-        space, occupied = _hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
-        hulls = [silhouette(space, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
+        grid, occupied = _hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
+        hulls = [silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
         overlaps = {index: overlap(masks[index], hulls[index]) for index in chosen}
         least = LEAST_OVERLAP * float(np.median(list(overlaps.values())))
         chosen = [index for index in chosen if overlaps[index] >= least > 0]
@@ -70,18 +70,18 @@ def corners_of(mask: np.ndarray) -> tuple[float, float, float, float] | None:
     return (float(x.min()), float(y.min()), float(x.max() + 1), float(y.max() + 1)) if len(y) else None
 
 
-def _hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, voxels: int) -> tuple[Space, np.ndarray]:
+def _hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, voxels: int) -> tuple[VoxelGrid, np.ndarray]:
     """A block of voxels around what the masks look at, and (N, N, N) bool: those in all masks but a share of `misses`."""
     centre, radius = _looked_at(cameras, masks)
     side = 2 * ROOM * radius / voxels
-    space = Space(np.eye(3), centre - ROOM * radius, side, (voxels,) * 3)
-    index = np.argwhere(np.ones(space.shape, bool))
+    grid = VoxelGrid(np.eye(3), centre - ROOM * radius, side, (voxels,) * 3)
+    index = np.argwhere(np.ones(grid.shape, bool))
     evidence = [np.where(mask, 1.0, -1.0).astype(np.float32) for mask in masks]
-    full, empty = votes(space, index, cameras, evidence, 0.0)
-    occupied = np.zeros(space.shape, bool)
+    full, empty = votes(grid, index, cameras, evidence, 0.0)
+    occupied = np.zeros(grid.shape, bool)
     kept = (empty <= misses * len(masks)) & (full >= min(3, len(masks)))
     occupied[tuple(index[kept].T)] = True
-    return space, occupied
+    return grid, occupied
 
 
 def _looked_at(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:

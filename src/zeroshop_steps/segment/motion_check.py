@@ -3,31 +3,31 @@
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.object_selection import COARSE_VOXELS, REACH_DISTANCES, Subject, find_subject
+from zeroshop_steps.segment.object_selection import COARSE_VOXELS, REACH_DISTANCES, ObjectSelection, select_object
 
 LEAST_VIEWS = 12  # fewer cannot be halved: a half would hardly tell a thing from its surroundings
 LEAST_OVERLAP = 0.5
 """Both halves see the hull of a thing that stays, however few directions they have: the smaller footprint lies in the larger."""
 
 
-def check_unmoved(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray]) -> None:
+def check_unmoved(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> None:
     """Raise StepError where the object stands elsewhere in the second half of the views.
 
     Args:
-        stand: what it stands on.
+        support: what it stands on.
         cameras: of all views, in the order in which they were taken.
-        evidence: as for `find_subject`.
+        evidence: as for `select_object`.
     """
     if len(cameras) < LEAST_VIEWS:
         return
     middle = len(cameras) // 2
     try:
-        halves = [find_subject(stand, cameras[part], evidence[part]) for part in (slice(middle), slice(middle, None))]
+        halves = [select_object(support, cameras[part], evidence[part]) for part in (slice(middle), slice(middle, None))]
     except StepError:
         return  # half of the views do not tell; all of them may
-    first, second = (_footprint(stand, subject) for subject in halves)
+    first, second = (_footprint(support, selection) for selection in halves)
     if len(first & second) < LEAST_OVERLAP * min(len(first), len(second)):
         raise StepError(
             f"the object moved during the film: until {cameras[middle - 1].name} it stands elsewhere than from {cameras[middle].name} on; "
@@ -35,8 +35,8 @@ def check_unmoved(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray
         )
 
 
-def _footprint(stand: Stand, subject: Subject) -> set[tuple[int, int]]:
+def _footprint(support: SceneSupport, selection: ObjectSelection) -> set[tuple[int, int]]:
     """The cells of the plane that an object stands on or over."""
-    side = 2 * REACH_DISTANCES * stand.distance / COARSE_VOXELS
-    cells = np.floor((subject.space.centres(np.argwhere(subject.core)) - stand.foot) @ stand.axes().T / side).astype(int)
+    side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
+    cells = np.floor((selection.grid.centres(np.argwhere(selection.cluster)) - support.foot) @ support.axes().T / side).astype(int)
     return set(map(tuple, np.unique(cells, axis=0).tolist()))

@@ -7,9 +7,9 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.voxel_carving import Space, clusters, down_to_ground, votes
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, clusters, down_to_ground, votes
 
 COARSE_VOXELS = 72
 REACH_DISTANCES = 0.42  # half the side of the searched block, in distances of the cameras from the focus
@@ -30,42 +30,42 @@ MARGIN = 0.12  # around the found cluster, in its own size
 
 
 @dataclass(frozen=True)
-class Subject:
+class ObjectSelection:
     """The chosen cluster.
 
     Attributes:
-        space: a block of voxels around it, of `FINE_VOXELS` along its longest side.
-        room: (X, Y, Z) bool: voxels that may be its own.
-        core: (X, Y, Z) bool: voxels of the cluster itself.
+        grid: a block of voxels around it, of `FINE_VOXELS` along its longest side.
+        allowed: (X, Y, Z) bool: voxels that may be its own.
+        cluster: (X, Y, Z) bool: voxels of the cluster itself.
         ground_voxel: height of the support plane above the block's foot, in voxels.
-        others: world positions (P, 3) of the middles of the other clusters' voxels, of `others_side`.
-        found: number of clusters.
+        other_points: world positions (P, 3) of the centres of the other clusters' voxels; `other_side` is the edge of these voxels.
+        cluster_count: number of clusters.
     """
 
-    space: Space
-    room: np.ndarray
-    core: np.ndarray
+    grid: VoxelGrid
+    allowed: np.ndarray
+    cluster: np.ndarray
     ground_voxel: float
-    others: np.ndarray
-    others_side: float
-    found: int
+    other_points: np.ndarray
+    other_side: float
+    cluster_count: int
 
 
-def find_subject(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray]) -> Subject:
+def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> ObjectSelection:
     """Carve a block of space over the plane by the evidence of all views, and choose among the clusters left.
 
     Raises:
         StepError: nothing stands there, or two things equally near to the focus.
     """
-    side = 2 * REACH_DISTANCES * stand.distance / COARSE_VOXELS
-    axes = np.vstack([stand.axes(), stand.normal])
-    corner = stand.foot - REACH_DISTANCES * stand.distance * (axes[0] + axes[1]) - BELOW_VOXELS * side * axes[2]
-    space = Space(axes, corner, side, (COARSE_VOXELS,) * 3)
-    index = np.argwhere(np.ones(space.shape, bool))
+    side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
+    axes = np.vstack([support.axes(), support.normal])
+    corner = support.foot - REACH_DISTANCES * support.distance * (axes[0] + axes[1]) - BELOW_VOXELS * side * axes[2]
+    grid = VoxelGrid(axes, corner, side, (COARSE_VOXELS,) * 3)
+    index = np.argwhere(np.ones(grid.shape, bool))
     index = index[index[:, 2] >= BELOW_VOXELS]
-    full, empty = votes(space, index, cameras, evidence, SURE_ODDS)
+    full, empty = votes(grid, index, cameras, evidence, SURE_ODDS)
     kept = (empty <= EMPTY_SHARE * (full + empty)) & (full >= FULL_VIEWS) & (full >= FULL_SHARE * (full + empty))
-    occupied = np.zeros(space.shape, bool)
+    occupied = np.zeros(grid.shape, bool)
     occupied[tuple(index[kept].T)] = True
     labels, count = clusters(occupied)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
@@ -81,7 +81,7 @@ def find_subject(stand: Stand, cameras: list[Camera], evidence: list[np.ndarray]
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
     chosen = min(names, key=lambda name: (away[name], name))
     parts = _looked_at_together(chosen, names, places, away, sizes)
-    return _subject(space, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
+    return _cut_fine_grid(grid, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
 
 
 def _looked_at_together(
@@ -106,22 +106,22 @@ def _looked_at_together(
     return [chosen, *(name for name in near if gaps[name] <= PART_GAP_VOXELS)]
 
 
-def _subject(space: Space, labels: np.ndarray, chosen: int, count: int) -> Subject:
+def _cut_fine_grid(grid: VoxelGrid, labels: np.ndarray, chosen: int, count: int) -> ObjectSelection:
     own = labels == chosen
     index = np.argwhere(own)
     low, high = index.min(0), index.max(0) + 1
     margin = max(2, int(np.ceil(MARGIN * (high - low).max())))
-    low, high = np.maximum(low - margin, 0), np.minimum(high + margin, space.shape)
-    side = space.side * float((high - low).max()) / FINE_VOXELS
-    ground = (BELOW_VOXELS - float(low[2])) * space.side / side
-    shape = tuple(np.ceil((high - low) * space.side / side - 1e-6).astype(int).tolist())
-    fine = Space(space.axes, space.origin + low * space.side @ space.axes, side, shape)
+    low, high = np.maximum(low - margin, 0), np.minimum(high + margin, grid.shape)
+    side = grid.side * float((high - low).max()) / FINE_VOXELS
+    ground = (BELOW_VOXELS - float(low[2])) * grid.side / side
+    shape = tuple(np.ceil((high - low) * grid.side / side - 1e-6).astype(int).tolist())
+    fine = VoxelGrid(grid.axes, grid.origin + low * grid.side @ grid.axes, side, shape)
     others = (labels > 0) & ~own
     # It stands on the ground, whatever was carved off its foot.
     nearest = ndimage.distance_transform_edt(~down_to_ground(own))
-    rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(space.shape, np.inf)
+    rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(grid.shape, np.inf)
     room = (nearest <= margin) & (nearest < rival)
-    coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / space.side).astype(int) + low, np.array(space.shape) - 1)
-    return Subject(
-        fine, *(part[tuple(coarse.T)].reshape(shape) for part in (room, own)), ground, space.centres(np.argwhere(others)), space.side, count
+    coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / grid.side).astype(int) + low, np.array(grid.shape) - 1)
+    return ObjectSelection(
+        fine, *(part[tuple(coarse.T)].reshape(shape) for part in (room, own)), ground, grid.centres(np.argwhere(others)), grid.side, count
     )

@@ -7,11 +7,11 @@ import numpy as np
 from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.scene_support import Stand
+from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.segment.colors import ColorOdds
 from zeroshop_steps.segment.graph_cut import cut
 from zeroshop_steps.segment.ground import picture_ground
-from zeroshop_steps.segment.object_selection import Subject
+from zeroshop_steps.segment.object_selection import ObjectSelection
 from zeroshop_steps.segment.voxel_carving import down_to_ground, silhouette, splat, votes
 
 COLOR_MOST = 1.5
@@ -52,25 +52,25 @@ class Refined:
     occupied: np.ndarray
 
 
-def refine(stand: Stand, subject: Subject, cameras: list[Camera], images: list[np.ndarray]) -> Refined:
+def refine(support: SceneSupport, selection: ObjectSelection, cameras: list[Camera], images: list[np.ndarray]) -> Refined:
     """Alternate between cutting the images and carving the space they share.
 
     Args:
         images: (H, W, 3) float32 RGB, 0 to 255, of the cameras' sizes.
     """
-    rooms = [silhouette(subject.space, subject.room, camera) for camera in cameras]
-    others = [splat(subject.others, subject.others_side, camera) for camera in cameras]
-    occupied = _on_ground(_without_floating(subject.core, subject.ground_voxel))
+    rooms = [silhouette(selection.grid, selection.allowed, camera) for camera in cameras]
+    others = [splat(selection.other_points, selection.other_side, camera) for camera in cameras]
+    occupied = _on_ground(_without_floating(selection.cluster, selection.ground_voxel))
     # Where all views agree there is ground, even under the hull: shadows. Or an object of one colour, hence colours weigh as much.
-    plain = picture_ground(stand, cameras, images)
+    plain = picture_ground(support, cameras, images)
     agreed = [np.minimum(plain.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
     for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
-        hulls = [silhouette(subject.space, occupied, camera) for camera in cameras]
-        columns, whole = down_to_ground(occupied), _with_lost_foot(occupied, subject.ground_voxel)
-        standing = [silhouette(subject.space, columns, camera) for camera in cameras]
+        hulls = [silhouette(selection.grid, occupied, camera) for camera in cameras]
+        columns, whole = down_to_ground(occupied), _with_lost_foot(occupied, selection.ground_voxel)
+        standing = [silhouette(selection.grid, columns, camera) for camera in cameras]
         hidden = [_grown(foot, HIDDEN_MARGIN) | other for foot, other in zip(standing, others, strict=True)]
-        feet = hulls if whole is occupied else [silhouette(subject.space, whole, camera) for camera in cameras]
-        ground = picture_ground(stand, cameras, images, hidden)
+        feet = hulls if whole is occupied else [silhouette(selection.grid, whole, camera) for camera in cameras]
+        ground = picture_ground(support, cameras, images, hidden)
         evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
         colors = _colors(images, hulls, evidence)
         masks = []
@@ -79,8 +79,8 @@ def refine(stand: Stand, subject: Subject, cameras: list[Camera], images: list[n
             total = np.where(odds == 0.0, agree, odds) + color
             total += np.where(hull | (foot & (color > 0)), inside, np.where(_grown(hull, HULL_MARGIN), 0.0, outside))
             masks.append(_closed(_cut_within(room, total, image), color))
-        occupied = _shared(subject, cameras, masks)
-    return Refined(masks, [silhouette(subject.space, occupied, camera) for camera in cameras], occupied)
+        occupied = _shared(selection, cameras, masks)
+    return Refined(masks, [silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)
 
 
 def _with_lost_foot(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
@@ -126,13 +126,13 @@ def _closed(mask: np.ndarray, color: np.ndarray) -> np.ndarray:
     return np.where(likely[labels], np.float32(1), mask)
 
 
-def _shared(subject: Subject, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
+def _shared(selection: ObjectSelection, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
     """Voxels of the subject's room that lie within nearly all masks."""
-    index = np.argwhere(subject.room)
-    _, empty = votes(subject.space, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
-    occupied = np.zeros(subject.room.shape, bool)
+    index = np.argwhere(selection.allowed)
+    _, empty = votes(selection.grid, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
+    occupied = np.zeros(selection.allowed.shape, bool)
     occupied[tuple(index[empty <= MISSES_SHARE * len(cameras)].T)] = True
-    return _on_ground(_without_floating(_upright(occupied, subject.ground_voxel), subject.ground_voxel))
+    return _on_ground(_without_floating(_upright(occupied, selection.ground_voxel), selection.ground_voxel))
 
 
 def _upright(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:

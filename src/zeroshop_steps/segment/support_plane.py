@@ -14,11 +14,11 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.scene_support import find_stand
+from zeroshop_steps.geometry.scene_support import fit_scene_support
 from zeroshop_steps.segment.ground import equalized, picture_ground
 from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record
 from zeroshop_steps.segment.motion_check import check_unmoved
-from zeroshop_steps.segment.object_selection import find_subject
+from zeroshop_steps.segment.object_selection import select_object
 from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
 from zeroshop_steps.segment.refine import refine
 
@@ -55,14 +55,14 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
     Raises:
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
-    stand = find_stand(model, views, seed)
+    support = fit_scene_support(model, views, seed)
     cameras, images = _resized(views, image_width_px)
-    images = equalized(stand, cameras, images)
-    ground = picture_ground(stand, cameras, images)
+    images = equalized(support, cameras, images)
+    ground = picture_ground(support, cameras, images)
     evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
-    check_unmoved(stand, cameras, evidence)
-    subject = find_subject(stand, cameras, evidence)
-    refined = refine(stand, subject, cameras, images)
+    check_unmoved(support, cameras, evidence)
+    selection = select_object(support, cameras, evidence)
+    refined = refine(support, selection, cameras, images)
     tidied = [tidy(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = judge_masks([mask > 0.5 for mask in tidied], refined.hulls)
@@ -70,9 +70,9 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
     record = {
         "method": "support_plane",
         **quality_record(qualities, names),
-        "things_on_the_ground": subject.found,
-        "plane_inliers": stand.inliers,
-        "plane": {"normal": stand.normal.tolist(), "offset": stand.offset},
+        "things_on_the_ground": selection.cluster_count,
+        "plane_inliers": support.inliers,
+        "plane": {"normal": support.normal.tolist(), "offset": support.offset},
         "image_width_px": image_width_px,
     }
     sizes = [(view.camera.width_px, view.camera.height_px) for view in views]

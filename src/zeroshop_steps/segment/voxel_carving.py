@@ -10,7 +10,7 @@ from zeroshop_steps.geometry.cameras import Camera
 
 
 @dataclass(frozen=True)
-class Space:
+class VoxelGrid:
     """A block of cubic voxels, upright on the plane.
 
     Attributes:
@@ -30,7 +30,9 @@ class Space:
         return self.origin + (index + 0.5) * self.side @ self.axes if len(index) else np.zeros((0, 3))
 
 
-def votes(space: Space, index: np.ndarray, cameras: list[Camera], evidence: list[np.ndarray], sure: float) -> tuple[np.ndarray, np.ndarray]:
+def votes(
+    grid: VoxelGrid, index: np.ndarray, cameras: list[Camera], evidence: list[np.ndarray], sure: float
+) -> tuple[np.ndarray, np.ndarray]:
     """How many views show each voxel full and how many show it empty, each (P,) int.
 
     Args:
@@ -38,11 +40,11 @@ def votes(space: Space, index: np.ndarray, cameras: list[Camera], evidence: list
         evidence: (H, W) log odds of every view, 0 where nothing is known.
         sure: log odds from which on a view has a vote, mean over about the voxel's width.
     """
-    centres = space.centres(index).astype(np.float32)
+    centres = grid.centres(index).astype(np.float32)
     full, empty = np.zeros(len(index), np.int32), np.zeros(len(index), np.int32)
     for camera, odds in zip(cameras, evidence, strict=True):
         pixels, depth = camera.project(centres)
-        width = max(1, round(0.7 * space.side * camera.intrinsics[0, 0] / float(np.median(depth))))
+        width = max(1, round(0.7 * grid.side * camera.intrinsics[0, 0] / float(np.median(depth))))
         mean = cv2.blur(odds, (width, width), borderType=cv2.BORDER_REPLICATE)
         seen = look_up(mean, pixels, depth)
         full += seen > sure
@@ -74,10 +76,10 @@ def splat(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
     return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
 
 
-def silhouette(space: Space, occupied: np.ndarray, camera: Camera) -> np.ndarray:
+def silhouette(grid: VoxelGrid, occupied: np.ndarray, camera: Camera) -> np.ndarray:
     """(H, W) bool: where a view sees occupied voxels, (X, Y, Z) bool, in it."""
     shell = occupied & ~ndimage.binary_erosion(occupied, border_value=0)
-    return splat(space.centres(np.argwhere(shell)), space.side, camera)
+    return splat(grid.centres(np.argwhere(shell)), grid.side, camera)
 
 
 def clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.crops import ObjectSphere
-from zeroshop_steps.geometry.visual_hull import inside_all_masks
+from zeroshop_steps.geometry.visual_hull import find_inside_masks
 from zeroshop_steps.surface.free_space import Volume
 from zeroshop_steps.surface.seeds import Seeds
 from zeroshop_steps.surface.training_views import TrainingView, grid_view
@@ -32,7 +32,7 @@ class FreeSpace:
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(P,) bool for (P, 3) points."""
-        outside = ~inside_all_masks(points, self.cameras, self.masks, misses_allowed=1)
+        outside = ~find_inside_masks(points, self.cameras, self.masks, misses_allowed=1)
         return outside | self.volume.farther_than(points, OUTSIDE_VOXELS)
 
 
@@ -71,7 +71,7 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
 
     sparse = (model.points - sphere.centre) / sphere.radius
     trusted = (model.track_lengths >= 3) & (np.linalg.norm(sparse, axis=1) < 1.2)
-    trusted[trusted] = inside_all_masks(sparse[trusted], cameras, masks, misses_allowed=1)
+    trusted[trusted] = find_inside_masks(sparse[trusted], cameras, masks, misses_allowed=1)
     sparse = sparse[trusted]
 
     surface, surface_normals = volume.surface()

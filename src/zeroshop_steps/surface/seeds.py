@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.crops import ObjectSphere, grid_camera, object_sphere, seed_crop
-from zeroshop_steps.geometry.registered_views import View, object_masks
+from zeroshop_steps.geometry.crops import ObjectSphere, crop_for_seeds, fit_object_sphere, grid_camera
+from zeroshop_steps.geometry.registered_views import View, read_object_masks
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
@@ -89,9 +89,9 @@ def confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:
     Raises:
         StepError: the file is absent, damaged, or of other images or cameras.
     """
-    cameras, masks = [view.camera for view in views], object_masks(views)
-    sphere = object_sphere(cameras, masks)
-    crops = [seed_crop(camera, mask, sphere).camera for camera, mask in zip(cameras, masks, strict=True)]
+    cameras, masks = [view.camera for view in views], read_object_masks(views)
+    sphere = fit_object_sphere(cameras, masks)
+    crops = [crop_for_seeds(camera, mask, sphere).camera for camera, mask in zip(cameras, masks, strict=True)]
     seeds = read_seeds(path, sphere, crops)
     points = [np.zeros((0, 3))]
     for camera in map(grid_camera, crops):

@@ -25,7 +25,7 @@ def gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
     renderer = MeshRenderer(mesh)
     gaps = []
     for view in views:
-        hits = renderer.hits(view.camera)
+        hits = renderer.cast_rays(view.camera)
         silhouette, mask = hits.mask, np.pad(view.mask.numpy() > 0.5, 1)
         contour = silhouette & ~binary_erosion(silhouette, border_value=1)
         # On the mask's own contour the distance to the outside is one.

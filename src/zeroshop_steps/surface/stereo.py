@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from zeroshop_steps.geometry.crops import object_sphere
+    from zeroshop_steps.geometry.crops import fit_object_sphere
     from zeroshop_steps.geometry.visual_hull import VisualHull
     from zeroshop_steps.runtime.files import write_json
     from zeroshop_steps.runtime.threads import use_threads
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     camera_set = read_camera_set(args.cameras)
-    sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
+    sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
     views = seed_views(camera_set, sphere)
     grid = [grid_view(view) for view in views]
     masks = [view.mask.numpy() > 0 for view in grid]

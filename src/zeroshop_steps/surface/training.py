@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 
-from zeroshop_steps.geometry.crops import ObjectSphere, object_sphere
+from zeroshop_steps.geometry.crops import ObjectSphere, fit_object_sphere
 from zeroshop_steps.runtime.cache import content_digest
 from zeroshop_steps.runtime.code_version import code_version
 from zeroshop_steps.runtime.errors import StepError
@@ -243,7 +243,7 @@ class TrainingInputs:
     def read(args: Namespace, step: str) -> "TrainingInputs":
         """From the options --cameras, --stereo and --image-width-px, for a step of this package, e.g. "surface.twodgs"."""
         camera_set = read_camera_set(args.cameras)
-        sphere = object_sphere(camera_set.model.cameras, camera_set.masks)
+        sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
         views = Views(
             training_views(camera_set, sphere, args.image_width_px // 2, border_px=6),
             training_views(camera_set, sphere, args.image_width_px, border_px=8),

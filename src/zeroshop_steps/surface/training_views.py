@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
-from zeroshop_steps.geometry.crops import STRIDE_PX, Crop, ObjectSphere, crop, grid_camera, seed_crop
-from zeroshop_steps.geometry.registered_views import object_masks, read_views
+from zeroshop_steps.geometry.crops import STRIDE_PX, Crop, ObjectSphere, crop, crop_for_seeds, grid_camera
+from zeroshop_steps.geometry.registered_views import read_object_masks, read_views
 from zeroshop_steps.runtime.errors import StepError
 
 TILE_PX = 16
@@ -49,7 +49,7 @@ def read_camera_set(folder: Path) -> CameraSet:
     views, model = read_views(folder)
     if len(views) < 3:
         raise StepError(f"{folder}/sparse holds {len(views)} cameras; at least 3 are needed to see depth. Run registration again")
-    return CameraSet(model, tuple(view.image() for view in views), tuple(object_masks(views)))
+    return CameraSet(model, tuple(view.image() for view in views), tuple(read_object_masks(views)))
 
 
 def training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
@@ -61,7 +61,7 @@ def training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: 
 def seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
     """The views in which stereo looks for seeds."""
     parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
-    return [_training_view(image, mask, seed_crop(camera, mask, sphere)) for camera, image, mask in parts]
+    return [_training_view(image, mask, crop_for_seeds(camera, mask, sphere)) for camera, image, mask in parts]
 
 
 def _training_view(image: np.ndarray, mask: np.ndarray, crop: Crop) -> TrainingView:

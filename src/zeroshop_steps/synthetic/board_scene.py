@@ -14,7 +14,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.printed_board import BOARDS, Board, drawn
+from zeroshop_steps.geometry.printed_board import BOARDS, Board, draw_board
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.synthetic import raycast, virtual
@@ -108,7 +108,7 @@ def paint(texture: np.ndarray, board: Board, surface_from_board: np.ndarray, sub
     texels = len(texture)
     side_mm = SURFACE_SIDE_IN_SIZES * subject.largest_mm
     fine = max(8.0, 4.0 * texels / side_mm)  # picture elements a mm
-    picture = drawn(board, fine, GAP_MM)
+    picture = draw_board(board, fine, GAP_MM)
     # Texture columns and rows (v points up) of picture elements, both counted from edges.
     to_texel = texels / side_mm
     low = subject.centre_mm[:2] - side_mm / 2

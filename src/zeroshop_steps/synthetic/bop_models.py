@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.models import checked_diameter_mm
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, texture_file_of, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, read_texture_name, write_ply
 from zeroshop_steps.runtime.downloads import download, locked
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
@@ -76,7 +76,7 @@ def take_model(models: Path, dataset: str, name: str, out: Path) -> None:
     if mesh.normals is None:
         mesh = mesh.with_normals()
     info = model_info(path, mesh, dataset, models)
-    texture = path.parent / texture_file_of(path)
+    texture = path.parent / read_texture_name(path)
     with atomic_directory(out) as folder:
         target = folder / f"model{texture.suffix.lower()}"
         shutil.copyfile(texture, target)

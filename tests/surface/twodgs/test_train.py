@@ -8,7 +8,7 @@ import torch
 import trimesh
 
 from helpers.ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start
-from zeroshop_steps.geometry.crops import ObjectSphere, object_sphere
+from zeroshop_steps.geometry.crops import ObjectSphere, fit_object_sphere
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
@@ -98,7 +98,7 @@ def test_hull_holds_the_ball_and_little_more(ball: tuple) -> None:
 
 def test_object_sphere_is_around_the_ball(ball: tuple) -> None:
     views, _ = ball
-    sphere = object_sphere(tuple(view.camera for view in views), tuple(view.mask.numpy() > 0 for view in views))
+    sphere = fit_object_sphere(tuple(view.camera for view in views), tuple(view.mask.numpy() > 0 for view in views))
     assert np.linalg.norm(sphere.centre) < 0.02 and 1.0 < sphere.radius / RADIUS < 1.6
 
 

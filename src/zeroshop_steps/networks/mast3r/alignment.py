@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.geometry.cameras import similarity_between
+from zeroshop_steps.geometry.cameras import fit_similarity
 from zeroshop_steps.networks.mast3r.inference import Predictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match
 from zeroshop_steps.runtime.errors import StepError
@@ -111,7 +111,7 @@ def _all_pairs(
     relative = {}
     for (first, second), (place, confidence) in other.items():
         sure = confidence >= np.quantile(confidence, 0.5)
-        relative[first, second] = similarity_between(mean_points[second][sure][::7], place[sure][::7])
+        relative[first, second] = fit_similarity(mean_points[second][sure][::7], place[sure][::7])
     return canonical, relative, matches
 
 

@@ -47,7 +47,7 @@ def thumbnail(runs: list[Run], truth: Truth | None) -> np.ndarray | None:
     mesh = mesh or (truth.mesh if truth else None)
     if mesh is None:
         return None
-    color, coverage = MeshRenderer(mesh).cut_out(camera_on(mesh, THUMBNAIL_PX), 3)
+    color, coverage = MeshRenderer(mesh).render_cut_out(camera_on(mesh, THUMBNAIL_PX), 3)
     return np.dstack([color, coverage])
 
 

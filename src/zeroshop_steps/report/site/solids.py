@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import paired_with_truth, read_sparse_model, similarity_to_truth
+from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
-from zeroshop_steps.geometry.surface_distance import distances_to, seen_count
+from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.report.site.reduced import Reduced, reduced
 from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.viewer_data import encoded, levels, mesh_content, scene_content, write_data
@@ -76,7 +76,7 @@ def truth_from_object(cell: Cell, run: Run) -> np.ndarray:
     """(4, 4) similarity from the product's frame to the true one, by the cameras."""
     registered = read_sparse_model(run.folder / "cameras/sparse").cameras
     true_cameras = read_sparse_model(run.capture / "truth").cameras
-    return similarity_to_truth(paired_with_truth(registered, true_cameras)) @ np.linalg.inv(object_frame(cell))
+    return align_to_truth(pair_with_truth(registered, true_cameras)) @ np.linalg.inv(object_frame(cell))
 
 
 def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out: Path) -> str | None:
@@ -101,10 +101,10 @@ def _write_cell(cell: Cell, run: Run, truth: Truth | None, out: Path, max_faces:
         write_data(out / pane["file"], mesh_content(small))
         return pane
     similarity = truth_from_object(cell, run)
-    away = distances_to(truth.mesh, _moved(small.mesh, similarity).vertices)
+    away = measure_distances(truth.mesh, _moved(small.mesh, similarity).vertices)
     away[_never_seen(small, mesh, cell.facts["mesh"].get("underside") or {})] = np.nan
     content = mesh_content(small, away, truth.limit_mm)
-    missing = distances_to(_moved(mesh, similarity), truth.reduced.mesh.vertices)
+    missing = measure_distances(_moved(mesh, similarity), truth.reduced.mesh.vertices)
     missing[~_seen(truth, run)] = np.nan
     content["truth_distances"] = encoded(levels(missing, truth.limit_mm))
     write_data(out / pane["file"], content)
@@ -139,4 +139,4 @@ def _seen(truth: Truth, run: Run) -> np.ndarray:
     capture = read_json(run.capture / "capture.json")
     support = float(truth.mesh.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None
     model = truth.reduced.mesh
-    return seen_count(model.vertices, model.normals, truth.mesh, cameras, support) >= 2
+    return count_seeing_views(model.vertices, model.normals, truth.mesh, cameras, support) >= 2

@@ -99,7 +99,7 @@ def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
 def shape_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
     """A photo, the mesh's depth there (near is bright) and its normals (as colours: right, up, towards the camera)."""
     camera, photo, _ = tile_of(view, frame)
-    hits = renderer.hits(camera)
+    hits = renderer.cast_rays(camera)
     depth = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     normals = depth.copy()
     if hits.mask.any():
@@ -117,7 +117,7 @@ def compared_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.
     """A photo cut out by its mask, the textured mesh from the same camera, and their difference, four times as strong."""
     camera, photo, mask = tile_of(view, frame)
     photo = np.where(mask[..., None], photo, 255)
-    render = renderer.color(camera, (255, 255, 255), 2)
+    render = renderer.render_color(camera, (255, 255, 255), 2)
     difference = np.clip(255 - GAIN * np.abs(photo.astype(int) - render), 0, 255).astype(np.uint8)
     return np.concatenate([photo, render, difference], 1)
 
