@@ -9,7 +9,7 @@ from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 
 
-@pytest.mark.parametrize("method", ["given", "support_plane"])
+@pytest.mark.parametrize("method", ["user_masks", "support_plane"])
 def test_the_reason_stands_in_place_of_the_masks(tmp_path, method, capsys):
     words = ["--method", method, "--scene", str(tmp_path / "scene"), "--out", str(tmp_path / "cameras")]
     assert stage_main("zeroshop_steps.segment", words) == 1

@@ -27,7 +27,7 @@ def scene(carton_scene, tmp_path):
 
 
 def given(scene, *more):
-    words = ["--method", "given", "--scene", scene, "--rejected", scene.parent / "masks.png", "--out", scene.parent / "cameras", *more]
+    words = ["--scene", scene, "--rejected", scene.parent / "masks.png", "--out", scene.parent / "cameras", *more]
     return stage_main("zeroshop_steps.segment", ["--method", "user_masks", *map(str, words)])
 
 
