@@ -11,7 +11,7 @@ from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
 from zeroshop_steps.surface.training_views import TILE_PX
 from zeroshop_steps.surface.twodgs import project as disks
-from zeroshop_steps.surface.twodgs import render as disk_render
+from zeroshop_steps.surface.twodgs import render as surfel_render
 
 LIGHT_MIN = 1e-4
 """Transmittance below which both optimizers end a pixel."""
@@ -21,12 +21,12 @@ def blended_samples(scene, view) -> int:
     """Pairs of a pixel and a disk or voxel that adds to it, in one view of a scene."""
     arrays = [tensor.detach().numpy() for tensor in scene.tensors]
     if scene.title == "2dgs":
-        splats, boxes, lists, _ = disk_render._drawn(arrays, 0, view)
+        splats, boxes, lists, _ = surfel_render._draw(arrays, 0, view)
         return _disks(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
-    rows, boxes, lists, _, _ = voxel_render._drawn(*arrays, scene.octree, 0, view)
-    items = view.items
+    rows, boxes, lists, _, _ = voxel_render._draw(*arrays, scene.octree, 0, view)
+    pairs = view.tile_octants
     return _voxels(
-        rows, boxes, view.camera, items.tiles, items.octants, lists.items, lists.starts, lists.voxel_of, view.tile_shape[1]
+        rows, boxes, view.camera, pairs.tiles, pairs.octants, lists.pairs, lists.starts, lists.voxel_of, view.tile_shape[1]
     )  # fmt: skip
 
 
@@ -54,17 +54,17 @@ def _disks(splats, boxes, tiles, starts, splat_of, tiles_x):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _voxels(rows, boxes, camera, item_tiles, item_octants, items, starts, voxel_of, tiles_x):
+def _voxels(rows, boxes, camera, pair_tiles, pair_octants, pairs, starts, voxel_of, tiles_x):
     blended = 0
-    for item in items:
-        left, top = item_tiles[item] % tiles_x * TILE_PX, item_tiles[item] // tiles_x * TILE_PX
+    for pair in pairs:
+        left, top = pair_tiles[pair] % tiles_x * TILE_PX, pair_tiles[pair] // tiles_x * TILE_PX
         thickness = np.zeros((TILE_PX, TILE_PX))
-        for entry in range(starts[item], starts[item + 1]):
+        for entry in range(starts[pair], starts[pair + 1]):
             s, box = rows[voxel_of[entry]], boxes[voxel_of[entry]]
             for y in range(max(box[2], top), min(box[3], top + TILE_PX)):
                 for x in range(max(box[0], left), min(box[1], left + TILE_PX)):
                     lit = math.exp(-thickness[y - top, x - left]) >= LIGHT_MIN
-                    if not lit or octant_of(camera, x + 0.5, y + 0.5) != item_octants[item]:
+                    if not lit or octant_of(camera, x + 0.5, y + 0.5) != pair_octants[pair]:
                         continue
                     first, last, square = s[voxels.TAU_MIN], 1e30, 0.0
                     e, d = np.empty(3), np.empty(3)

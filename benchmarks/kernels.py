@@ -13,12 +13,12 @@ import numba
 import torch
 from count import blended_samples
 from measure import Clock, Company, one_against_two_threads, peak_flops_per_second, peak_memory_mb
-from scenes import DiskScene, VoxelScene, ball_of_disks, ball_of_voxels, cloud_of_disks
+from scenes import SurfelScene, VoxelScene, ball_of_surfels, ball_of_voxels, cloud_of_surfels
 
 FLOPS = {"2dgs": (55, 115), "svraster": (185, 256)}
 """Operations of one blended sample, forward and backward."""
 
-Scene = DiskScene | VoxelScene
+Scene = SurfelScene | VoxelScene
 
 
 class Run:
@@ -55,13 +55,13 @@ class Run:
 
 def sizes(quick: bool) -> list[Scene]:
     if quick:
-        return [ball_of_disks("small", 300, 24), ball_of_voxels("small", 2, 16)]
+        return [ball_of_surfels("small", 300, 24), ball_of_voxels("small", 2, 16)]
     return [
-        ball_of_disks("small", 1_000, 40),
-        ball_of_disks("coarse", 20_000, 160),
-        ball_of_disks("usual", 20_000, 320),
-        ball_of_disks("large", 80_000, 480),
-        cloud_of_disks("cloud", 15_000, 320),
+        ball_of_surfels("small", 1_000, 40),
+        ball_of_surfels("coarse", 20_000, 160),
+        ball_of_surfels("usual", 20_000, 320),
+        ball_of_surfels("large", 80_000, 480),
+        cloud_of_surfels("cloud", 15_000, 320),
         ball_of_voxels("small", 3, 24),
         ball_of_voxels("coarse", 7, 160),
         ball_of_voxels("usual", 7, 320),
@@ -71,12 +71,12 @@ def sizes(quick: bool) -> list[Scene]:
 
 def growth(quick: bool) -> list[tuple[str, Scene, Scene]]:
     if quick:
-        return [("2dgs, 4 x views", ball_of_disks("", 300, 24), ball_of_disks("", 300, 24, views=4))]
-    disks, voxels = ball_of_disks("", 20_000, 160), ball_of_voxels("", 6, 160)
+        return [("2dgs, 4 x views", ball_of_surfels("", 300, 24), ball_of_surfels("", 300, 24, views=4))]
+    disks, voxels = ball_of_surfels("", 20_000, 160), ball_of_voxels("", 6, 160)
     return [
-        ("2dgs, 4 x disks", disks, ball_of_disks("", 80_000, 160)),
-        ("2dgs, 4 x pixels", disks, ball_of_disks("", 20_000, 320)),
-        ("2dgs, 4 x views", disks, ball_of_disks("", 20_000, 160, views=4)),
+        ("2dgs, 4 x disks", disks, ball_of_surfels("", 80_000, 160)),
+        ("2dgs, 4 x pixels", disks, ball_of_surfels("", 20_000, 320)),
+        ("2dgs, 4 x views", disks, ball_of_surfels("", 20_000, 160, views=4)),
         ("svraster, 4 x voxels", voxels, ball_of_voxels("", 7, 160)),
         ("svraster, 4 x pixels", voxels, ball_of_voxels("", 6, 320)),
         ("svraster, 4 x views", voxels, ball_of_voxels("", 6, 160, views=4)),

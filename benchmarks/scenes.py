@@ -14,13 +14,13 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference
-from zeroshop_steps.surface.twodgs import render as disk_render
-from zeroshop_steps.surface.twodgs.reference import render_reference as disk_reference
+from zeroshop_steps.surface.twodgs import render as surfel_render
+from zeroshop_steps.surface.twodgs.reference import render_reference as surfel_reference
 from zeroshop_steps.surface.twodgs.surfels import quaternions_towards
 
 DISTANCE, RADIUS = 3.0, 0.8
 NEAR, FAR = 1.0, 5.0
-DISK_DEGREE, VOXEL_DEGREE = 2, 1
+SURFEL_DEGREE, VOXEL_DEGREE = 2, 1
 
 
 def look_at(azimuth: float, edge_px: int) -> Camera:
@@ -43,7 +43,7 @@ def bumpy_radius(directions: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class DiskScene:
+class SurfelScene:
     """Disks and views of them; `tensors` are the arguments of `render.render` before the degree."""
 
     name: str
@@ -55,20 +55,20 @@ class DiskScene:
     def __len__(self) -> int:
         return len(self.tensors[0])
 
-    def view(self, index: int) -> disk_render.RenderView:
-        return disk_render.RenderView.of(self.cameras[index], NEAR, FAR)
+    def view(self, index: int) -> surfel_render.RenderView:
+        return surfel_render.RenderView.from_camera(self.cameras[index], NEAR, FAR)
 
-    def render(self, view: disk_render.RenderView) -> list[torch.Tensor]:
-        r = disk_render.render(*self.tensors, DISK_DEGREE, view)
+    def render(self, view: surfel_render.RenderView) -> list[torch.Tensor]:
+        r = surfel_render.render(*self.tensors, SURFEL_DEGREE, view)
         return [r.color, r.depth, r.normal, r.alpha]
 
-    def twin(self, view: disk_render.RenderView) -> list[torch.Tensor]:
+    def twin(self, view: surfel_render.RenderView) -> list[torch.Tensor]:
         camera = torch.tensor(view.camera, dtype=torch.float32)
-        planes, _ = disk_reference(*self.tensors, DISK_DEGREE, camera, view.width_px, view.height_px, view.near, view.depth_map)
+        planes, _ = surfel_reference(*self.tensors, SURFEL_DEGREE, camera, view.width_px, view.height_px, view.near, view.depth_map)
         return [planes[0:3], planes[3], planes[4:7], planes[7]]
 
 
-def ball_of_disks(name: str, count: int, edge_px: int, views: int = 1) -> DiskScene:
+def ball_of_surfels(name: str, count: int, edge_px: int, views: int = 1) -> SurfelScene:
     """Disks that lie about along the surface, several deep, half of them more than half opaque."""
     rng = np.random.default_rng(count)
     directions = rng.normal(size=(count, 3))
@@ -78,24 +78,24 @@ def ball_of_disks(name: str, count: int, edge_px: int, views: int = 1) -> DiskSc
     normals = directions + rng.normal(0.0, 0.25, (count, 3))
     quaternions = quaternions_towards(normals / np.linalg.norm(normals, axis=1, keepdims=True))
     quaternions += rng.normal(0.0, 0.05, (count, 4))
-    return _disk_scene(name, rng, positions, log_scales, quaternions, edge_px, views)
+    return _surfel_scene(name, rng, positions, log_scales, quaternions, edge_px, views)
 
 
-def cloud_of_disks(name: str, count: int, edge_px: int, views: int = 1) -> DiskScene:
+def cloud_of_surfels(name: str, count: int, edge_px: int, views: int = 1) -> SurfelScene:
     """Disks anywhere in the ball, turned at random."""
     rng = np.random.default_rng(count)
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     positions = directions * RADIUS * rng.uniform(size=(count, 1)) ** (1 / 3)
     log_scales = np.log(0.02) + rng.normal(0.0, 0.4, (count, 2))
-    return _disk_scene(name, rng, positions, log_scales, rng.normal(size=(count, 4)), edge_px, views)
+    return _surfel_scene(name, rng, positions, log_scales, rng.normal(size=(count, 4)), edge_px, views)
 
 
-def _disk_scene(name, rng, positions, log_scales, quaternions, edge_px, views) -> DiskScene:
+def _surfel_scene(name, rng, positions, log_scales, quaternions, edge_px, views) -> SurfelScene:
     count = len(positions)
     arrays = (positions, log_scales, quaternions, rng.normal(0.0, 1.0, count), rng.normal(0.0, 0.3, (count, 16, 3)))
     tensors = [torch.tensor(array, dtype=torch.float32, requires_grad=True) for array in arrays]
-    return DiskScene(name, tensors, [look_at(2.4 * index, edge_px) for index in range(views)])
+    return SurfelScene(name, tensors, [look_at(2.4 * index, edge_px) for index in range(views)])
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class VoxelScene:
         return len(self.octree)
 
     def view(self, index: int) -> voxel_render.RenderView:
-        return voxel_render.RenderView.of(self.cameras[index])
+        return voxel_render.RenderView.from_camera(self.cameras[index])
 
     def render(self, view: voxel_render.RenderView) -> list[torch.Tensor]:
         r = voxel_render.render(self.octree, *self.tensors, VOXEL_DEGREE, view)
@@ -132,7 +132,7 @@ def ball_of_voxels(name: str, level: int, edge_px: int, views: int = 1) -> Voxel
     axis = (np.arange(1 << level) + 0.5) * edge - 1.0
     slabs = (np.stack(np.meshgrid(x, axis, axis, indexing="ij"), -1)[0] for x in axis)
     octree = Octree.uniform(np.stack([np.abs(_height(slab.reshape(-1, 3))).reshape(slab.shape[:2]) < edge for slab in slabs]))
-    octree, _ = octree.refined(np.ones(len(octree), bool), rng.uniform(size=len(octree)) < 0.17)
+    octree, _ = octree.refine(np.ones(len(octree), bool), rng.uniform(size=len(octree)) < 0.17)
     corners = octree.corner_points * (2.0 / 1024) - 1.0
     densities = np.clip(-1.0 - 2.5 / edge * _height(corners), -6.0, 6.0) + rng.normal(0.0, 1.5, len(corners))
     arrays = (densities, rng.normal(0.0, 0.3, (len(octree), (VOXEL_DEGREE + 1) ** 2, 3)))

@@ -5,8 +5,8 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.visual_hull import VisualHull
-from zeroshop_steps.surface.free_space import Volume
-from zeroshop_steps.surface.initialization import FreeSpace, Start
+from zeroshop_steps.surface.free_space import HullDistanceField
+from zeroshop_steps.surface.initialization import FreeSpace, Initialization
 from zeroshop_steps.surface.training_views import TrainingView
 
 SIZE_PX, FOCAL_PX, RADIUS = 64, 90.0, 0.6
@@ -48,13 +48,13 @@ def ball_view(azimuth_deg: float, elevation_deg: float, size_px: int, fineness: 
     return TrainingView(camera, torch.from_numpy(color), torch.from_numpy(mask), torch.from_numpy(active), np.ones((4, 4), bool)), depth
 
 
-def ball_start(views: list[TrainingView]) -> Start:
+def ball_initialization(views: list[TrainingView]) -> Initialization:
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(600, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     cameras, masks = [view.camera for view in views], [view.mask.numpy() > 0 for view in views]
-    volume = Volume.of(VisualHull.carve(cameras, masks, 1.0, 48, misses_allowed=1))
+    volume = HullDistanceField.from_hull(VisualHull.carve(cameras, masks, 1.0, 48, misses_allowed=1))
     nothing = {camera.name: np.zeros((0, 2)) for camera in cameras}
     none = {camera.name: np.zeros(0) for camera in cameras}
     points = normals * RADIUS * rng.uniform(0.9, 1.0, (600, 1))
-    return Start(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, volume), nothing, none)
+    return Initialization(points, np.full((600, 3), 0.5), normals, FreeSpace(cameras, masks, volume), nothing, none)

@@ -30,7 +30,7 @@ from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.fuse import in_fixed_order
+from zeroshop_steps.surface.fuse import sort_mesh
 
 LIMITS = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
 CAMERA_NOISE_DEG = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -117,7 +117,7 @@ def fused(case: Case, voxels: int = 128) -> Mesh:
         blocks = grid.compute_unique_block_coordinates(image, k, pose, 1.0, 1e3, 5.0)
         grid.integrate(blocks, image, k, pose, 1.0, 1e3, 5.0)
     surface = grid.extract_triangle_mesh(weight_threshold=1.5)
-    mesh = in_fixed_order(surface.vertex.positions.numpy().astype(float), surface.triangle.indices.numpy().astype(np.int64))
+    mesh = sort_mesh(surface.vertex.positions.numpy().astype(float), surface.triangle.indices.numpy().astype(np.int64))
     return Mesh(mesh.vertices / scale, mesh.faces)
 
 

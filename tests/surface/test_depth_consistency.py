@@ -5,7 +5,7 @@ import torch
 
 from helpers.cup import RIM, camera_above, depth_of_cup
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.surface.depth_consistency import confirmed
+from zeroshop_steps.surface.depth_consistency import confirm_depths
 from zeroshop_steps.surface.training_views import TrainingView
 
 RAISED = 0.15
@@ -40,7 +40,7 @@ def test_depths_that_views_across_look_through_are_dropped() -> None:
         raised = depth_of_plane(camera, RIM + RAISED)
         over_the_hollow = (truth > 0) & (np.hypot(*np.mgrid[-60:60, -60:60]) < 12)
         depths.append(np.where(over_the_hollow & (i < 4), raised, truth))  # four neighbours agree on what is not there
-    found = confirmed(views, depths)
+    found = confirm_depths(views, depths)
     assert max(heights(camera, depth).max() for camera, depth in zip(cameras, found, strict=True)) < RIM + 0.02
     kept, true = (sum((depth > 0).sum() for depth in maps) for maps in (found, truths))
     assert kept > 0.6 * true, "what is there stays"
@@ -51,7 +51,7 @@ def test_a_depth_that_only_its_neighbours_find_stays_while_nobody_contradicts() 
     truths = [depth_of_cup(camera) for camera in cameras]
     views = [view_of(camera, np.zeros(truth.shape), truth > 0) for camera, truth in zip(cameras, truths, strict=True)]
     few = [truth if i < 4 else np.zeros_like(truth) for i, truth in enumerate(truths)]
-    found = confirmed(views, few)
+    found = confirm_depths(views, few)
     assert sum((depth > 0).sum() for depth in found) > 0.5 * sum((depth > 0).sum() for depth in few)
     alone = [truth if i == 0 else np.zeros_like(truth) for i, truth in enumerate(truths)]
-    assert not any(depth.any() for depth in confirmed(views, alone)), "one view alone confirms nothing"
+    assert not any(depth.any() for depth in confirm_depths(views, alone)), "one view alone confirms nothing"

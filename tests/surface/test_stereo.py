@@ -15,9 +15,9 @@ from zeroshop_steps.geometry.crops import STRIDE_PX, ObjectSphere
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.depth_consistency import find_seeds
-from zeroshop_steps.surface.patchmatch import match
+from zeroshop_steps.surface.patchmatch import estimate_depth_maps
 from zeroshop_steps.surface.seeds import Seeds, read_seeds, write_seeds
-from zeroshop_steps.surface.training_views import TrainingView, grid_view
+from zeroshop_steps.surface.training_views import TrainingView, make_grid_view
 
 SPHERE = ObjectSphere(np.array([10.0, -20.0, 5.0]), 80.0)
 
@@ -28,7 +28,7 @@ def cameras_of(views: list[TrainingView]) -> list[Camera]:
 
 def some_seeds(views: list[TrainingView]) -> Seeds:
     rng = np.random.default_rng(0)
-    maps = {view.camera.name: rng.uniform(0, 3, grid_view(view).mask.shape).astype(np.float32) for view in views}
+    maps = {view.camera.name: rng.uniform(0, 3, make_grid_view(view).mask.shape).astype(np.float32) for view in views}
     return Seeds(*(rng.normal(size=(50, 3)) for _ in range(3)), maps, VisualHull(rng.random((16, 16, 16)) > 0.5, 1.0))
 
 
@@ -45,7 +45,7 @@ def test_stereo_finds_the_surface_and_its_normals() -> None:
     errors = []
     for view, found, true_depth in zip(views, seeds.depth_maps.values(), depths, strict=True):
         expected = true_depth[::STRIDE_PX, ::STRIDE_PX]
-        assert found.shape == grid_view(view).mask.shape
+        assert found.shape == make_grid_view(view).mask.shape
         errors.append(np.abs(found - expected)[(found > 0) & (expected > 0)])
     assert np.median(np.concatenate(errors)) < exact, "depths belong to the pixels of the grid view"
     assert seeds.volume.occupied.sum() <= hull.occupied.sum()
@@ -54,10 +54,10 @@ def test_stereo_finds_the_surface_and_its_normals() -> None:
 def test_stereo_gives_the_same_whatever_the_number_of_threads(ball: tuple) -> None:
     views, _ = ball
     occupied = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48).occupied
-    one = match(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
+    one = estimate_depth_maps(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
     numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
     try:
-        two = match(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
+        two = estimate_depth_maps(views[:5], occupied, 1.0, seed=3, photometric_rounds=1, geometric_rounds=1)
     finally:
         numba.set_num_threads(1)
     for first, second in zip(one, two, strict=True):
@@ -66,7 +66,7 @@ def test_stereo_gives_the_same_whatever_the_number_of_threads(ball: tuple) -> No
 
 def test_grid_view_sees_what_every_third_pixel_sees(ball: tuple) -> None:
     view = ball[0][3]
-    small = grid_view(view)
+    small = make_grid_view(view)
     point = np.array([[0.1, -0.2, 0.3]])
     pixel, small_pixel = view.camera.project(point)[0][0], small.camera.project(point)[0][0]
     # The centre of the grid's pixel i is the centre of the image's pixel STRIDE_PX * i.

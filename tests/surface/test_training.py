@@ -6,54 +6,53 @@ import numpy as np
 import pytest
 import torch
 
-from helpers.ball import ball_start, ball_views
-from zeroshop_steps.surface.initialization import Start
-from zeroshop_steps.surface.svraster.initialization import start_voxels
-from zeroshop_steps.surface.svraster.settings import TrainingSettings as VoxelSettings
-from zeroshop_steps.surface.svraster.train import Trainer as VoxelTrainer
-from zeroshop_steps.surface.training import Views, ViewTrainer, anchors
+from helpers.ball import ball_initialization, ball_views
+from zeroshop_steps.surface.initialization import Initialization
+from zeroshop_steps.surface.svraster.initialization import initialize_voxels
+from zeroshop_steps.surface.svraster.settings import VoxelSettings
+from zeroshop_steps.surface.svraster.train import VoxelTrainer
+from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, depth_targets
 from zeroshop_steps.surface.training_views import TrainingView
-from zeroshop_steps.surface.twodgs.surfels import start_surfels
-from zeroshop_steps.surface.twodgs.train import Trainer as DiskTrainer
-from zeroshop_steps.surface.twodgs.train import TrainingSettings as DiskSettings
+from zeroshop_steps.surface.twodgs.surfels import initialize_surfels
+from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
 
 ITERATIONS, SWITCH = 24, 12
 
 
 @pytest.fixture(scope="module")
-def sizes() -> tuple[Views, list[np.ndarray]]:
+def sizes() -> tuple[ViewPyramid, list[np.ndarray]]:
     """The ball at 32 and 64 px, and its depth maps at 64 px."""
     fine, depths = ball_views(64)
-    return Views(ball_views(32)[0], fine), depths
+    return ViewPyramid(ball_views(32)[0], fine), depths
 
 
-def confirmed_start(views: list[TrainingView], depths: list[np.ndarray], step_px: int = 5) -> Start:
+def confirmed_initialization(views: list[TrainingView], depths: list[np.ndarray], step_px: int = 5) -> Initialization:
     """The ball's start, with the exact depth of every few pixels."""
-    start = ball_start(views)
+    initialization = ball_initialization(views)
     for view, depth in zip(views, depths, strict=True):
         k = view.camera.intrinsics
         y, x = (grid.ravel() for grid in np.mgrid[2 : len(depth) : step_px, 2 : len(depth) : step_px])
         y, x = y[depth[y, x] > 0], x[depth[y, x] > 0]
-        start.rays[view.camera.name] = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1]], 1)
-        start.depths[view.camera.name] = depth[y, x]
-    return start
+        initialization.confirmed_rays[view.camera.name] = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1]], 1)
+        initialization.confirmed_depths[view.camera.name] = depth[y, x]
+    return initialization
 
 
-def trainer_of(method: str, views: Views, start: Start) -> ViewTrainer:
+def trainer_of(method: str, views: ViewPyramid, initialization: Initialization) -> Trainer:
     if method == "svraster":
         settings = VoxelSettings(iterations=ITERATIONS, coarse_share=SWITCH / ITERATIONS, level_start=4, level_max=6)
-        return VoxelTrainer(start_voxels(start, views.fine, 4, settings.sh_degree), views, start, settings)
-    settings = DiskSettings(iterations=ITERATIONS, coarse_share=SWITCH / ITERATIONS)
-    return DiskTrainer(start_surfels(start.points, start.colors, start.normals, 0), views, start, settings)
+        return VoxelTrainer(initialize_voxels(initialization, views.fine, 4, settings.sh_degree), views, initialization, settings)
+    settings = SurfelSettings(iterations=ITERATIONS, coarse_share=SWITCH / ITERATIONS)
+    return SurfelTrainer(initialize_surfels(initialization, 0), views, initialization, settings)
 
 
 def test_a_confirmed_depth_is_anchored_at_the_pixel_that_shows_it(sizes):
     views, depths = sizes
-    start = confirmed_start(views.fine, depths)
+    initialization = confirmed_initialization(views.fine, depths)
     for view, coarse, depth in zip(views.fine, views.coarse, depths, strict=True):
-        pixels, confirmed = anchors(view, start)
+        pixels, confirmed = depth_targets(view, initialization)
         assert len(pixels) > 20 and np.array_equal(depth.reshape(-1)[pixels.numpy()], confirmed.numpy())
-        pixels, confirmed = anchors(coarse, start)
+        pixels, confirmed = depth_targets(coarse, initialization)
         y, x = np.divmod(pixels.numpy(), 32)
         around = np.stack([depth[2 * y + dy, 2 * x + dx] for dy in (0, 1) for dx in (0, 1)])
         assert (np.abs(around - confirmed.numpy()).min(axis=0) == 0).all(), "the coarse pixel is the one that covers the fine one"
@@ -62,8 +61,8 @@ def test_a_confirmed_depth_is_anchored_at_the_pixel_that_shows_it(sizes):
 @pytest.mark.parametrize("method", ["2dgs", "svraster"])
 def test_training_goes_from_coarse_to_fine_and_resumes_on_either_side(method, sizes, tmp_path: Path):
     views, depths = sizes
-    start = confirmed_start(views.fine, depths)
-    whole = trainer_of(method, views, start)
+    initialization = confirmed_initialization(views.fine, depths)
+    whole = trainer_of(method, views, initialization)
     whole.run(SWITCH)
     assert whole.views is views.coarse
     whole.run(ITERATIONS)
@@ -73,10 +72,10 @@ def test_training_goes_from_coarse_to_fine_and_resumes_on_either_side(method, si
     terms["depth"].backward()
     assert any(tensor.grad is not None and tensor.grad.any() for tensor in whole.model.tensors().values())
     for stop in (SWITCH - 5, SWITCH + 5):
-        first = trainer_of(method, views, start)
+        first = trainer_of(method, views, initialization)
         first.run(stop)
         first.save(tmp_path / "checkpoint.pt", {})
-        second = type(first).resume(tmp_path / "checkpoint.pt", views, start, first.settings, {})
+        second = type(first).resume(tmp_path / "checkpoint.pt", views, initialization, first.settings, {})
         second.run(ITERATIONS)
         for name, tensor in whole.model.tensors().items():
             assert torch.equal(tensor, second.model.tensors()[name]), (stop, name)

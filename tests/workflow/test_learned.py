@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.networks.mast3r.model import Configuration, MASt3R
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.surface.seeds import Seeds, write_seeds
-from zeroshop_steps.surface.training_views import grid_view, read_camera_set, seed_views
+from zeroshop_steps.surface.training_views import make_grid_view, make_seed_views, read_camera_set
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_the_height_by_mast3r_with_random_weights_ends_with_its_reason(snakemake
     write_ply(scene / "colmap" / "2dgs" / "clean.ply", carton.mesh)
     camera_set = read_camera_set(carton.cameras)
     sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
-    sizes = {view.camera.name: grid_view(view).mask.shape for view in seed_views(camera_set, sphere)}
+    sizes = {view.camera.name: make_grid_view(view).mask.shape for view in make_seed_views(camera_set, sphere)}
     nothing = {name: np.zeros(shape, np.float32) for name, shape in sizes.items()}
     hull = VisualHull(np.ones((8, 8, 8), bool), 1.0)
     (scene / "colmap" / "stereo").mkdir()

@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import MEASURED, compute_area_shares
 from zeroshop_steps.geometry.surface_support import classify_surface_support
 from zeroshop_steps.runtime.files import atomic_write, write_json
-from zeroshop_steps.surface.seeds import confirmed_points
+from zeroshop_steps.surface.seeds import read_confirmed_points
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
-    evidence = classify_surface_support(mesh, views, confirmed_points(args.stereo, views))
+    evidence = classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views))
     shares = compute_area_shares(replace(mesh, quality=evidence / MEASURED))
     with atomic_write(args.out) as temporary:
         np.savez_compressed(temporary, evidence=evidence)

@@ -111,9 +111,9 @@ def _mesh_with_evidence(args: argparse.Namespace, views: list[View]) -> Mesh:
         return mesh
     from zeroshop_steps.geometry.support_classes import MEASURED
     from zeroshop_steps.geometry.surface_support import classify_surface_support
-    from zeroshop_steps.surface.seeds import confirmed_points
+    from zeroshop_steps.surface.seeds import read_confirmed_points
 
-    return replace(mesh, quality=classify_surface_support(mesh, views, confirmed_points(args.stereo, views)) / MEASURED)
+    return replace(mesh, quality=classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views)) / MEASURED)
 
 
 def check_known(scale: Scale, registered: RegisteredObject, else_wrong: str) -> None:

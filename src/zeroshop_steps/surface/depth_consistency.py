@@ -10,10 +10,10 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.visual_hull import VisualHull
-from zeroshop_steps.surface.free_space import carved
-from zeroshop_steps.surface.patchmatch import match, neighbours_of
+from zeroshop_steps.surface.free_space import carve_free_space
+from zeroshop_steps.surface.patchmatch import estimate_depth_maps, select_neighbours
 from zeroshop_steps.surface.seeds import Seeds
-from zeroshop_steps.surface.training_views import TrainingView, grid_view
+from zeroshop_steps.surface.training_views import TrainingView, make_grid_view
 
 WITNESSES = 8
 """Neighbouring views that are asked."""
@@ -38,11 +38,11 @@ def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int) -> Seeds:
     Args:
         views: training views in normalized coordinates; fine print wants full resolution.
     """
-    depths, normals, costs = match(views, hull.occupied, hull.half_extent, seed)
-    views = [grid_view(view) for view in views]
+    depths, normals, costs = estimate_depth_maps(views, hull.occupied, hull.half_extent, seed)
+    views = [make_grid_view(view) for view in views]
     cameras = [view.camera for view in views]
-    volume = carved(hull, cameras, confirmed(views, _below(CARVING_COST_MAX, depths, costs)))
-    maps = confirmed(views, _below(COST_MAX, depths, costs))
+    volume = carve_free_space(hull, cameras, confirm_depths(views, _below(CARVING_COST_MAX, depths, costs)))
+    maps = confirm_depths(views, _below(COST_MAX, depths, costs))
     points, colors, directions = [], [], []
     for view, depth, normal in zip(views, maps, normals, strict=True):
         y, x = np.nonzero(depth)
@@ -64,10 +64,10 @@ def _world_points(view: TrainingView, depth: np.ndarray, y: np.ndarray, x: np.nd
     return (rays * depth[y, x][:, None] - pose[:3, 3]) @ pose[:3, :3]
 
 
-def confirmed(views: list[TrainingView], depths: list[np.ndarray]) -> list[np.ndarray]:
+def confirm_depths(views: list[TrainingView], depths: list[np.ndarray]) -> list[np.ndarray]:
     """The depths that enough neighbouring views find too and that no others look through, 0 elsewhere."""
     cameras = [view.camera for view in views]
-    neighbours = neighbours_of(cameras, min(WITNESSES, len(views) - 1))
+    neighbours = select_neighbours(cameras, min(WITNESSES, len(views) - 1))
     maps = []
     for view, depth, witnesses in zip(views, depths, neighbours, strict=True):
         agreeing = [np.abs(gap) < TOLERANCE for gap in _gaps(view, depth, cameras, depths, witnesses)]

@@ -32,7 +32,7 @@ STRIDE_FOR_BLOCKS = 4
 
 
 @dataclass(frozen=True)
-class Volume:
+class HullDistanceField:
     """Where the object may be: voxels along each edge of the cube [-half_extent, half_extent]^3.
 
     Attributes:
@@ -43,10 +43,10 @@ class Volume:
     half_extent: float
 
     @staticmethod
-    def of(hull: VisualHull) -> "Volume":
+    def from_hull(hull: VisualHull) -> "HullDistanceField":
         """The volume of a hull's voxels."""
         distance = distance_transform_edt(~hull.occupied) if hull.occupied.any() else np.full(hull.occupied.shape, np.inf)
-        return Volume(distance.astype(np.float32), hull.half_extent)
+        return HullDistanceField(distance.astype(np.float32), hull.half_extent)
 
     def farther_than(self, points: np.ndarray, voxels: float) -> np.ndarray:
         """(P,) bool: which (P, 3) points are more than `voxels` outside."""
@@ -57,7 +57,7 @@ class Volume:
         return outside | (self.distance_voxels[i, j, k] > voxels)
 
 
-def carved(hull: VisualHull, cameras: list[Camera], depth_maps: list[np.ndarray]) -> VisualHull:
+def carve_free_space(hull: VisualHull, cameras: list[Camera], depth_maps: list[np.ndarray]) -> VisualHull:
     """The hull without what confirmed depths have shown to be empty.
 
     Args:

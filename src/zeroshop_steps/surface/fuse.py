@@ -14,8 +14,8 @@ from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.silhouettes import fitted_to_masks
-from zeroshop_steps.surface.training_views import TrainingView, read_camera_set, training_views
+from zeroshop_steps.surface.silhouettes import fit_to_masks
+from zeroshop_steps.surface.training_views import TrainingView, make_training_views, read_camera_set
 from zeroshop_steps.surface.twodgs.render import RenderView, render_surface_depth
 from zeroshop_steps.surface.twodgs.surfels import Surfels, read_splat_ply
 
@@ -40,13 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     surfels, sphere = read_splat_ply(args.splats)
-    views = training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
-    depths = [view_depth(surfels, view) for view in views]
-    mesh = fuse(depths, views, surfels, args.voxels, args.min_views)
+    views = make_training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
+    depths = [render_depth(surfels, view) for view in views]
+    mesh = fuse_depth_maps(depths, views, surfels, args.voxels, args.min_views)
     if mesh is None:
         raise StepError(f"{args.splats} has no surface that {args.min_views} views see; train longer or check masks and cameras")
     voxel = np.ptp(mesh.vertices, axis=0).max() / args.voxels
-    mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_VOXELS * voxel)
+    mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * voxel)
     world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
     write_ply(args.out, world)
     figures = {
@@ -59,16 +59,16 @@ def run(args: argparse.Namespace) -> None:
     write_json(args.out.with_suffix(".json"), figures)
 
 
-def view_depth(surfels: Surfels, view: TrainingView) -> np.ndarray:
+def render_depth(surfels: Surfels, view: TrainingView) -> np.ndarray:
     """(H, W) float32 depth of one view in normalized units; 0 outside the mask and where less than half of the light is stopped."""
-    render_view = RenderView.around_object(view)
+    render_view = RenderView.from_training_view(view)
     depth, alpha = render_surface_depth(
         surfels.positions, surfels.log_scales, surfels.quaternions, surfels.opacity_logits, render_view, SURFACE_REACH
     )
     return np.where((alpha > 0.5) & (view.mask.numpy() > 0.5), depth, np.float32(0.0))
 
 
-def fuse(depths: list[np.ndarray], views: list[TrainingView], surfels: Surfels, voxels: int, min_views: int) -> Mesh | None:
+def fuse_depth_maps(depths: list[np.ndarray], views: list[TrainingView], surfels: Surfels, voxels: int, min_views: int) -> Mesh | None:
     """The surface that depth maps agree on, in normalized coordinates; None when there is none.
 
     Vertices and faces are put in a fixed order, since the voxel blocks' hash map keeps none.
@@ -95,10 +95,10 @@ def fuse(depths: list[np.ndarray], views: list[TrainingView], surfels: Surfels, 
     vertices, faces = surface.vertex.positions.numpy().astype(float), surface.triangle.indices.numpy().astype(np.int64)
     if len(faces) == 0:
         return None
-    return in_fixed_order(vertices, faces)
+    return sort_mesh(vertices, faces)
 
 
-def in_fixed_order(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+def sort_mesh(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     """Sort vertices by position and faces by their vertices, keeping each face's orientation; equal vertices become one."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     faces = index.reshape(-1)[faces]

@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.crops import ObjectSphere
 from zeroshop_steps.geometry.visual_hull import find_inside_masks
-from zeroshop_steps.surface.free_space import Volume
+from zeroshop_steps.surface.free_space import HullDistanceField
 from zeroshop_steps.surface.seeds import Seeds
-from zeroshop_steps.surface.training_views import TrainingView, grid_view
+from zeroshop_steps.surface.training_views import TrainingView, make_grid_view
 
 OUTSIDE_VOXELS = 2.5
 """Disks farther than this from the carved volume are in free space."""
@@ -28,33 +28,36 @@ class FreeSpace:
 
     cameras: list[Camera]
     masks: list[np.ndarray]
-    volume: Volume
+    volume: HullDistanceField
 
-    def holds(self, points: np.ndarray) -> np.ndarray:
+    def contains(self, points: np.ndarray) -> np.ndarray:
         """(P,) bool for (P, 3) points."""
         outside = ~find_inside_masks(points, self.cameras, self.masks, misses_allowed=1)
         return outside | self.volume.farther_than(points, OUTSIDE_VOXELS)
 
 
 @dataclass(frozen=True)
-class Start:
+class Initialization:
     """What is known before training, in normalized coordinates.
 
     Attributes:
         points, colors, normals: (N, 3) starting points, RGB in [0, 1], unit normals.
         free_space: where no disk may be.
-        rays, depths: for each view's name, (K, 2) ray slopes x / z and y / z in its camera and (K,) depths that stereo confirmed.
+        confirmed_rays, confirmed_depths: by the name of the view, (K, 2) slopes x / z and y / z of rays in its camera, and
+            (K,) depths along them that stereo has confirmed.
     """
 
     points: np.ndarray
     colors: np.ndarray
     normals: np.ndarray
     free_space: FreeSpace
-    rays: dict[str, np.ndarray]
-    depths: dict[str, np.ndarray]
+    confirmed_rays: dict[str, np.ndarray]
+    confirmed_depths: dict[str, np.ndarray]
 
 
-def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingView], seeds: Seeds, hull_points: int, seed: int) -> Start:
+def make_initialization(
+    model: SparseModel, sphere: ObjectSphere, views: list[TrainingView], seeds: Seeds, hull_points: int, seed: int
+) -> Initialization:
     """Join three sources of points: the sparse model's, stereo's, and the carved hull where neither has any.
 
     Args:
@@ -62,11 +65,11 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
         views: the views that the seeds were found in.
         hull_points: how many of the hull's points, at most.
     """
-    grid = [grid_view(view) for view in views]
+    grid = [make_grid_view(view) for view in views]
     cameras = [view.camera for view in grid]
     masks = [view.mask.numpy() > 0 for view in grid]
     volume = seeds.volume
-    free_space = FreeSpace(cameras, masks, Volume.of(volume))
+    free_space = FreeSpace(cameras, masks, HullDistanceField.from_hull(volume))
     seed_normals = _plane_normals(seeds.positions, seeds.normals)
 
     sparse = (model.points - sphere.centre) / sphere.radius
@@ -88,9 +91,9 @@ def find_start(model: SparseModel, sphere: ObjectSphere, views: list[TrainingVie
     sparse_normals = np.zeros((0, 3))
     if len(sparse):
         sparse_normals = np.concatenate([seed_normals, surface_normals])[cKDTree(others).query(sparse)[1]]
-    return Start(
+    return Initialization(
         np.concatenate([sparse, seeds.positions, surface]),
-        np.concatenate([model.colors[trusted] / 255.0, seeds.colors, mean_colors(surface, surface_normals, grid)]),
+        np.concatenate([model.colors[trusted] / 255.0, seeds.colors, average_colors(surface, surface_normals, grid)]),
         np.concatenate([sparse_normals, seed_normals, surface_normals]),
         free_space,
         *_confirmed_rays(grid, seeds),
@@ -118,7 +121,7 @@ def _plane_normals(points: np.ndarray, towards: np.ndarray) -> np.ndarray:
     return normals * np.where((normals * towards).sum(axis=1) < 0, -1.0, 1.0)[:, None]
 
 
-def mean_colors(points: np.ndarray, normals: np.ndarray, views: list[TrainingView]) -> np.ndarray:
+def average_colors(points: np.ndarray, normals: np.ndarray, views: list[TrainingView]) -> np.ndarray:
     """(N, 3) mean RGB of (N, 3) points over the views that they face, weighted by how much."""
     total, weight = np.zeros((len(points), 3)), np.full((len(points), 1), 1e-6)
     for view in views:

@@ -6,17 +6,17 @@ from typing import Protocol
 import torch
 
 
-class Model(Protocol):
+class TrainableModel(Protocol):
     """What is trained: named tensors, each an attribute of that name."""
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """All of them by name."""
 
 
-class AdamWithSurgery:
+class ResizableAdam:
     """Adam (Kingma & Ba 2015) with one learning rate a tensor; moments follow the rows that stay."""
 
-    def __init__(self, model: Model, learning_rates: dict[str, float], betas: tuple[float, float] = (0.9, 0.999)) -> None:
+    def __init__(self, model: TrainableModel, learning_rates: dict[str, float], betas: tuple[float, float] = (0.9, 0.999)) -> None:
         self.model = model
         groups = [
             {"params": [tensor.requires_grad_()], "lr": learning_rates[name], "name": name} for name, tensor in model.tensors().items()
@@ -32,16 +32,18 @@ class AdamWithSurgery:
         """Change the rate of one group."""
         next(group for group in self.adam.param_groups if group["name"] == name)["lr"] = value
 
-    def rebuild(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
+    def keep_and_append(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
         """Keep the rows of the (N,) bool mask and append those of `new`, by name and of the same trailing shapes, without moments."""
         for name in [group["name"] for group in self.adam.param_groups]:
-            self.replace(
+            self.replace_tensor(
                 name,
                 lambda old, name=name: torch.cat([old[keep], new[name]]),
                 lambda moment, name=name: torch.cat([moment[keep], torch.zeros_like(new[name])]),
             )
 
-    def replace(self, name: str, value: Callable[[torch.Tensor], torch.Tensor], moment: Callable[[torch.Tensor], torch.Tensor]) -> None:
+    def replace_tensor(
+        self, name: str, value: Callable[[torch.Tensor], torch.Tensor], moment: Callable[[torch.Tensor], torch.Tensor]
+    ) -> None:
         """Put `value(old)` in the place of a tensor, and `moment(old)` in that of each of its two moments."""
         group = next(group for group in self.adam.param_groups if group["name"] == name)
         old = group["params"][0]
@@ -54,7 +56,7 @@ class AdamWithSurgery:
         group["params"][0] = tensor
         setattr(self.model, name, tensor)
 
-    def forget(self, name: str) -> None:
+    def reset_moments(self, name: str) -> None:
         """Drop the moments of one group, after its values were set by hand."""
         group = next(group for group in self.adam.param_groups if group["name"] == name)
         for moment in ("exp_avg", "exp_avg_sq"):

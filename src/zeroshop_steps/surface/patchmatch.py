@@ -40,7 +40,7 @@ SPREAD = np.array([(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (
 """Where planes come from, all of the checkerboard's other colour."""
 
 
-def neighbours_of(cameras: list[Camera], count: int = NEIGHBOURS) -> np.ndarray:
+def select_neighbours(cameras: list[Camera], count: int = NEIGHBOURS) -> np.ndarray:
     """(V, count) indices of the views whose directions to the origin are nearest."""
     directions = np.array([camera.centre_in_world for camera in cameras])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -48,10 +48,10 @@ def neighbours_of(cameras: list[Camera], count: int = NEIGHBOURS) -> np.ndarray:
     return np.ascontiguousarray(order[:, 1 : count + 1])
 
 
-def match(
+def estimate_depth_maps(
     views: list[TrainingView], occupied: np.ndarray, half_extent: float, seed: int, photometric_rounds: int = 3, geometric_rounds: int = 2
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Depths, normals and costs of every view, at the pixels of its `grid_view`.
+    """Depths, normals and costs of every view, at the pixels of its `make_grid_view`.
 
     Args:
         views: training views in normalized coordinates.
@@ -63,7 +63,7 @@ def match(
     """
     cameras = [view.camera for view in views]
     rows = np.array([camera.row for camera in cameras])
-    neighbours = neighbours_of(cameras, min(NEIGHBOURS, len(views) - 1))
+    neighbours = select_neighbours(cameras, min(NEIGHBOURS, len(views) - 1))
     sizes = np.array([[c.height_px, c.width_px] for c in cameras])
     height, width = sizes.max(axis=0)
     color = np.zeros((len(views), height, width, 3), np.float32)

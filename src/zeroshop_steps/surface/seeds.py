@@ -25,7 +25,8 @@ class Seeds:
 
     Attributes:
         positions: (N, 3), colors: (N, 3) RGB in [0, 1], normals: (N, 3) unit, towards the views that found the seed.
-        depth_maps: for the name of each view its grid_view's (H, W) float32 depth along the optical axis, 0 where nothing was confirmed.
+        depth_maps: by the name of the view, (H, W) float32 depth along the optical axis at the pixels of its stereo grid,
+            0 where nothing was confirmed.
         volume: the visual hull, carved by the depths.
     """
 
@@ -83,7 +84,7 @@ def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> S
     return Seeds(positions, colors, normals, depth_maps, VisualHull(occupied, float(half_extent)))
 
 
-def confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:
+def read_confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:
     """(N, 3) the places of all confirmed depths of a seeds.npz, in the frame of the views' registration.
 
     Raises:

@@ -17,7 +17,7 @@ TRIM = 0.25
 """Share of the contour that is left out at either end: the open rim on the ground, parts that are missing."""
 
 
-def gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
+def measure_gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
     """How far the mesh's silhouettes lie inside the masks, in the unit of the mesh; negative where they reach beyond.
 
     The trimmed mean, over the contours in all views, of the distance in pixels to the mask's edge, times depth by focal length.
@@ -36,7 +36,7 @@ def gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
     return float(gaps[ends : len(gaps) - ends].mean()) if len(gaps) else 0.0
 
 
-def fitted_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[Mesh, float]:
+def fit_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[Mesh, float]:
     """The mesh moved along its vertex normals until its silhouettes meet the masks, by at most `limit`; and by how much.
 
     Normals are those of a smoothed copy, so that roughness is carried along rather than enlarged.
@@ -45,7 +45,7 @@ def fitted_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tupl
     normals = _smooth_normals(mesh)
     for _ in range(ROUNDS):
         moved = Mesh(mesh.vertices + offset * normals, mesh.faces)
-        offset = float(np.clip(offset + gap_to_masks(moved, views), -limit, limit))
+        offset = float(np.clip(offset + measure_gap_to_masks(moved, views), -limit, limit))
     return Mesh(mesh.vertices + offset * normals, mesh.faces), offset
 
 

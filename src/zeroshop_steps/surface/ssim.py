@@ -90,6 +90,6 @@ class _Dissimilarity(torch.autograd.Function):
         return torch.from_numpy(-float(gradient) * (by_mean + _TWO * x * by_square + t * by_product)), None, None
 
 
-def dissimilarity(image: torch.Tensor, target: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+def dssim(image: torch.Tensor, target: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
     """Sum of weight * (1 - SSIM) over (C, H, W) images in [0, 1]; weight: (H, W) float32. Only `image` gets a gradient."""
     return _Dissimilarity.apply(image, target, weight)

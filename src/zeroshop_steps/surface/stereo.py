@@ -33,14 +33,14 @@ def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.runtime.threads import use_threads
     from zeroshop_steps.surface.depth_consistency import find_seeds
     from zeroshop_steps.surface.seeds import write_seeds
-    from zeroshop_steps.surface.training_views import grid_view, read_camera_set, seed_views
+    from zeroshop_steps.surface.training_views import make_grid_view, make_seed_views, read_camera_set
 
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     camera_set = read_camera_set(args.cameras)
     sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
-    views = seed_views(camera_set, sphere)
-    grid = [grid_view(view) for view in views]
+    views = make_seed_views(camera_set, sphere)
+    grid = [make_grid_view(view) for view in views]
     masks = [view.mask.numpy() > 0 for view in grid]
     hull = VisualHull.carve([view.camera for view in grid], masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
     seeds = find_seeds(views, hull, args.seed)

@@ -18,12 +18,12 @@ from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.fuse import in_fixed_order
-from zeroshop_steps.surface.silhouettes import fitted_to_masks
-from zeroshop_steps.surface.svraster.field import Field, half_value, signed_distances
+from zeroshop_steps.surface.fuse import sort_mesh
+from zeroshop_steps.surface.silhouettes import fit_to_masks
+from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signed_distances, half_opacity_value
 from zeroshop_steps.surface.svraster.render import RenderView, render
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels
-from zeroshop_steps.surface.training_views import TrainingView, read_camera_set, training_views
+from zeroshop_steps.surface.training_views import TrainingView, make_training_views, read_camera_set
 
 BLOCK = 16
 """Lattice points along an edge of a block of Open3D's grid."""
@@ -56,14 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     voxels, sphere = read_voxels(args.voxels_file)
-    views = training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
-    field = Field.of(voxels.octree, voxels.densities.numpy(), border=2)
-    depths = [view_depth(voxels, view) for view in views]
-    mesh = surface(field, views, depths)
+    views = make_training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
+    field = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
+    depths = [render_depth(voxels, view) for view in views]
+    mesh = extract_surface(field, views, depths)
     if mesh is None:
         raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
-    mesh, offset = fitted_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
-    mesh = seen(mesh, views, depths, SEEN_STEPS * field.step)
+    mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
+    mesh = keep_seen(mesh, views, depths, SEEN_STEPS * field.step)
     if len(mesh.faces) == 0:
         raise StepError(f"{args.voxels_file} has no surface that {MIN_VIEWS} views see; train longer or check masks and cameras")
     world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
@@ -78,14 +78,14 @@ def run(args: argparse.Namespace) -> None:
     write_json(args.out.with_suffix(".json"), figures)
 
 
-def view_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
+def render_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
     """(H, W) float32 depth at which half of the light of each pixel is stopped; 0 outside the mask and where less is stopped."""
     with torch.no_grad():
-        rendering = render(voxels.octree, voxels.densities, torch.zeros(len(voxels), 1, 3), 0, RenderView.around_object(view))
+        rendering = render(voxels.octree, voxels.densities, torch.zeros(len(voxels), 1, 3), 0, RenderView.from_training_view(view))
     return np.where(view.mask.numpy() > 0.5, rendering.median_depth.numpy(), np.float32(0.0))
 
 
-def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
+def extract_surface(field: DensityGrid, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
     """The surface of a field, in normalized coordinates; None when there is none.
 
     Args:
@@ -94,8 +94,8 @@ def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray]) -
     """
     points = field.points(np.argwhere(np.ones(field.values.shape, bool)))
     cameras, reach = [view.camera for view in views], REACH_STEPS * field.step
-    values = -signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(field.values.shape)
-    density = np.where(field.covered, np.clip(field.values - half_value(field.step), -SOFT, SOFT), -SOFT)
+    values = -fuse_signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(field.values.shape)
+    density = np.where(field.covered, np.clip(field.values - half_opacity_value(field.step), -SOFT, SOFT), -SOFT)
     values = np.where(np.abs(values) < BAND_STEPS * field.step, density, np.sign(values) * SOFT)
     values = gaussian_filter(values, SMOOTH_STEPS)
     outside = values.min()
@@ -104,7 +104,7 @@ def surface(field: Field, views: list[TrainingView], depths: list[np.ndarray]) -
     return mesh and Mesh(field.points(mesh.vertices), mesh.faces)
 
 
-def seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], reach: float) -> Mesh:
+def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], reach: float) -> Mesh:
     """The part of a mesh that lies, within `reach`, on the surface that enough views show, and faces some camera.
 
     The rest, such as the underside and the walls of what no camera looks into, is a guess.
@@ -142,4 +142,4 @@ def marching_cubes(values: np.ndarray) -> Mesh | None:
     grid.attribute("weight")[places.to(o3d.core.int64)] = o3d.core.Tensor(np.ones((len(keys), BLOCK, BLOCK, BLOCK, 1), np.float32))
     found = grid.extract_triangle_mesh(weight_threshold=0.5)
     vertices, faces = found.vertex.positions.numpy().astype(float), found.triangle.indices.numpy().astype(np.int64)
-    return in_fixed_order(vertices, faces) if len(faces) else None
+    return sort_mesh(vertices, faces) if len(faces) else None

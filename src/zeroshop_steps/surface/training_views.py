@@ -52,13 +52,13 @@ def read_camera_set(folder: Path) -> CameraSet:
     return CameraSet(model, tuple(view.image() for view in views), tuple(read_object_masks(views)))
 
 
-def training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
+def make_training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
     """Resample to `image_width_px` (never up), crop to the mask's box and `border_px`, and blacken the background."""
     parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
     return [_training_view(image, mask, crop(camera, mask, sphere, image_width_px, border_px)) for camera, image, mask in parts]
 
 
-def seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
+def make_seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
     """The views in which stereo looks for seeds."""
     parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
     return [_training_view(image, mask, crop_for_seeds(camera, mask, sphere)) for camera, image, mask in parts]
@@ -72,18 +72,18 @@ def _training_view(image: np.ndarray, mask: np.ndarray, crop: Crop) -> TrainingV
         torch.from_numpy(np.ascontiguousarray(color.transpose(2, 0, 1))),
         torch.from_numpy(np.ascontiguousarray(crop.coverage)),
         torch.from_numpy(np.ascontiguousarray(crop.active)),
-        tiles_with(crop.active),
+        find_active_tiles(crop.active),
     )
 
 
-def grid_view(view: TrainingView) -> TrainingView:
+def make_grid_view(view: TrainingView) -> TrainingView:
     """The pixels at which stereo finds planes as a view of their own."""
     s = STRIDE_PX
     active = view.active[::s, ::s]
-    return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, tiles_with(active.numpy()))
+    return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, find_active_tiles(active.numpy()))
 
 
-def tiles_with(active: np.ndarray) -> np.ndarray:
+def find_active_tiles(active: np.ndarray) -> np.ndarray:
     """(ceil(H / 16), ceil(W / 16)) bool: tiles of an (H, W) bool array that hold any."""
     height, width = active.shape
     padded = np.zeros((-(-height // TILE_PX) * TILE_PX, -(-width // TILE_PX) * TILE_PX), bool)

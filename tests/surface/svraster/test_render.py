@@ -6,10 +6,10 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.surface.blocks import STOP
 from zeroshop_steps.surface.svraster.octree import CELLS, MAX_LEVEL, Octree
 from zeroshop_steps.surface.svraster.reference import render_reference
 from zeroshop_steps.surface.svraster.render import RenderView, render
+from zeroshop_steps.surface.tiling import STOP
 from zeroshop_steps.surface.training_views import TILE_PX
 
 WIDTH_PX, HEIGHT_PX = 40, 35
@@ -47,11 +47,11 @@ def scene(kind: str, seed: int) -> tuple[Octree, np.ndarray, np.ndarray]:
         middle = np.abs(octree.centres).max(1) < octree.sizes
         chosen = rng.uniform(size=len(octree)) < (1.0 if kind == "tiny" else 0.25)
         chosen[len(octree) // 2] = True
-        octree, _ = octree.refined(rng.uniform(size=len(octree)) < 0.95, chosen & (middle if kind == "tiny" else True))
+        octree, _ = octree.refine(rng.uniform(size=len(octree)) < 0.95, chosen & (middle if kind == "tiny" else True))
     if kind == "tiny":
         for _ in range(5):
             middle = np.abs(octree.centres).max(1) < 1.5 * octree.sizes
-            octree, _ = octree.refined(np.ones(len(octree), bool), middle)
+            octree, _ = octree.refine(np.ones(len(octree), bool), middle)
     values = rng.normal(-2.0, 1.5, octree.corner_count)
     if kind == "tiny":
         values += 5.0
@@ -63,9 +63,9 @@ def scene(kind: str, seed: int) -> tuple[Octree, np.ndarray, np.ndarray]:
 
 
 def both(kind: str, seed: int, degree: int = 3) -> tuple[tuple, tuple]:
-    """The planes, the parameters with their gradients, and the footprint, of the kernels and of the twin."""
+    """The planes, the parameters with their gradients, and the statistics, of the kernels and of the twin."""
     octree, *arrays = scene(kind, seed)
-    view = RenderView.of(camera(kind))
+    view = RenderView.from_camera(camera(kind))
     ours = [torch.tensor(array, requires_grad=True) for array in arrays]
     r = render(octree, *ours, degree, view)
     mine = torch.cat([r.color, r.depth[None], r.normal, *(p[None] for p in (r.alpha, r.median_depth, r.color_square, r.away))])
@@ -78,7 +78,7 @@ def both(kind: str, seed: int, degree: int = 3) -> tuple[tuple, tuple]:
     theirs, mine = theirs * ~undecided, mine * ~undecided
     (theirs * weights).sum().backward()
     (mine * weights.float()).sum().backward()
-    return (mine, ours, r.footprint), (theirs, twins, kept)
+    return (mine, ours, r.statistics), (theirs, twins, kept)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -98,19 +98,19 @@ def test_values_and_gradients_match_the_float64_twin(kind: str, seed: int) -> No
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_prunes_and_subdivides_matches_the_twin(kind: str) -> None:
     """The largest blending weight, and the sum of |alpha d loss / d alpha| (Sun et al. 2025, sec. 3.2)."""
-    (_, _, footprint), (_, twins, kept) = both(kind, 0)
+    (_, _, statistics), (_, twins, kept) = both(kind, 0)
     left = torch.exp(-kept["thickness"].detach())
     priority = ((1 - left) * kept["thickness"].grad / left.clamp(min=float(STOP))).abs().sum(1).numpy()
-    assert np.linalg.norm(footprint.priority - priority) < 3e-3 * np.linalg.norm(priority)
+    assert np.linalg.norm(statistics.priority - priority) < 3e-3 * np.linalg.norm(priority)
     # Tiles are drawn whole: where a voxel reaches beyond the image's edge, pixels there may raise its weight.
-    view, drawn = RenderView.of(camera(kind)), {}
+    view, drawn = RenderView.from_camera(camera(kind)), {}
     width, height = (-(-size // TILE_PX) * TILE_PX for size in (WIDTH_PX, HEIGHT_PX))
     render_reference(scene(kind, 0)[0], *twins, 3, torch.tensor(view.camera), width, height, view.near, drawn)
     beyond = drawn["thickness"].detach().reshape(-1, height, width).clone()
     beyond[:, :HEIGHT_PX, :WIDTH_PX] = 0.0
     largest, whole = kept["weight"].amax(1).numpy(), beyond.amax((1, 2)).numpy() == 0.0
-    assert (footprint.weight > largest - 2e-4).all()
-    assert np.allclose(footprint.weight[whole], largest[whole], atol=2e-4) and (kind in ("inside", "tiny") or largest[whole].max() > 0.2)
+    assert (statistics.weight > largest - 2e-4).all()
+    assert np.allclose(statistics.weight[whole], largest[whole], atol=2e-4) and (kind in ("inside", "tiny") or largest[whole].max() > 0.2)
 
 
 def test_scenes_are_what_they_are_called() -> None:
@@ -119,7 +119,7 @@ def test_scenes_are_what_they_are_called() -> None:
         centre = (camera(kind).centre_in_world + 1.0) * CELLS / 2
         holds = ((octree.origins <= centre) & (centre < octree.origins + octree.cells[:, None])).all(1)
         assert holds.any() == (kind == "inside"), kind
-        octants = set(RenderView.of(camera(kind)).items.octants)
+        octants = set(RenderView.from_camera(camera(kind)).tile_octants.octants)
         assert (len(octants) > 1) == (kind in ("straddling", "grazing", "inside")), kind
         assert len(set(octree.levels)) > 2
     assert scene("tiny", 0)[0].levels.max() == MAX_LEVEL and scene("huge", 0)[0].levels.min() <= 1
@@ -136,14 +136,14 @@ def test_same_bytes_with_one_and_two_threads() -> None:
     import numba
 
     octree, *arrays = scene("straddling", 4)
-    view, results = RenderView.of(camera("straddling")), []
+    view, results = RenderView.from_camera(camera("straddling")), []
     for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
         numba.set_num_threads(threads)
         tensors = [torch.tensor(array, requires_grad=True) for array in arrays]
         r = render(octree, *tensors, 3, view)
         (r.color.sum() + r.depth.sum() + r.away.sum()).backward()
         results.append([r.color.detach().numpy().tobytes()] + [tensor.grad.numpy().tobytes() for tensor in tensors])
-        results[-1] += [r.footprint.weight.tobytes(), r.footprint.priority.tobytes()]
+        results[-1] += [r.statistics.weight.tobytes(), r.statistics.priority.tobytes()]
     assert results[0] == results[1]
 
 
@@ -152,7 +152,7 @@ def test_inactive_tiles_stay_empty_and_give_no_gradient() -> None:
     active[1, 1] = True
     octree, *arrays = scene("usual", 0)
     tensors = [torch.tensor(array, requires_grad=True) for array in arrays]
-    r = render(octree, *tensors, 0, RenderView.of(camera(), active))
+    r = render(octree, *tensors, 0, RenderView.from_camera(camera(), active))
     assert r.alpha[16:32, 16:32].max() > 0 and r.alpha[:16].max() == 0 and r.alpha[:, 32:].max() == 0
     r.alpha[:16].sum().backward()
     assert all(torch.all(tensor.grad == 0) for tensor in tensors)
@@ -160,7 +160,7 @@ def test_inactive_tiles_stay_empty_and_give_no_gradient() -> None:
 
 def test_no_voxel_gives_an_empty_image() -> None:
     empty = Octree(np.zeros((0, 3), np.int64), np.zeros(0, np.int64))
-    assert render(empty, torch.zeros(0), torch.zeros(0, 16, 3), 3, RenderView.of(camera())).alpha.abs().sum() == 0
+    assert render(empty, torch.zeros(0), torch.zeros(0, 16, 3), 3, RenderView.from_camera(camera())).alpha.abs().sum() == 0
 
 
 def test_refined_leaves_render_the_same_where_colours_and_normals_do_not_matter() -> None:
@@ -168,11 +168,11 @@ def test_refined_leaves_render_the_same_where_colours_and_normals_do_not_matter(
     octree, values, _ = scene("usual", 0)
     octree = Octree.uniform(np.ones((4, 4, 4), bool))
     values = np.full(octree.corner_count, -1.0, np.float32) + 0.01 * octree.corner_points[:, 0].astype(np.float32) / 256
-    finer, source = octree.refined(np.ones(64, bool), np.ones(64, bool))
-    carried = octree.interpolated(values, finer, source)
+    finer, source = octree.refine(np.ones(64, bool), np.ones(64, bool))
+    carried = octree.interpolate(values, finer, source)
     assert len(finer) == 512 and np.allclose(carried, -1.0 + 0.01 * finer.corner_points[:, 0] / 256, atol=1e-5)
     alphas = [
-        render(tree, torch.from_numpy(v), torch.zeros(len(tree), 1, 3), 0, RenderView.of(camera())).alpha
+        render(tree, torch.from_numpy(v), torch.zeros(len(tree), 1, 3), 0, RenderView.from_camera(camera())).alpha
         for tree, v in ((octree, values), (finer, carried))
     ]
     assert (alphas[0] - alphas[1]).abs().max() < 1e-4

@@ -8,27 +8,27 @@ import pytest
 import torch
 import trimesh
 
-from helpers.ball import RADIUS, ball_start
+from helpers.ball import RADIUS, ball_initialization
 from zeroshop_steps.geometry.crops import ObjectSphere
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.surface.optimizer import AdamWithSurgery
-from zeroshop_steps.surface.svraster.adapt import prune_and_subdivide
-from zeroshop_steps.surface.svraster.field import Field, half_value, signed_distances
-from zeroshop_steps.surface.svraster.initialization import start_voxels
+from zeroshop_steps.surface.optimizer import ResizableAdam
+from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signed_distances, half_opacity_value
+from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.octree import CELLS, Octree
-from zeroshop_steps.surface.svraster.settings import TrainingSettings
-from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, Trainer
+from zeroshop_steps.surface.svraster.settings import VoxelSettings
+from zeroshop_steps.surface.svraster.subdivide import prune_and_subdivide
+from zeroshop_steps.surface.svraster.train import BETAS, LEARNING_RATES, VoxelTrainer
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels, write_voxels
-from zeroshop_steps.surface.svraster_mesh import marching_cubes, seen, surface, view_depth
-from zeroshop_steps.surface.training import Views
+from zeroshop_steps.surface.svraster_mesh import extract_surface, keep_seen, marching_cubes, render_depth
+from zeroshop_steps.surface.trainer import ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
 
 
-def trainer_for(views: list[TrainingView], **settings) -> Trainer:
-    start = ball_start(views)
-    voxels = start_voxels(start, views, 4, 1)
-    return Trainer(voxels, Views(views, views), start, TrainingSettings(level_start=4, level_max=6, **settings))
+def trainer_for(views: list[TrainingView], **settings) -> VoxelTrainer:
+    initialization = ball_initialization(views)
+    voxels = initialize_voxels(initialization, views, 4, 1)
+    return VoxelTrainer(voxels, ViewPyramid(views, views), initialization, VoxelSettings(level_start=4, level_max=6, **settings))
 
 
 def detached(voxels: Voxels) -> Voxels:
@@ -48,9 +48,9 @@ def test_training_finds_the_ball_and_its_closed_surface(ball: tuple) -> None:
     assert after > before + 3.0, "the images must be explained much better than by the mist of mean colours at the start"
     voxels = detached(trainer.voxels)
     assert len(set(voxels.octree.levels)) > 1
-    field = Field.of(voxels.octree, voxels.densities.numpy(), border=2)
-    depths = [view_depth(voxels, view) for view in views]
-    mesh = surface(field, views, depths)
+    field = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
+    depths = [render_depth(voxels, view) for view in views]
+    mesh = extract_surface(field, views, depths)
     main = max(mesh.as_trimesh().split(only_watertight=False), key=lambda part: part.area)
     assert watertight(mesh) and main.volume > 0
     assert np.mean(np.abs(np.linalg.norm(main.vertices, axis=1) - RADIUS)) < 0.06 * RADIUS
@@ -61,12 +61,12 @@ def test_no_view_goes_unasked_before_voxels_are_dropped(ball: tuple) -> None:
     trainer = trainer_for(views, iterations=100)
     trainer.run(3)
     seen = np.zeros(len(trainer.voxels), bool)
-    for index in set(range(len(views))) - trainer.asked:
+    for index in set(range(len(views))) - trainer.rendered_views:
         rendering = trainer.render(index, 0)
         rendering.alpha.sum().backward()
-        seen |= rendering.footprint.weight > 0.05
-    assert len(trainer.asked) == 3 and (seen & (trainer.meter.weight == 0)).any()
-    trainer._ask_the_others()
+        seen |= rendering.statistics.weight > 0.05
+    assert len(trainer.rendered_views) == 3 and (seen & (trainer.meter.weight == 0)).any()
+    trainer._count_remaining_views()
     assert (trainer.meter.weight[seen] > 0.05).all()
     assert all(tensor.grad is None for tensor in trainer.voxels.tensors().values())
 
@@ -79,9 +79,11 @@ def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> N
     first = trainer_for(views, **settings)
     first.run(29)
     first.save(tmp_path / "checkpoint.pt", {"run": "ball"})
-    start = ball_start(views)
-    assert Trainer.resume(tmp_path / "checkpoint.pt", Views(views, views), start, first.settings, {"run": "other"}) is None
-    second = Trainer.resume(tmp_path / "checkpoint.pt", Views(views, views), start, first.settings, {"run": "ball"})
+    initialization = ball_initialization(views)
+    assert (
+        VoxelTrainer.resume(tmp_path / "checkpoint.pt", ViewPyramid(views, views), initialization, first.settings, {"run": "other"}) is None
+    )
+    second = VoxelTrainer.resume(tmp_path / "checkpoint.pt", ViewPyramid(views, views), initialization, first.settings, {"run": "ball"})
     assert second is not None and second.iteration == 29
     second.run(48)
     assert np.array_equal(whole.voxels.octree.keys, second.voxels.octree.keys) and len(set(whole.voxels.octree.levels)) > 1
@@ -93,14 +95,14 @@ def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> N
 def test_damaged_checkpoint_is_named(ball: tuple, tmp_path: Path) -> None:
     (tmp_path / "checkpoint.pt").write_bytes(b"not a checkpoint")
     with pytest.raises(StepError, match="checkpoint.pt is damaged"):
-        Trainer.resume(tmp_path / "checkpoint.pt", Views(ball[0], ball[0]), ball_start(ball[0]), TrainingSettings(), {})
+        VoxelTrainer.resume(tmp_path / "checkpoint.pt", ViewPyramid(ball[0], ball[0]), ball_initialization(ball[0]), VoxelSettings(), {})
 
 
 def mixed_octree() -> Octree:
     """Leaves of three levels that fill the root: finer on one side."""
     octree = Octree.uniform(np.ones((16, 16, 16), bool))
     for side in (0.0, 0.3):
-        octree, _ = octree.refined(np.ones(len(octree), bool), octree.centres[:, 0] > side)
+        octree, _ = octree.refine(np.ones(len(octree), bool), octree.centres[:, 0] > side)
     return octree
 
 
@@ -108,7 +110,7 @@ def test_no_crack_opens_where_levels_meet() -> None:
     octree = mixed_octree()
     assert len(set(octree.levels)) == 3
     values = RADIUS - np.linalg.norm(octree.corner_points * (2.0 / CELLS) - 1.0, axis=1)
-    field = Field.of(octree, values.astype(np.float32), border=1)
+    field = DensityGrid.from_octree(octree, values.astype(np.float32), border=1)
     assert field.covered[1:-1, 1:-1, 1:-1].all() and not field.covered[0].any()
     mesh = marching_cubes(np.where(field.covered, field.values, -1.0).astype(np.float32))
     mesh = Mesh(field.points(mesh.vertices), mesh.faces)
@@ -120,7 +122,7 @@ def test_no_crack_opens_where_levels_meet() -> None:
 def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
     octree = mixed_octree()
     values = np.random.default_rng(0).normal(size=octree.corner_count).astype(np.float32)
-    field = Field.of(octree, values, border=0)
+    field = DensityGrid.from_octree(octree, values, border=0)
     unit = octree.cells.min()
     inner = octree.centres[:, 0] > 0.5
     corners = np.unique(octree.corners[inner])
@@ -129,10 +131,10 @@ def test_a_field_passes_through_the_corners_of_its_finest_leaves() -> None:
 
 def test_half_of_the_light_is_stopped_at_the_half_value() -> None:
     from zeroshop_steps.surface.svraster.rasterize import DENSITY_SCALE
-    from zeroshop_steps.surface.svraster.reference import activated
+    from zeroshop_steps.surface.svraster.reference import activate
 
     for step in (0.1, 0.0078, 1e-3):
-        density = float(activated(torch.tensor(half_value(step), dtype=torch.float64)))
+        density = float(activate(torch.tensor(half_opacity_value(step), dtype=torch.float64)))
         assert 1 - np.exp(-density * DENSITY_SCALE * step) == pytest.approx(0.5)
 
 
@@ -144,23 +146,23 @@ def test_distances_are_signed_and_hidden_points_are_inside(ball: tuple) -> None:
     directions[:, 2] *= 0.3
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     for radius in (RADIUS - 0.04, RADIUS + 0.04):
-        found = signed_distances(radius * directions, cameras, depths, 0.1, zero_is_free=True, min_views=1)
+        found = fuse_signed_distances(radius * directions, cameras, depths, 0.1, zero_is_free=True, min_views=1)
         assert (np.sign(found) == np.sign(radius - RADIUS)).all()
-    assert np.allclose(signed_distances(np.zeros((1, 3)), cameras, depths, 0.1, zero_is_free=True, min_views=1), -0.1)
+    assert np.allclose(fuse_signed_distances(np.zeros((1, 3)), cameras, depths, 0.1, zero_is_free=True, min_views=1), -0.1)
     nothing = [np.zeros_like(depth) for depth in depths]
-    assert np.allclose(signed_distances(directions, cameras, nothing, 0.1, zero_is_free=False, min_views=1), -0.1)
-    assert np.allclose(signed_distances(directions, cameras, nothing, 0.1, zero_is_free=True, min_views=1), 0.1)
+    assert np.allclose(fuse_signed_distances(directions, cameras, nothing, 0.1, zero_is_free=False, min_views=1), -0.1)
+    assert np.allclose(fuse_signed_distances(directions, cameras, nothing, 0.1, zero_is_free=True, min_views=1), 0.1)
 
 
 def test_training_starts_dense_inside_confirmed_depths(ball: tuple) -> None:
     views, depths = ball
-    start = ball_start(views)
+    initialization = ball_initialization(views)
     for view, depth in zip(views, depths, strict=True):
         y, x = np.nonzero(depth)
         k = view.camera.intrinsics
-        start.rays[view.camera.name] = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1]], 1)
-        start.depths[view.camera.name] = depth[y, x]
-    voxels = start_voxels(start, views, 5, 1)
+        initialization.confirmed_rays[view.camera.name] = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1]], 1)
+        initialization.confirmed_depths[view.camera.name] = depth[y, x]
+    voxels = initialize_voxels(initialization, views, 5, 1)
     octree = voxels.octree
     radius = np.linalg.norm(octree.corner_points * (2.0 / CELLS) - 1.0, axis=1)
     densities = voxels.densities.numpy()
@@ -173,7 +175,7 @@ def test_pruning_and_subdivision_keep_the_field_and_the_cap() -> None:
     octree = Octree.uniform(np.ones((8, 8, 8), bool))
     points = octree.corner_points * (2.0 / CELLS) - 1.0
     voxels = Voxels(octree, torch.from_numpy((points @ [1.0, 2.0, 3.0]).astype(np.float32)), torch.rand(512, 1, 3), torch.zeros(512, 3, 3))
-    optimizer = AdamWithSurgery(voxels, LEARNING_RATES, BETAS)
+    optimizer = ResizableAdam(voxels, LEARNING_RATES, BETAS)
     for tensor in voxels.tensors().values():
         tensor.grad = torch.ones_like(tensor)
     before = {tuple(centre): colour for centre, colour in zip(octree.centres, voxels.sh_constant.detach().clone() - 0.01, strict=True)}
@@ -229,10 +231,10 @@ def test_what_too_few_cameras_see_is_left_out(ball: tuple) -> None:
     views, depths = [view for view, _ in above], [depth for _, depth in above]
     both = trimesh.util.concatenate([trimesh.creation.icosphere(4, radius) for radius in (RADIUS, RADIUS / 2)])
     mesh = Mesh(np.asarray(both.vertices), np.asarray(both.faces))
-    kept = seen(mesh, views, depths, reach=0.1)
+    kept = keep_seen(mesh, views, depths, reach=0.1)
     assert kept.vertices[:, 2].max() == pytest.approx(RADIUS, rel=0.01) and -RADIUS < kept.vertices[:, 2].min() < -0.3 * RADIUS
     assert np.linalg.norm(kept.vertices, axis=1).min() > 0.9 * RADIUS, "what is hidden inside goes"
-    assert len(seen(mesh, views[:1], depths[:1], reach=0.1).faces) == 0, "one view is not enough"
+    assert len(keep_seen(mesh, views[:1], depths[:1], reach=0.1).faces) == 0, "one view is not enough"
 
 
 def test_marching_cubes_faces_outwards() -> None:

@@ -9,9 +9,9 @@ import torch
 import torch.nn.functional as F
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.surface.svraster.settings import TrainingSettings
+from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import view_loss
-from zeroshop_steps.surface.training import depth_loss
+from zeroshop_steps.surface.trainer import depth_loss
 from zeroshop_steps.surface.training_views import TrainingView
 
 HEIGHT_PX, WIDTH_PX, SAMPLES = 14, 16, 4
@@ -78,7 +78,7 @@ def definition(name: str, view: TrainingView, opacity: torch.Tensor, color: torc
 
 @pytest.mark.parametrize(("name", "weight"), [("transmittance", 0.7), ("color", 0.3), ("away", 0.2), ("mask", 0.5)])
 def test_a_term_is_what_it_is_defined_as(view, name, weight):
-    settings = TrainingSettings(lambda_transmittance=0.7, lambda_color=0.3, lambda_ascending=0.2, lambda_mask=0.5)
+    settings = VoxelSettings(lambda_transmittance=0.7, lambda_color=0.3, lambda_ascending=0.2, lambda_mask=0.5)
     inputs = samples()
     found = view_loss(rendering(*inputs), view, settings, with_normals=False)[name]
     expected = weight * definition(name, view, *inputs[:3])
@@ -100,7 +100,7 @@ def test_normals_that_fit_the_depth_cost_nothing_and_turned_ones_twice(view):
     losses = []
     for normal in (towards, -towards):
         drawn.normal = normal
-        losses.append(view_loss(drawn, view, TrainingSettings(lambda_normal=0.4), with_normals=True)["normal"].item())
+        losses.append(view_loss(drawn, view, VoxelSettings(lambda_normal=0.4), with_normals=True)["normal"].item())
     assert losses == [pytest.approx(0.0, abs=1e-12), pytest.approx(2 * 0.4)]
 
 

@@ -57,7 +57,7 @@ def scene(kind: str, seed: int) -> list[np.ndarray]:
 
 
 def both(arrays: list[np.ndarray], degree: int) -> tuple[tuple, tuple]:
-    view = RenderView.of(camera(), NEAR, FAR)
+    view = RenderView.from_camera(camera(), NEAR, FAR)
     ours = [torch.tensor(array, requires_grad=True) for array in arrays]
     r = render(*ours, degree, view, distortion=True)
     mine = torch.cat([r.color, r.depth[None], r.normal, r.alpha[None], r.median_depth[None], r.distortion[None]])
@@ -96,7 +96,7 @@ def test_lower_degrees_leave_higher_coefficients_alone(degree: int) -> None:
 def test_same_bytes_with_one_and_two_threads() -> None:
     import numba
 
-    arrays, view = scene("usual", 4), RenderView.of(camera(), NEAR, FAR)
+    arrays, view = scene("usual", 4), RenderView.from_camera(camera(), NEAR, FAR)
     results = []
     for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
         numba.set_num_threads(threads)
@@ -111,7 +111,7 @@ def test_inactive_tiles_stay_empty_and_give_no_gradient() -> None:
     active = np.zeros((3, 3), bool)
     active[1, 1] = True
     tensors = [torch.tensor(array, requires_grad=True) for array in scene("usual", 0)]
-    r = render(*tensors, 0, RenderView.of(camera(), NEAR, FAR, active))
+    r = render(*tensors, 0, RenderView.from_camera(camera(), NEAR, FAR, active))
     assert r.alpha[16:32, 16:32].max() > 0 and r.alpha[:16].max() == 0 and r.alpha[:, 32:].max() == 0
     r.alpha[:16].sum().backward()
     assert all(torch.all(tensor.grad == 0) for tensor in tensors)
@@ -119,12 +119,12 @@ def test_inactive_tiles_stay_empty_and_give_no_gradient() -> None:
 
 def test_no_surfel_gives_an_empty_image() -> None:
     empty = [torch.zeros(shape) for shape in ((0, 3), (0, 2), (0, 4), (0,), (0, 16, 3))]
-    assert render(*empty, 3, RenderView.of(camera(), NEAR, FAR)).alpha.abs().sum() == 0
+    assert render(*empty, 3, RenderView.from_camera(camera(), NEAR, FAR)).alpha.abs().sum() == 0
 
 
 @pytest.mark.parametrize("kind", ["usual", "huge", "opaque"])
 def test_surface_depth_lies_between_the_median_and_the_mean_of_all_disks(kind: str) -> None:
-    tensors, view = [torch.tensor(array) for array in scene(kind, 2)], RenderView.of(camera(), NEAR, FAR)
+    tensors, view = [torch.tensor(array) for array in scene(kind, 2)], RenderView.from_camera(camera(), NEAR, FAR)
     drawn = render(*tensors, 0, view)
     median, hit = drawn.median_depth.numpy(), drawn.median_depth.numpy() > 0
     assert hit.mean() > 0.1, "the scene must show something"

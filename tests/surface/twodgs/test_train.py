@@ -7,29 +7,29 @@ import pytest
 import torch
 import trimesh
 
-from helpers.ball import FOCAL_PX, RADIUS, SIZE_PX, ball_start
+from helpers.ball import FOCAL_PX, RADIUS, SIZE_PX, ball_initialization
 from zeroshop_steps.geometry.crops import ObjectSphere, fit_object_sphere
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.surface.fuse import fuse, view_depth
+from zeroshop_steps.surface.fuse import fuse_depth_maps, render_depth
 from zeroshop_steps.surface.losses import has_normal, normals_from_depth, ssim_map
-from zeroshop_steps.surface.silhouettes import fitted_to_masks
-from zeroshop_steps.surface.ssim import dissimilarity
-from zeroshop_steps.surface.training import Views
+from zeroshop_steps.surface.silhouettes import fit_to_masks
+from zeroshop_steps.surface.ssim import dssim
+from zeroshop_steps.surface.trainer import ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
-from zeroshop_steps.surface.twodgs.surfels import read_splat_ply, start_surfels, write_splat_ply
-from zeroshop_steps.surface.twodgs.train import Trainer, TrainingSettings
+from zeroshop_steps.surface.twodgs.surfels import initialize_surfels, read_splat_ply, write_splat_ply
+from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
 
 
-def trainer_for(views: list[TrainingView], settings: TrainingSettings) -> Trainer:
-    start = ball_start(views)
-    return Trainer(start_surfels(start.points, start.colors, start.normals, settings.seed), Views(views, views), start, settings)
+def trainer_for(views: list[TrainingView], settings: SurfelSettings) -> SurfelTrainer:
+    initialization = ball_initialization(views)
+    return SurfelTrainer(initialize_surfels(initialization, settings.seed), ViewPyramid(views, views), initialization, settings)
 
 
 def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
     views, _ = ball
-    trainer = trainer_for(views, TrainingSettings(iterations=300, densify_every=50))
+    trainer = trainer_for(views, SurfelSettings(iterations=300, densify_every=50))
     before = trainer.psnr_db(0)
     trainer.run(300)
     after = np.mean([trainer.psnr_db(index) for index in range(len(views))])
@@ -37,7 +37,7 @@ def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
     surfels = trainer.surfels
     for name, tensor in surfels.tensors().items():
         setattr(surfels, name, tensor.detach())
-    mesh = fuse([view_depth(surfels, view) for view in views], views, surfels, voxels=48, min_views=2)
+    mesh = fuse_depth_maps([render_depth(surfels, view) for view in views], views, surfels, voxels=48, min_views=2)
     distance = np.abs(np.linalg.norm(mesh.vertices, axis=1) - RADIUS)
     assert np.mean(distance) < 0.03 * RADIUS
     corners = mesh.vertices[mesh.faces]
@@ -47,14 +47,15 @@ def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
 
 def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> None:
     views, _ = ball
-    settings = TrainingSettings(iterations=60, densify_every=20, densify_from_share=0.2)
+    settings = SurfelSettings(iterations=60, densify_every=20, densify_from_share=0.2)
     whole = trainer_for(views, settings)
     whole.run(60)
     first = trainer_for(views, settings)
     first.run(35)
     first.save(tmp_path / "checkpoint.pt", {"run": "ball"})
-    assert Trainer.resume(tmp_path / "checkpoint.pt", Views(views, views), ball_start(views), settings, {"run": "other"}) is None
-    second = Trainer.resume(tmp_path / "checkpoint.pt", Views(views, views), ball_start(views), settings, {"run": "ball"})
+    run = (tmp_path / "checkpoint.pt", ViewPyramid(views, views), ball_initialization(views), settings)
+    assert SurfelTrainer.resume(*run, {"run": "other"}) is None
+    second = SurfelTrainer.resume(*run, {"run": "ball"})
     assert second is not None and second.iteration == 35
     second.run(60)
     for name, tensor in whole.surfels.tensors().items():
@@ -64,12 +65,12 @@ def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> N
 def test_damaged_checkpoint_is_named(ball: tuple, tmp_path: Path) -> None:
     (tmp_path / "checkpoint.pt").write_bytes(b"not a checkpoint")
     with pytest.raises(StepError, match="checkpoint.pt is damaged"):
-        Trainer.resume(tmp_path / "checkpoint.pt", Views(ball[0], ball[0]), ball_start(ball[0]), TrainingSettings(), {})
+        SurfelTrainer.resume(tmp_path / "checkpoint.pt", ViewPyramid(ball[0], ball[0]), ball_initialization(ball[0]), SurfelSettings(), {})
 
 
 def test_splat_ply_keeps_everything(ball: tuple, tmp_path: Path) -> None:
-    start = ball_start(ball[0])
-    surfels = start_surfels(start.points, start.colors, start.normals, 3)
+    initialization = ball_initialization(ball[0])
+    surfels = initialize_surfels(initialization, 3)
     surfels.sh_rest += torch.randn(surfels.sh_rest.shape, generator=torch.Generator().manual_seed(0))
     sphere = ObjectSphere(np.array([10.0, -20.0, 5.0]), 80.0)
     write_splat_ply(tmp_path / "splats.ply", surfels, sphere)
@@ -80,8 +81,12 @@ def test_splat_ply_keeps_everything(ball: tuple, tmp_path: Path) -> None:
 
 
 def test_a_truncated_splat_ply_is_refused(ball: tuple, tmp_path: Path) -> None:
-    start = ball_start(ball[0])
-    write_splat_ply(tmp_path / "s.ply", start_surfels(start.points, start.colors, start.normals, 3), ObjectSphere(np.zeros(3), 1.0))
+    initialization = ball_initialization(ball[0])
+    write_splat_ply(
+        tmp_path / "s.ply",
+        initialize_surfels(initialization, 3),
+        ObjectSphere(np.zeros(3), 1.0),
+    )
     (tmp_path / "s.ply").write_bytes((tmp_path / "s.ply").read_bytes()[:-100])
     with pytest.raises(StepError, match="s.ply is not a whole splat PLY"):
         read_splat_ply(tmp_path / "s.ply")
@@ -136,7 +141,7 @@ def test_fast_dissimilarity_matches_its_twin(shape: tuple[int, int, int]) -> Non
     target[:, :5] = image[:, :5] * 0.9
     weight = (torch.rand(shape[1:], generator=generator) > 0.3).float()
     fast, slow = image.clone().requires_grad_(), image.double().requires_grad_()
-    loss = dissimilarity(fast, target, weight)
+    loss = dssim(fast, target, weight)
     twin = ((1 - ssim_map(slow, target.double())) * weight).sum()
     (3.0 * loss).backward()
     (3.0 * twin).backward()
@@ -148,6 +153,6 @@ def test_fast_dissimilarity_matches_its_twin(shape: tuple[int, int, int]) -> Non
 def test_silhouettes_are_brought_onto_the_masks(ball: tuple, wrong_by: float) -> None:
     views, _ = ball
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS + wrong_by)
-    fitted, offset = fitted_to_masks(Mesh(np.asarray(sphere.vertices), np.asarray(sphere.faces)), views, limit=0.1)
+    fitted, offset = fit_to_masks(Mesh(np.asarray(sphere.vertices), np.asarray(sphere.faces)), views, limit=0.1)
     assert offset == pytest.approx(-wrong_by, abs=0.008), "within a quarter of a pixel"
     assert np.linalg.norm(fitted.vertices, axis=1).mean() == pytest.approx(RADIUS, abs=0.008)

@@ -8,7 +8,7 @@ import argparse
 import time
 
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.surface.svraster.settings import LOSSES, TrainingSettings
+from zeroshop_steps.surface.svraster.settings import LOSSES, VoxelSettings
 from zeroshop_steps.surface.training_options import add_training_arguments
 
 CACHED = Cached(
@@ -20,37 +20,37 @@ CACHED = Cached(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_training_arguments(parser, "voxels.npz", iterations=TrainingSettings.iterations, image_width_px=500, sh_degree=1)
+    add_training_arguments(parser, "voxels.npz", iterations=VoxelSettings.iterations, image_width_px=500, sh_degree=1)
     for name, text in LOSSES.items():
-        parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=getattr(TrainingSettings, name), help=text)
+        parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=getattr(VoxelSettings, name), help=text)
 
 
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.runtime.errors import StepError
     from zeroshop_steps.runtime.threads import use_threads
-    from zeroshop_steps.surface.initialization import find_start
-    from zeroshop_steps.surface.svraster.initialization import start_voxels
-    from zeroshop_steps.surface.svraster.train import Trainer
+    from zeroshop_steps.surface.initialization import make_initialization
+    from zeroshop_steps.surface.svraster.initialization import initialize_voxels
+    from zeroshop_steps.surface.svraster.train import VoxelTrainer
     from zeroshop_steps.surface.svraster.voxels import write_voxels
-    from zeroshop_steps.surface.training import CHECKPOINT, TrainingInputs, write_record
-    from zeroshop_steps.surface.training_views import grid_view
+    from zeroshop_steps.surface.trainer import CHECKPOINT, TrainingInputs, write_record
+    from zeroshop_steps.surface.training_views import make_grid_view
 
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     inputs = TrainingInputs.read(args, "surface.svraster")
     views, identity = inputs.views, inputs.identity
     weights = {name: getattr(args, name) for name in LOSSES}
-    settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed, **weights)
+    settings = VoxelSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed, **weights)
     checkpoint = args.out / CHECKPOINT
-    start = find_start(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, 0, args.seed)
-    trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
+    initialization = make_initialization(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, 0, args.seed)
+    trainer = VoxelTrainer.resume(checkpoint, views, initialization, settings, identity) if args.resume and checkpoint.exists() else None
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:
-        small = [grid_view(view) for view in inputs.seed_views]
-        voxels = start_voxels(start, small, settings.level_start, settings.sh_degree)
+        small = [make_grid_view(view) for view in inputs.seed_views]
+        voxels = initialize_voxels(initialization, small, settings.level_start, settings.sh_degree)
         if len(voxels) < 10:
             raise StepError(f"the masks of {args.cameras} leave {len(voxels)} voxels: masks and cameras do not agree; look at both")
-        trainer = Trainer(voxels, views, start, settings)
+        trainer = VoxelTrainer(voxels, views, initialization, settings)
     trainer.run_with_checkpoints(args.checkpoint_every, checkpoint, identity, args.cameras)
     if len(trainer.voxels) < 10:
         raise StepError(f"training on {args.cameras} left {len(trainer.voxels)} voxels: masks and cameras do not agree; look at both")

@@ -5,12 +5,12 @@ import torch
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, map_coordinates
 
 from zeroshop_steps.geometry.visual_hull import VisualHull
-from zeroshop_steps.surface.harmonics import SH_CONSTANT
-from zeroshop_steps.surface.initialization import Start, mean_colors
-from zeroshop_steps.surface.svraster.field import signed_distances
+from zeroshop_steps.surface.initialization import Initialization, average_colors
+from zeroshop_steps.surface.spherical_harmonics import SH_CONSTANT
+from zeroshop_steps.surface.svraster.density_grid import fuse_signed_distances
 from zeroshop_steps.surface.svraster.octree import CELLS, CORNER_OFFSETS, Octree
 from zeroshop_steps.surface.svraster.voxels import Voxels
-from zeroshop_steps.surface.training import anchors
+from zeroshop_steps.surface.trainer import depth_targets
 from zeroshop_steps.surface.training_views import TrainingView
 
 REACH = 0.06
@@ -30,7 +30,7 @@ FILL_PX = 1.5
 """A confirmed depth stands for the pixels around it as far as this: not every pixel has one."""
 
 
-def start_voxels(start: Start, views: list[TrainingView], level: int, sh_degree: int) -> Voxels:
+def initialize_voxels(initialization: Initialization, views: list[TrainingView], level: int, sh_degree: int) -> Voxels:
     """The cells of a level that the visual hull meets and that are not wholly in free space, those near the surface split.
 
     Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Colours are
@@ -41,25 +41,25 @@ def start_voxels(start: Start, views: list[TrainingView], level: int, sh_degree:
         views: the small views that these come from.
         level: of the leaves away from the surface; those along it are of the next one.
     """
-    free_space = start.free_space
+    free_space = initialization.free_space
     coarse = VisualHull.carve(free_space.cameras, free_space.masks, half_extent=1.0, resolution=1 << level, misses_allowed=1).occupied
     cells = np.argwhere(binary_dilation(coarse, np.ones((3, 3, 3), bool)))
     children = 2 * cells[:, None] + CORNER_OFFSETS
-    solid = ~free_space.holds(((children.reshape(-1, 3) + 0.5) / (1 << level)) - 1.0).reshape(-1, 8)
+    solid = ~free_space.contains(((children.reshape(-1, 3) + 0.5) / (1 << level)) - 1.0).reshape(-1, 8)
     occupied = np.zeros((2 << level,) * 3, bool)
     occupied[tuple(children[solid].T)] = True
     met = cells[solid.any(axis=1)]
-    octree = Octree.of(met * (CELLS >> level), np.full(len(met), level))
-    grid = _smooth_distances(start, views, occupied)
+    octree = Octree.from_leaves(met * (CELLS >> level), np.full(len(met), level))
+    grid = _smooth_distances(initialization, views, occupied)
 
     def distances(points: np.ndarray) -> np.ndarray:
         return map_coordinates(grid, (points.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
 
     depth = distances(octree.centres)
-    octree, _ = octree.refined(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
+    octree, _ = octree.refine(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
     densities = HALF_DENSITY - RISE * (1 << level) * distances(octree.corner_points * (2.0 / CELLS) - 1.0)
     outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
-    colors = mean_colors(octree.centres, outward, views)
+    colors = average_colors(octree.centres, outward, views)
     return Voxels(
         octree,
         torch.from_numpy(np.clip(densities, DENSITY_MIN, DENSITY_MAX).astype(np.float32)),
@@ -79,7 +79,7 @@ def _depth_map(view: TrainingView, pixels: torch.Tensor, depths: torch.Tensor) -
     return np.where(distance <= FILL_PX, depth[y, x], np.float32(0.0))
 
 
-def _smooth_distances(start: Start, views: list[TrainingView], occupied: np.ndarray) -> np.ndarray:
+def _smooth_distances(initialization: Initialization, views: list[TrainingView], occupied: np.ndarray) -> np.ndarray:
     """Distance to the suggested surface at the centres of the cells of a grid over the root, negative inside, in normalized units.
 
     Stereo's depths are sparse where the object is plain, and the hull has edges that it lacks: hence smooth.
@@ -89,8 +89,8 @@ def _smooth_distances(start: Start, views: list[TrainingView], occupied: np.ndar
     by_hull = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5) * edge
     near = np.argwhere(np.abs(by_hull) < 2 * REACH)
     points = (near + 0.5) * edge - 1.0
-    cameras, depths = [view.camera for view in views], [_depth_map(view, *anchors(view, start)) for view in views]
-    by_depth = signed_distances(points, cameras, depths, REACH, zero_is_free=False, min_views=1)
+    cameras, depths = [view.camera for view in views], [_depth_map(view, *depth_targets(view, initialization)) for view in views]
+    by_depth = fuse_signed_distances(points, cameras, depths, REACH, zero_is_free=False, min_views=1)
     known = (by_depth > -REACH) & occupied[tuple(near.T)]
     distances = np.clip(by_hull, -REACH, REACH)
     distances[tuple(near[known].T)] = by_depth[known]

@@ -33,7 +33,7 @@ def exp(x):
 
 
 @numba.njit(inline="always", fastmath=True)
-def meet(x, y, d0, d1, d2, r0, r1, r2, x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c2, tau_min):
+def intersect_voxel(x, y, d0, d1, d2, r0, r1, r2, x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c2, tau_min):
     """Where a ray meets a voxel: the point e at the depth of its centre, first tau, and the segment's length in tau, 0 for a miss."""
     dx, dy = x - x0, y - y0
     e0, e1, e2 = c0 + a0 * dx + b0 * dy, c1 + a1 * dx + b1 * dy, c2 + a2 * dx + b2 * dy
@@ -45,5 +45,5 @@ def meet(x, y, d0, d1, d2, r0, r1, r2, x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c
 
 
 @numba.njit(inline="always", fastmath=True)
-def value_at(u, v, w, p1, px, py, pz, pxy, pxz, pyz, pxyz):
+def interpolate_density(u, v, w, p1, px, py, pz, pxy, pxz, pyz, pxyz):
     return p1 + px * u + v * (py + pxy * u) + w * (pz + pxz * u + v * (pyz + pxyz * u))

@@ -41,7 +41,7 @@ class Octree:
             )
 
     @staticmethod
-    def of(origins: np.ndarray, levels: np.ndarray) -> "Octree":
+    def from_leaves(origins: np.ndarray, levels: np.ndarray) -> "Octree":
         """From leaves in any order."""
         order = np.argsort(morton_keys(origins), kind="stable")
         return Octree(np.ascontiguousarray(origins[order]), np.ascontiguousarray(levels[order]))
@@ -51,7 +51,7 @@ class Octree:
         """The occupied cells of a (2^l, 2^l, 2^l) bool grid over the root, as leaves of level l."""
         level = int(occupied.shape[0]).bit_length() - 1
         cells = np.argwhere(occupied)
-        return Octree.of(cells * (CELLS >> level), np.full(len(cells), level))
+        return Octree.from_leaves(cells * (CELLS >> level), np.full(len(cells), level))
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -117,7 +117,7 @@ class Octree:
         masks = [sum((octant >> axis & 1) * (_ALL_X << axis) for axis in range(3)) for octant in range(OCTANTS)]
         return np.stack([np.argsort(self.keys ^ mask, kind="stable") for mask in masks]).astype(np.int32)
 
-    def refined(self, keep: np.ndarray, split: np.ndarray) -> tuple["Octree", np.ndarray]:
+    def refine(self, keep: np.ndarray, split: np.ndarray) -> tuple["Octree", np.ndarray]:
         """Keep the leaves of one (N,) bool mask and replace those of another, a part of it, by their eight children.
 
         Returns:
@@ -133,8 +133,8 @@ class Octree:
         order = np.argsort(morton_keys(origins), kind="stable")
         return Octree(origins[order], levels[order]), source[order]
 
-    def interpolated(self, values: np.ndarray, finer: "Octree", source: np.ndarray) -> np.ndarray:
-        """Values (M,) at this tree's corners, carried to the corners of a tree from `refined`.
+    def interpolate(self, values: np.ndarray, finer: "Octree", source: np.ndarray) -> np.ndarray:
+        """Values (M,) at this tree's corners, carried to the corners of a tree from `refine`.
 
         A corner that several old leaves reach gets the mean of what they say: on the face of a larger leaf these differ.
         """

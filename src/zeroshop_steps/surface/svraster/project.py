@@ -14,7 +14,7 @@ import math
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.harmonics import sh_basis, view_direction
+from zeroshop_steps.surface.spherical_harmonics import sh_basis, view_direction
 
 # Columns of a voxel's row: reference pixel, A, B, C, least tau (the near plane), depth of the centre, edge, the
 # polynomial's coefficients of 1, x, y, z, xy, xz, yz, xyz, colour, and unit normal in the camera frame.

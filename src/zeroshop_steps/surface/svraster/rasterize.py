@@ -1,6 +1,6 @@
 """The forward CPU kernel of sparse voxels: blend voxels front to back (Sun et al. 2025, sec. 3.1).
 
-Each item, a tile of 16 x 16 pixels and an octant of ray directions, is drawn by one thread. Inside, a voxel visits the
+Each pair, a tile of 16 x 16 pixels and an octant of ray directions, is drawn by one thread. Inside, a voxel visits the
 blocks of 4 x 4 pixels that its box meets and that light still reaches; the backward pass is told which. The loop over the
 pixels of a block becomes vector instructions.
 
@@ -11,8 +11,7 @@ interpolated value v, sigma the exponential-linear activation, and its opacity 1
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, ZERO
-from zeroshop_steps.surface.svraster.intersection import exp, expm1, meet, value_at
+from zeroshop_steps.surface.svraster.intersection import exp, expm1, interpolate_density, intersect_voxel
 from zeroshop_steps.surface.svraster.project import (
     A0,
     A1,
@@ -44,6 +43,7 @@ from zeroshop_steps.surface.svraster.project import (
     ZC,
 )  # fmt: skip
 from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, ZERO
 from zeroshop_steps.surface.training_views import TILE_PX
 
 SAMPLES = 2
@@ -71,7 +71,7 @@ STEP = np.float32(1.0 / SAMPLES)
 
 @numba.njit(cache=True, error_model="numpy")
 def load_pixels(b, planes, tile_x, tile_y, camera, octant):
-    """Fill the first twelve planes of an item's blocks; pixels of other octants have no light left. Returns the lit blocks."""
+    """Fill the first twelve planes of an pair's blocks; pixels of other octants have no light left. Returns the lit blocks."""
     living = np.uint64(0)
     for block in range(BLOCKS):
         for lane in range(LANES):
@@ -117,7 +117,7 @@ def world_normal(rows, i, camera, axis):
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _blend_voxel(rows, index, n0, n1, n2, b, blocks):
-    """Blend one voxel into some blocks (one bit a block) of an item's buffer; returns those that no light passes any more.
+    """Blend one voxel into some blocks (one bit a block) of an pair's buffer; returns those that no light passes any more.
 
     n0, n1, n2: its normal in the world.
     """
@@ -161,14 +161,14 @@ def _blend_voxel(rows, index, n0, n1, n2, b, blocks):
         lit = ZERO
         for i in range(first, first + np.uint64(LANES)):
             d0, d1, d2 = b[i + PLANE[D]], b[i + PLANE[D + 1]], b[i + PLANE[D + 2]]
-            e0, e1, e2, tau, length = meet(
+            e0, e1, e2, tau, length = intersect_voxel(
                 b[i], b[i + PLANE[Y]], d0, d1, d2, b[i + PLANE[R]], b[i + PLANE[R + 1]], b[i + PLANE[R + 2]],
                 x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c2, tau_min,
             )  # fmt: skip
             total = ZERO
             for k in range(SAMPLES):
                 at = tau + length * ((np.float32(k) + HALF) * STEP)
-                v = value_at(e0 + at * d0, e1 + at * d1, e2 + at * d2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
+                v = interpolate_density(e0 + at * d0, e1 + at * d1, e2 + at * d2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
                 total += v if v > KNEE else KNEE * exp(v * INVERSE_KNEE - ONE)
             along = length * size
             x = total * along * b[i + PLANE[THICK]]
@@ -200,20 +200,20 @@ def _blend_voxel(rows, index, n0, n1, n2, b, blocks):
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
-def blend_forward(rows, boxes, camera, item_tiles, item_octants, items, starts, voxel_of, slot_of, tiles_x, workers, image, blocks):
-    """Draw the items of `list_items` into image (12, tiles_y * 16, tiles_x * 16) float32, which must hold zeros.
+def blend_forward(rows, boxes, camera, pair_tiles, pair_octants, pairs, starts, voxel_of, slot_of, tiles_x, workers, image, blocks):
+    """Draw the pairs of `list_voxels_by_tile` into image (12, tiles_y * 16, tiles_x * 16) float32, which must hold zeros.
 
     blocks: (E,) uint16, filled, by slot, with the blocks that meet the voxel and that light reaches.
     """
     for worker in numba.prange(workers):
         b = np.empty(_PLANES * LANES * BLOCKS, np.float32)
-        for position in range(worker, len(items), workers):
-            item = items[position]
-            octant = item_octants[item]
-            tile_x, tile_y = item_tiles[item] % tiles_x, item_tiles[item] // tiles_x
+        for position in range(worker, len(pairs), workers):
+            pair = pairs[position]
+            octant = pair_octants[pair]
+            tile_x, tile_y = pair_tiles[pair] % tiles_x, pair_tiles[pair] // tiles_x
             b[:] = 0.0
             living = load_pixels(b, _PLANES, tile_x, tile_y, camera, octant)
-            for entry in range(starts[item], starts[item + 1]):
+            for entry in range(starts[pair], starts[pair + 1]):
                 i = voxel_of[entry]
                 met = blocks_of(boxes, i, tile_x, tile_y) & living
                 blocks[slot_of[entry]] = met

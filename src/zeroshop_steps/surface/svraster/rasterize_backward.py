@@ -6,14 +6,13 @@ optical thickness,
     d loss / d x_i = T_i exp(-x_i) u_i - sum_{j > i} w_j u_j,
 
 and the sum over the voxels behind is the total, known from the forward pass, less the running sum.
-Gradients go to one row for each (item, voxel) pair, which are then summed in fixed order: same bytes every run.
+Gradients go to one row for each (pair, voxel) pair, which are then summed in fixed order: same bytes every run.
 """
 
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
-from zeroshop_steps.surface.svraster.intersection import exp, expm1, meet, value_at
+from zeroshop_steps.surface.svraster.intersection import exp, expm1, interpolate_density, intersect_voxel
 from zeroshop_steps.surface.svraster.project import (
     A0,
     A1,
@@ -74,6 +73,7 @@ from zeroshop_steps.surface.svraster.rasterize import (
     load_pixels,
     world_normal,
 )  # fmt: skip
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
 from zeroshop_steps.surface.training_views import TILE_PX
 
 # Planes of a block's buffer after the ones that `load_pixels` fills: running sum, its total, the median's slope, gradients.
@@ -85,7 +85,7 @@ _LARGEST, _SUMS = 19, 20
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _differentiate_voxel(rows, index, n0, n1, n2, b, sums, blocks, away, out, slot):
-    """Gradients of one voxel over some blocks (one bit a block) of an item, into row `slot` of out; sums (20 * 16,) holds zeros.
+    """Gradients of one voxel over some blocks (one bit a block) of an pair, into row `slot` of out; sums (20 * 16,) holds zeros.
 
     n0, n1, n2: its normal in the world; away (3,): filled with the gradient by it.
     """
@@ -127,14 +127,14 @@ def _differentiate_voxel(rows, index, n0, n1, n2, b, sums, blocks, away, out, sl
         for lane in range(np.uint64(LANES)):
             i = first + lane
             d0, d1, d2 = b[i + PLANE[D]], b[i + PLANE[D + 1]], b[i + PLANE[D + 2]]
-            e0, e1, e2, tau, length = meet(
+            e0, e1, e2, tau, length = intersect_voxel(
                 b[i], b[i + PLANE[Y]], d0, d1, d2, b[i + PLANE[R]], b[i + PLANE[R + 1]], b[i + PLANE[R + 2]],
                 x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c2, tau_min,
             )  # fmt: skip
             total = ZERO
             for k in range(SAMPLES):
                 at = tau + length * ((np.float32(k) + HALF) * STEP)
-                v = value_at(e0 + at * d0, e1 + at * d1, e2 + at * d2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
+                v = interpolate_density(e0 + at * d0, e1 + at * d1, e2 + at * d2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
                 total += v if v > KNEE else KNEE * exp(v * INVERSE_KNEE - ONE)
             t = b[i + PLANE[T]]
             along = length * size
@@ -165,7 +165,7 @@ def _differentiate_voxel(rows, index, n0, n1, n2, b, sums, blocks, away, out, sl
             for k in range(SAMPLES):
                 at = tau + length * ((np.float32(k) + HALF) * STEP)
                 u0, u1, u2 = e0 + at * d0, e1 + at * d1, e2 + at * d2
-                v = value_at(u0, u1, u2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
+                v = interpolate_density(u0, u1, u2, p1, px, py, pz, pxy, pxz, pyz, pxyz)
                 d_v = d_each * (ONE if v > KNEE else exp(v * INVERSE_KNEE - ONE))
                 sums[lane + PLANE[0]] += d_v
                 sums[lane + PLANE[1]] += d_v * u0
@@ -246,7 +246,7 @@ def _differentiate_voxel(rows, index, n0, n1, n2, b, sums, blocks, away, out, sl
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def blend_backward(
-    rows, camera, item_tiles, item_octants, items, starts, voxel_of, slot_of, slot_starts, tiles_x, workers, image, blocks, gradient, out,
+    rows, camera, pair_tiles, pair_octants, pairs, starts, voxel_of, slot_of, slot_starts, tiles_x, workers, image, blocks, gradient, out,
     seen,
 ):  # fmt: skip
     """Gradients of the loss by the voxel rows.
@@ -260,10 +260,10 @@ def blend_backward(
     slots = np.empty((len(voxel_of), GRADIENT_WIDTH), np.float32)
     for worker in numba.prange(workers):
         b, sums, away = np.empty(_PLANES * LANES * BLOCKS, np.float32), np.zeros(_SUMS * LANES, np.float32), np.empty(3, np.float32)
-        for position in range(worker, len(items), workers):
-            item = items[position]
-            tile_x, tile_y = item_tiles[item] % tiles_x, item_tiles[item] // tiles_x
-            load_pixels(b, _PLANES, tile_x, tile_y, camera, item_octants[item])
+        for position in range(worker, len(pairs), workers):
+            pair = pairs[position]
+            tile_x, tile_y = pair_tiles[pair] % tiles_x, pair_tiles[pair] // tiles_x
+            load_pixels(b, _PLANES, tile_x, tile_y, camera, pair_octants[pair])
             for block in range(BLOCKS):
                 for lane in range(LANES):
                     y = tile_y * TILE_PX + block // ACROSS * BLOCK_PX + lane // BLOCK_PX
@@ -277,7 +277,7 @@ def blend_backward(
                     b[i + _SUM * LANES] = ZERO
                     b[i + _TOTAL * LANES] = total
                     b[i + _SLOPE * LANES] = image[OUT_SLOPE, y, x]
-            for entry in range(starts[item], starts[item + 1]):
+            for entry in range(starts[pair], starts[pair + 1]):
                 i, slot = voxel_of[entry], slot_of[entry]
                 met = np.uint64(blocks[slot])
                 if met:

@@ -7,14 +7,14 @@ depth, ray by ray, and autograd gives the gradients. Slow, for tests alone.
 
 import torch
 
-from zeroshop_steps.surface.blocks import STOP
-from zeroshop_steps.surface.harmonics import spherical_harmonics
+from zeroshop_steps.surface.spherical_harmonics import spherical_harmonics
 from zeroshop_steps.surface.svraster.octree import CORNER_OFFSETS, Octree
 from zeroshop_steps.surface.svraster.project import FLAT
 from zeroshop_steps.surface.svraster.rasterize import DENSITY_SCALE, LINEAR_FROM, SAMPLES
+from zeroshop_steps.surface.tiling import STOP
 
 
-def activated(value: torch.Tensor) -> torch.Tensor:
+def activate(value: torch.Tensor) -> torch.Tensor:
     """Exponential-linear activation (eq. 3)."""
     return torch.where(value > LINEAR_FROM, value, LINEAR_FROM * torch.exp(value.clamp(max=LINEAR_FROM) / LINEAR_FROM - 1))
 
@@ -55,7 +55,7 @@ def render_reference(
         points = origin + (entry + length * (k + 0.5) / SAMPLES)[..., None] * rays
         local = (points - centres[:, None]) / sizes[:, None, None] + 0.5
         weights = torch.where(offsets[:, None, None] > 0, local, 1 - local).prod(-1)
-        thickness = thickness + activated(torch.einsum("cnp,nc->np", weights, corner_values))
+        thickness = thickness + activate(torch.einsum("cnp,nc->np", weights, corner_values))
     thickness = thickness * length * rays.norm(dim=1) * DENSITY_SCALE / SAMPLES
     if kept is not None:
         thickness.retain_grad()

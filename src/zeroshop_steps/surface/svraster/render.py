@@ -23,7 +23,7 @@ class RenderView:
         camera: (16,) float64: rotation (9) and translation (3) of camera_from_world, then fx, fy, cx, cy in pixels.
         width_px, height_px: image size.
         tile_shape: rows and columns of tiles.
-        items: the tiles to draw, one for each octant of their rays.
+        tile_octants: the tiles to draw, one for each octant of their rays.
         near: depth before which nothing is drawn.
     """
 
@@ -31,21 +31,21 @@ class RenderView:
     width_px: int
     height_px: int
     tile_shape: tuple[int, int]
-    items: tiles.Items
+    tile_octants: tiles.TileOctants
     near: float
 
     @staticmethod
-    def of(camera: Camera, tile_active: np.ndarray | None = None, near: float = NEAR) -> "RenderView":
+    def from_camera(camera: Camera, tile_active: np.ndarray | None = None, near: float = NEAR) -> "RenderView":
         """A view of a pinhole camera; all tiles are drawn when `tile_active` (tiles_y, tiles_x) is None."""
         if tile_active is None:
             tile_active = np.ones((-(-camera.height_px // TILE_PX), -(-camera.width_px // TILE_PX)), bool)
-        items = tiles.Items.of(camera.row, tile_active)
-        return RenderView(camera.row, camera.width_px, camera.height_px, tile_active.shape, items, near)
+        tile_octants = tiles.TileOctants.from_camera(camera.row, tile_active)
+        return RenderView(camera.row, camera.width_px, camera.height_px, tile_active.shape, tile_octants, near)
 
     @staticmethod
-    def around_object(view: TrainingView) -> "RenderView":
+    def from_training_view(view: TrainingView) -> "RenderView":
         """A training view."""
-        return RenderView.of(view.camera, view.tile_active)
+        return RenderView.from_camera(view.camera, view.tile_active)
 
 
 PARTS = (slice(0, 3), 3, slice(4, 7), 7, 8, 9, 10)
@@ -64,7 +64,7 @@ class Rendering:
         median_depth: (H, W) depth at which half of the light is stopped; 0 where less is.
         color_square: (H, W) weighted squared length of the colour.
         away: (H, W) weighted cosine between ray and those normals that face away.
-        footprint: holds, after `backward`, each voxel's largest blending weight and priority.
+        statistics: holds, after `backward`, each voxel's largest blending weight and priority.
     """
 
     color: torch.Tensor
@@ -74,11 +74,11 @@ class Rendering:
     median_depth: torch.Tensor
     color_square: torch.Tensor
     away: torch.Tensor
-    footprint: "Footprint"
+    statistics: "VoxelStatistics"
 
 
 @dataclass
-class Footprint:
+class VoxelStatistics:
     """By-products of the backward pass: (N,) largest blending weight, and (N,) sum over pixels of |alpha d loss / d alpha|."""
 
     weight: np.ndarray | None = None
@@ -87,17 +87,17 @@ class Footprint:
 
 class _Blend(torch.autograd.Function):
     @staticmethod
-    def forward(context, densities, sh, octree, degree, view, footprint):
+    def forward(context, densities, sh, octree, degree, view, statistics):
         arrays = [tensor.detach().contiguous().numpy() for tensor in (densities, sh)]
-        drawn = _drawn(*arrays, octree, degree, view)
-        context.kept = (arrays, octree, degree, view, footprint, *drawn)
+        drawn = _draw(*arrays, octree, degree, view)
+        context.kept = (arrays, octree, degree, view, statistics, *drawn)
         context.set_materialize_grads(False)
         planes = torch.from_numpy(drawn[3][:, : view.height_px, : view.width_px])
         return tuple(planes[part] for part in PARTS)
 
     @staticmethod
     def backward(context, *gradients):
-        (densities, sh), octree, degree, view, footprint, rows, _, lists, image, blocks = context.kept
+        (densities, sh), octree, degree, view, statistics, rows, _, lists, image, blocks = context.kept
         gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
         for part, by_part in zip(PARTS, gradients, strict=True):
             if by_part is not None:
@@ -105,31 +105,31 @@ class _Blend(torch.autograd.Function):
         workers = numba.get_num_threads()
         by_row, seen = np.empty((len(octree), project.GRADIENT_WIDTH), np.float32), np.empty(len(octree), np.bool_)
         rasterize_backward.blend_backward(
-            rows, view.camera, view.items.tiles, view.items.octants, lists.items, lists.starts, lists.voxel_of, lists.slot_of,
+            rows, view.camera, view.tile_octants.tiles, view.tile_octants.octants, lists.pairs, lists.starts, lists.voxel_of, lists.slot_of,
             lists.slot_starts, view.tile_shape[1], workers, image, blocks, gradient, by_row, seen,
         )  # fmt: skip
         by_corner, by_sh = np.zeros((len(octree), 8), np.float32), np.zeros_like(sh)
         project.project_backward(octree.centres, degree, view.camera, workers, rows, seen, by_row, by_corner, by_sh)
         by_density = np.empty_like(densities)
         project.gather_corners(*octree.corner_uses, by_corner.ravel(), by_density)
-        footprint.weight, footprint.priority = by_row[:, project.G_WEIGHT], by_row[:, project.G_PRIORITY]
+        statistics.weight, statistics.priority = by_row[:, project.G_WEIGHT], by_row[:, project.G_PRIORITY]
         return torch.from_numpy(by_density), torch.from_numpy(by_sh), None, None, None, None
 
 
-def _drawn(densities: np.ndarray, sh: np.ndarray, octree: Octree, degree: int, view: RenderView):
-    """Voxel rows, boxes, item lists, the padded (12, H, W) image of a view, and the blocks that each list entry is seen in."""
+def _draw(densities: np.ndarray, sh: np.ndarray, octree: Octree, degree: int, view: RenderView):
+    """Voxel rows, boxes, pair lists, the padded (12, H, W) image of a view, and the blocks that each list entry is seen in."""
     workers = numba.get_num_threads()
     rows, boxes = np.empty((len(octree), project.ROW_WIDTH), np.float32), np.empty((len(octree), 4), np.int32)
     project.project_forward(
         octree.centres, octree.sizes, octree.corners, densities, sh, degree,
         view.camera, view.width_px, view.height_px, view.near, workers, rows, boxes,
     )  # fmt: skip
-    lists = tiles.list_items(view.items, octree.orders, boxes)
+    lists = tiles.list_voxels_by_tile(view.tile_octants, octree.orders, boxes)
     tiles_y, tiles_x = view.tile_shape
     image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
     blocks = np.empty(len(lists.voxel_of), np.uint16)
     rasterize.blend_forward(
-        rows, boxes, view.camera, view.items.tiles, view.items.octants, lists.items, lists.starts, lists.voxel_of,
+        rows, boxes, view.camera, view.tile_octants.tiles, view.tile_octants.octants, lists.pairs, lists.starts, lists.voxel_of,
         lists.slot_of, tiles_x, workers, image, blocks,
     )  # fmt: skip
     return rows, boxes, lists, image, blocks
@@ -145,5 +145,5 @@ def render(octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: in
         degree: 0 to 3, with (degree + 1)^2 at most K.
         view: camera and tiles.
     """
-    footprint = Footprint()
-    return Rendering(*_Blend.apply(densities, sh, octree, degree, view, footprint), footprint)
+    statistics = VoxelStatistics()
+    return Rendering(*_Blend.apply(densities, sh, octree, degree, view, statistics), statistics)

@@ -11,11 +11,11 @@ LOSSES = {
     "lambda_normal": "weight of normal consistency with the median depth",
     "lambda_depth": "weight of depths that stereo confirmed",
 }
-"""The weights of the loss, by their names in TrainingSettings."""
+"""The weights of the loss, by their names in VoxelSettings."""
 
 
 @dataclass(frozen=True)
-class TrainingSettings:
+class VoxelSettings:
     """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
 
     iterations: int = 400

@@ -1,7 +1,7 @@
 """Which voxels touch which tile of the image, front to back.
 
 The order of voxels along a ray depends on the signs of its direction alone. A tile whose rays have several sign
-patterns is drawn once for each: an item is a pair of a tile and an octant of directions.
+patterns is drawn once for each: an pair is a pair of a tile and an octant of directions.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from zeroshop_steps.surface.training_views import TILE_PX
 
 
 @dataclass(frozen=True)
-class Items:
+class TileOctants:
     """The (tile, octant) pairs of a view that are drawn.
 
     Attributes:
         tiles, octants: (I,) tile index and octant.
-        index: (tiles_y, tiles_x, 8) int32 number of each item, -1 for pairs that are not drawn.
+        index: (tiles_y, tiles_x, 8) int32 number of each pair, -1 for pairs that are not drawn.
     """
 
     tiles: np.ndarray
@@ -27,14 +27,14 @@ class Items:
     index: np.ndarray
 
     @staticmethod
-    def of(camera: np.ndarray, tile_active: np.ndarray) -> "Items":
+    def from_camera(camera: np.ndarray, tile_active: np.ndarray) -> "TileOctants":
         """For a camera row (16,) and the (tiles_y, tiles_x) bool tiles to draw."""
         present = np.zeros((*tile_active.shape, OCTANTS), np.bool_)
         _octants(camera, tile_active, present)
         index = np.full(present.shape, -1, np.int32)
         index[present] = np.arange(present.sum())
         y, x, octants = np.nonzero(present)
-        return Items(y * tile_active.shape[1] + x, octants, index)
+        return TileOctants(y * tile_active.shape[1] + x, octants, index)
 
 
 @numba.njit(cache=True)
@@ -64,60 +64,60 @@ def _octants(camera, tile_active, present):
 
 
 @dataclass(frozen=True)
-class ItemLists:
-    """The voxels of each item, front to back.
+class TileOctantLists:
+    """The voxels of each pair, front to back.
 
     Attributes:
-        items: (I',) the items that are not empty, longest list first, so that threads finish together.
-        starts: (I + 1,) where each item's list begins in `voxel_of` and `slot_of`.
+        pairs: (I',) the pairs that are not empty, longest list first, so that threads finish together.
+        starts: (I + 1,) where each pair's list begins in `voxel_of` and `slot_of`.
         voxel_of: (E,) the voxel of each list entry.
         slot_of: (E,) row where that entry's gradient is stored; the rows of one voxel lie together.
         slot_starts: (N + 1,) first row of each voxel.
     """
 
-    items: np.ndarray
+    pairs: np.ndarray
     starts: np.ndarray
     voxel_of: np.ndarray
     slot_of: np.ndarray
     slot_starts: np.ndarray
 
 
-def list_items(items: Items, orders: np.ndarray, boxes: np.ndarray) -> ItemLists:
-    """Sort voxels into items.
+def list_voxels_by_tile(tile_octants: TileOctants, orders: np.ndarray, boxes: np.ndarray) -> TileOctantLists:
+    """Sort voxels into the (tile, octant) pairs that they meet.
 
     Args:
         orders: (8, N) int32 front-to-back orders of `Octree.orders`.
         boxes: (N, 4) int32 pixel boxes x0, x1, y0, y1.
     """
-    per_item, per_voxel = np.zeros(len(items.tiles), np.int64), np.zeros(len(boxes), np.int64)
-    _count(boxes, items.index, per_item, per_voxel)
-    starts = np.concatenate([[0], np.cumsum(per_item)])
+    per_pair, per_voxel = np.zeros(len(tile_octants.tiles), np.int64), np.zeros(len(boxes), np.int64)
+    _count(boxes, tile_octants.index, per_pair, per_voxel)
+    starts = np.concatenate([[0], np.cumsum(per_pair)])
     slot_starts = np.concatenate([[0], np.cumsum(per_voxel)])
     voxel_of, slot_of = np.empty(starts[-1], np.int32), np.empty(starts[-1], np.int32)
     used = np.zeros(OCTANTS, np.bool_)
-    used[items.octants] = True
-    _fill(orders, used, boxes, items.index, starts[:-1].copy(), slot_starts, voxel_of, slot_of)
-    longest = np.argsort(-per_item, kind="stable")
-    return ItemLists(longest[per_item[longest] > 0], starts, voxel_of, slot_of, slot_starts)
+    used[tile_octants.octants] = True
+    _fill(orders, used, boxes, tile_octants.index, starts[:-1].copy(), slot_starts, voxel_of, slot_of)
+    longest = np.argsort(-per_pair, kind="stable")
+    return TileOctantLists(longest[per_pair[longest] > 0], starts, voxel_of, slot_of, slot_starts)
 
 
 @numba.njit(cache=True)
-def _count(boxes, index, per_item, per_voxel):
+def _count(boxes, index, per_pair, per_voxel):
     for i in range(len(boxes)):
         if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
             continue
         for ty in range(boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1):
             for tx in range(boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1):
                 for octant in range(OCTANTS):
-                    item = index[ty, tx, octant]
-                    if item >= 0:
-                        per_item[item] += 1
+                    pair = index[ty, tx, octant]
+                    if pair >= 0:
+                        per_pair[pair] += 1
                         per_voxel[i] += 1
 
 
 @numba.njit(cache=True, parallel=True)
 def _fill(orders, used, boxes, index, cursor, slot_starts, voxel_of, slot_of):
-    # Each octant's items are its own, and a voxel's slots follow from its box: the octants need not wait for one another.
+    # Each octant's pairs are its own, and a voxel's slots follow from its box: the octants need not wait for one another.
     for octant in numba.prange(OCTANTS):
         if not used[octant]:
             continue
@@ -128,11 +128,11 @@ def _fill(orders, used, boxes, index, cursor, slot_starts, voxel_of, slot_of):
             for ty in range(boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1):
                 for tx in range(boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1):
                     for other in range(OCTANTS):
-                        item = index[ty, tx, other]
-                        if item < 0:
+                        pair = index[ty, tx, other]
+                        if pair < 0:
                             continue
                         if other == octant:
-                            voxel_of[cursor[item]] = i
-                            slot_of[cursor[item]] = slot
-                            cursor[item] += 1
+                            voxel_of[cursor[pair]] = i
+                            slot_of[cursor[pair]] = slot
+                            cursor[pair] += 1
                         slot += 1

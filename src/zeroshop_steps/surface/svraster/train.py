@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.initialization import Start
+from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import has_normal, normals_from_depth
-from zeroshop_steps.surface.optimizer import AdamWithSurgery
-from zeroshop_steps.surface.svraster.adapt import VoxelMeter, prune_and_subdivide
+from zeroshop_steps.surface.optimizer import ResizableAdam
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.render import Rendering, RenderView, render
-from zeroshop_steps.surface.svraster.settings import TrainingSettings
+from zeroshop_steps.surface.svraster.settings import VoxelSettings
+from zeroshop_steps.surface.svraster.subdivide import VoxelMeter, prune_and_subdivide
 from zeroshop_steps.surface.svraster.voxels import Voxels
-from zeroshop_steps.surface.training import Views, ViewTrainer, depth_loss, image_losses
+from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, depth_loss, image_losses
 from zeroshop_steps.surface.training_views import TrainingView
 
 LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
@@ -27,7 +27,7 @@ RATE_FALL = 0.1
 """The learning rate at the end, as a share of that at the start; it falls exponentially."""
 
 
-def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettings, with_normals: bool) -> dict[str, torch.Tensor]:
+def view_loss(rendering: Rendering, view: TrainingView, settings: VoxelSettings, with_normals: bool) -> dict[str, torch.Tensor]:
     """The terms of the loss, each a mean over the view's active pixels, weighted (Sun et al. 2025, sec. 3.3 and supplement).
 
     Photometric L1, D-SSIM, and L1 of the opacity against the mask; then, with T the light left at a ray's end and w the
@@ -51,22 +51,22 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettin
     return terms
 
 
-class Trainer(ViewTrainer):
+class VoxelTrainer(Trainer):
     """Voxels in training."""
 
     title, noun = "SVRaster", "voxels"
 
-    def __init__(self, voxels: Voxels, views: Views, start: Start, settings: TrainingSettings) -> None:
-        super().__init__(voxels, AdamWithSurgery(voxels, LEARNING_RATES, BETAS), views, start, settings)
+    def __init__(self, voxels: Voxels, views: ViewPyramid, initialization: Initialization, settings: VoxelSettings) -> None:
+        super().__init__(voxels, ResizableAdam(voxels, LEARNING_RATES, BETAS), views, initialization, settings)
         self.voxels = voxels
-        self.forget_views()
+        self.reset_meter()
 
-    def forget_views(self) -> None:
+    def reset_meter(self) -> None:
         """Begin anew to count what the views say of the voxels."""
-        self.meter, self.asked = VoxelMeter(len(self.voxels)), set[int]()
+        self.meter, self.rendered_views = VoxelMeter(len(self.voxels)), set[int]()
 
-    def render_views_of(self, views: list[TrainingView]) -> list[RenderView]:
-        return [RenderView.around_object(view) for view in views]
+    def make_render_views(self, views: list[TrainingView]) -> list[RenderView]:
+        return [RenderView.from_training_view(view) for view in views]
 
     def render(self, index: int, degree: int) -> Rendering:
         v = self.voxels
@@ -75,35 +75,35 @@ class Trainer(ViewTrainer):
     def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
         settings, view = self.settings, self.views[index]
         terms = view_loss(rendering, view, settings, share >= settings.normal_from_share)
-        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], view.active.sum())
+        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.depth_targets[index], view.active.sum())
         return terms
 
-    def learn(self, rendering: Rendering, index: int, share: float) -> None:
-        self.meter.add(rendering.footprint.weight, rendering.footprint.priority)
-        self.asked.add(index)
+    def update_model(self, rendering: Rendering, index: int, share: float) -> None:
+        self.meter.add(rendering.statistics.weight, rendering.statistics.priority)
+        self.rendered_views.add(index)
         for name, rate in LEARNING_RATES.items():
             self.optimizer.set_learning_rate(name, rate * RATE_FALL**share)
         self.optimizer.step()
 
-    def adapt(self) -> None:
+    def adapt_model(self) -> None:
         settings = self.settings
         if self.iteration not in [math.ceil(share * settings.iterations) for share in settings.adapt_shares]:
             return
-        self._ask_the_others()
+        self._count_remaining_views()
         octree = self.voxels.octree
         # What is dense and hidden stays: light that leaks through a thin spot must not reach the far wall, where nothing would tell.
         solid = self.voxels.densities.detach().numpy()[octree.corners].mean(axis=1) > SOLID_DENSITY
         keep = (self.meter.weight > settings.weight_min) | solid
         wanted = np.where(octree.sizes > SPLIT_PX * self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
         prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
-        self.forget_views()
+        self.reset_meter()
 
-    def _ask_the_others(self) -> None:
+    def _count_remaining_views(self) -> None:
         """Count the weights in the views that were not drawn since the last change: no view's voxel is dropped unasked."""
-        for index in sorted(set(range(len(self.views))) - self.asked):
+        for index in sorted(set(range(len(self.views))) - self.rendered_views):
             rendering = self.render(index, 0)
             rendering.alpha.sum().backward()
-            self.meter.add(rendering.footprint.weight, np.zeros_like(self.meter.priority))
+            self.meter.add(rendering.statistics.weight, np.zeros_like(self.meter.priority))
         self.optimizer.adam.zero_grad(set_to_none=True)
 
     def _pixel_size(self, octree: Octree) -> np.ndarray:
@@ -111,20 +111,22 @@ class Trainer(ViewTrainer):
         sizes = [view.camera.project(octree.centres)[1] / view.camera.intrinsics[0, 0] for view in self.views]
         return np.min(sizes, axis=0)
 
-    def state(self) -> dict[str, Any]:
+    def extra_state(self) -> dict[str, Any]:
         octree = self.voxels.octree
         leaves = (torch.from_numpy(octree.origins), torch.from_numpy(octree.levels))
         return {
             "leaves": leaves,
             "meter": (torch.from_numpy(self.meter.weight), torch.from_numpy(self.meter.priority)),
-            "asked": sorted(self.asked),
+            "rendered_views": sorted(self.rendered_views),
         }
 
-    def restore(self, content: dict[str, Any]) -> None:
+    def restore_extra_state(self, content: dict[str, Any]) -> None:
         self.meter.weight, self.meter.priority = (tensor.numpy() for tensor in content["meter"])
-        self.asked = set(content["asked"])
+        self.rendered_views = set(content["rendered_views"])
 
     @classmethod
-    def around(cls, content: dict[str, Any], views: Views, start: Start, settings: TrainingSettings) -> "Trainer":
+    def from_checkpoint(
+        cls, content: dict[str, Any], views: ViewPyramid, initialization: Initialization, settings: VoxelSettings
+    ) -> "VoxelTrainer":
         octree = Octree(*(tensor.numpy() for tensor in content["leaves"]))
-        return cls(Voxels(octree, **content["tensors"]), views, start, settings)
+        return cls(Voxels(octree, **content["tensors"]), views, initialization, settings)

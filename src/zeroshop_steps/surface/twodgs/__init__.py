@@ -26,22 +26,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.runtime.errors import StepError
     from zeroshop_steps.runtime.threads import use_threads
-    from zeroshop_steps.surface.initialization import find_start
-    from zeroshop_steps.surface.training import CHECKPOINT, TrainingInputs, write_record
-    from zeroshop_steps.surface.twodgs.surfels import start_surfels, write_splat_ply
-    from zeroshop_steps.surface.twodgs.train import Trainer, TrainingSettings
+    from zeroshop_steps.surface.initialization import make_initialization
+    from zeroshop_steps.surface.trainer import CHECKPOINT, TrainingInputs, write_record
+    from zeroshop_steps.surface.twodgs.surfels import initialize_surfels, write_splat_ply
+    from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
 
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     inputs = TrainingInputs.read(args, "surface.twodgs")
     views, identity = inputs.views, inputs.identity
-    settings = TrainingSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed)
+    settings = SurfelSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed)
     checkpoint = args.out / CHECKPOINT
-    start = find_start(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, HULL_POINTS, args.seed)
-    trainer = Trainer.resume(checkpoint, views, start, settings, identity) if args.resume and checkpoint.exists() else None
+    initialization = make_initialization(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, HULL_POINTS, args.seed)
+    trainer = SurfelTrainer.resume(checkpoint, views, initialization, settings, identity) if args.resume and checkpoint.exists() else None
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:
-        trainer = Trainer(start_surfels(start.points, start.colors, start.normals, args.seed), views, start, settings)
+        trainer = SurfelTrainer(initialize_surfels(initialization, args.seed), views, initialization, settings)
     trainer.run_with_checkpoints(args.checkpoint_every, checkpoint, identity, args.cameras)
     if len(trainer.surfels) < 10:
         raise StepError(f"training on {args.cameras} left {len(trainer.surfels)} disks: masks and cameras do not agree; look at both")

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.optimizer import AdamWithSurgery
+from zeroshop_steps.surface.optimizer import ResizableAdam
 from zeroshop_steps.surface.twodgs.surfels import rotation_matrices
 
 
@@ -24,7 +24,7 @@ class GradientMeter:
 
 
 def densify_and_prune(
-    optimizer: AdamWithSurgery, meter: GradientMeter, threshold: float, large: float, opacity_min: float, doomed: np.ndarray,
+    optimizer: ResizableAdam, meter: GradientMeter, threshold: float, large: float, opacity_min: float, doomed: np.ndarray,
     count_max: int, generator: torch.Generator,
 ) -> None:  # fmt: skip
     """Clone small disks and split large ones where the mean gradient passes the threshold; drop faint and doomed ones.
@@ -56,12 +56,12 @@ def densify_and_prune(
         axes = rotation_matrices(parents["quaternions"])[:, :, :2]
         parents["positions"] = parents["positions"] + (axes @ offsets[:, :, None])[:, :, 0]
         parents["log_scales"] = parents["log_scales"] - float(np.log(1.6))
-        optimizer.rebuild(~gone & ~split, {name: torch.cat([new[name], parents[name]]) for name in new})
+        optimizer.keep_and_append(~gone & ~split, {name: torch.cat([new[name], parents[name]]) for name in new})
 
 
-def reset_opacity(optimizer: AdamWithSurgery, opacity: float) -> None:
+def reset_opacity(optimizer: ResizableAdam, opacity: float) -> None:
     """Lower every opacity to at most `opacity`, so that only the disks that the images need come back."""
     ceiling = float(np.log(opacity / (1 - opacity)))
     with torch.no_grad():
         optimizer.model.opacity_logits.clamp_(max=ceiling)
-    optimizer.forget("opacity_logits")
+    optimizer.reset_moments("opacity_logits")

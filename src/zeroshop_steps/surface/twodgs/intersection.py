@@ -18,7 +18,7 @@ _E0, _E1, _E2, _E3, _E4, _E5, _E6 = (
 
 
 @numba.njit(inline="always", fastmath=True)
-def exp_minus(x):
+def exp_negative(x):
     """exp(-x) for x in [0, 5.65]; larger x give exp(-5.65), which lies below every cut."""
     t = min(x, _FARTHEST) * _MINUS_QUARTER + _LN2
     y = _E0 + t * (_E1 + t * (_E2 + t * (_E3 + t * (_E4 + t * (_E5 + t * _E6)))))
@@ -27,7 +27,7 @@ def exp_minus(x):
 
 
 @numba.njit(inline="always", fastmath=True)
-def meet(dx, dy, u1, u2, v1, v2, a1, a2):
+def intersect_surfel(dx, dy, u1, u2, v1, v2, a1, a2):
     """Where the ray of a pixel, (dx, dy) from the projected centre, meets the disk, or its low-pass filter if that is nearer.
 
     u1, u2, v1, v2: columns of the splat times HALF_SQRT.
@@ -44,4 +44,4 @@ def meet(dx, dy, u1, u2, v1, v2, a1, a2):
     at_disk = u * u + v * v if ahead else _FAR
     at_pixel = dx * dx + dy * dy
     on_disk = at_disk <= at_pixel
-    return on_disk, a if on_disk else _ONE, r if on_disk else _ONE, u, v, at_disk, exp_minus(min(at_disk, at_pixel))
+    return on_disk, a if on_disk else _ONE, r if on_disk else _ONE, u, v, at_disk, exp_negative(min(at_disk, at_pixel))

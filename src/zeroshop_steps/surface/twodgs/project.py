@@ -15,7 +15,7 @@ import math
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.harmonics import sh_basis, sh_gradient, view_direction
+from zeroshop_steps.surface.spherical_harmonics import sh_basis, sh_gradient, view_direction
 
 # Columns of a splat row, and of its gradient.
 CX, CY, ZC, U1, U2, V1, V2, A1, A2, OPACITY, RED, GREEN, BLUE, NX, NY, NZ = range(16)

@@ -8,9 +8,9 @@ the planes of a block lie one behind the other in one buffer, so that the compil
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
 from zeroshop_steps.surface.training_views import TILE_PX
-from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, meet
+from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, intersect_surfel
 from zeroshop_steps.surface.twodgs.project import A1, A2, ALPHA_MIN, BLUE, CX, CY, GREEN, NX, NY, NZ, OPACITY, RED, U1, U2, V1, V2, ZC
 
 # Planes of the image that `blend_forward` fills: colour, depth, normal, opacity, median depth, and the distortion
@@ -72,7 +72,7 @@ def _splat_kernel(distortion: bool):
             for i in range(first, first + np.uint64(LANES)):
                 dx = b[i] - cx
                 dy = b[i + PLANE[1]] - cy
-                _, a, r, _, _, _, e = meet(dx, dy, u1, u2, v1, v2, a1, a2)
+                _, a, r, _, _, _, e = intersect_surfel(dx, dy, u1, u2, v1, v2, a1, a2)
                 z = zc * r
                 alpha = min(opacity * e, ALPHA_MAX)
                 t = b[i + PLANE[_T]]
@@ -105,10 +105,10 @@ _blend_splat, _blend_splat_with_distortion = _splat_kernel(False), _splat_kernel
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def blend_forward(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, distortion, k1, k2, workers, image):
-    """Draw the tiles of `list_tiles` into image (12, tiles_y * 16, tiles_x * 16) float32, which must hold zeros.
+    """Draw the tiles of `list_splats_by_tile` into image (12, tiles_y * 16, tiles_x * 16) float32, which must hold zeros.
 
     distortion: whether to fill the last three planes. The mapped depth of the distortion term is k1 - k2 / z.
-    blocks: those of `list_tiles`; ones that no light reaches are cleared, for the backward pass.
+    blocks: those of `list_splats_by_tile`; ones that no light reaches are cleared, for the backward pass.
     """
     for worker in numba.prange(workers):
         b = np.empty(_PLANES * LANES * BLOCKS, np.float32)

@@ -11,9 +11,9 @@ Gradients go to one row for each (tile, splat) pair, which are then summed in fi
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
 from zeroshop_steps.surface.training_views import TILE_PX
-from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, meet
+from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, intersect_surfel
 from zeroshop_steps.surface.twodgs.project import (
     A1,
     A2,
@@ -81,7 +81,7 @@ def _splat_kernel(distortion: bool):
                 i = first + lane
                 dx = b[i] - cx
                 dy = b[i + PLANE[1]] - cy
-                on_disk, a, r, u, v, at_disk, e = meet(dx, dy, u1, u2, v1, v2, a1, a2)
+                on_disk, a, r, u, v, at_disk, e = intersect_surfel(dx, dy, u1, u2, v1, v2, a1, a2)
                 z = zc * r
                 full = opacity * e
                 alpha = min(full, ALPHA_MAX)

@@ -6,7 +6,7 @@ al. 2024, eq. 8 to 10), every pixel looks at every surfel, and autograd gives th
 
 import torch
 
-from zeroshop_steps.surface.harmonics import spherical_harmonics
+from zeroshop_steps.surface.spherical_harmonics import spherical_harmonics
 from zeroshop_steps.surface.twodgs.project import ALPHA_MIN, GRAZING_MIN
 from zeroshop_steps.surface.twodgs.surfels import rotation_matrices
 

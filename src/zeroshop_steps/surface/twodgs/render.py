@@ -30,7 +30,7 @@ class RenderView:
     depth_map: tuple[float, float]
 
     @staticmethod
-    def of(camera: Camera, near: float, far: float, tile_active: np.ndarray | None = None) -> "RenderView":
+    def from_camera(camera: Camera, near: float, far: float, tile_active: np.ndarray | None = None) -> "RenderView":
         """A view of a pinhole camera; all tiles are active when `tile_active` is None.
 
         near, far: nearest drawn depth, and the depth of the scene's far end. The distortion term sees z mapped to
@@ -44,10 +44,10 @@ class RenderView:
         return RenderView(camera.row, camera.width_px, camera.height_px, tile_active, near, (stretch / middle, stretch))
 
     @staticmethod
-    def around_object(view: TrainingView) -> "RenderView":
+    def from_training_view(view: TrainingView) -> "RenderView":
         """A training view, near and far two units from the origin: the normalized object lies within one."""
         distance = float(np.linalg.norm(view.camera.camera_from_world[:3, 3]))
-        return RenderView.of(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
+        return RenderView.from_camera(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
 
 
 PARTS = (slice(0, 3), 3, slice(4, 7), 7, 8, 9)
@@ -65,7 +65,7 @@ class Rendering:
         alpha: (H, W) accumulated opacity.
         median_depth: (H, W) depth at which half of the light is stopped; 0 where nothing is hit.
         distortion: (H, W) depth distortion (Huang et al. 2024, eq. 13, in mapped depth), where asked for.
-        footprint: holds the (N,) boxes and, after `backward`, the screen-space gradients for densification.
+        statistics: holds the (N,) boxes and, after `backward`, the screen-space gradients for densification.
     """
 
     color: torch.Tensor
@@ -74,11 +74,11 @@ class Rendering:
     alpha: torch.Tensor
     median_depth: torch.Tensor
     distortion: torch.Tensor
-    footprint: "Footprint"
+    statistics: "SurfelStatistics"
 
 
 @dataclass
-class Footprint:
+class SurfelStatistics:
     """By-products of a rendering: (N,) visible surfels and, once backward has run, (N,) length of the centre's gradient per pixel."""
 
     visible: np.ndarray
@@ -87,18 +87,18 @@ class Footprint:
 
 class _Splat(torch.autograd.Function):
     @staticmethod
-    def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, footprint):
+    def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics):
         arrays = [tensor.detach().contiguous().numpy() for tensor in (positions, log_scales, quaternions, opacity_logits, sh)]
-        splats, boxes, lists, image = _drawn(arrays, degree, view, distortion)
-        footprint.visible[lists.splat_of] = True
-        context.kept = (arrays, degree, view, distortion, footprint, splats, boxes, lists, image)
+        splats, boxes, lists, image = _draw(arrays, degree, view, distortion)
+        statistics.visible[lists.splat_of] = True
+        context.kept = (arrays, degree, view, distortion, statistics, splats, boxes, lists, image)
         context.set_materialize_grads(False)
         planes = torch.from_numpy(image[:, : view.height_px, : view.width_px])
         return tuple(planes[part] for part in PARTS)
 
     @staticmethod
     def backward(context, *gradients):
-        arrays, degree, view, distortion, footprint, splats, boxes, lists, image = context.kept
+        arrays, degree, view, distortion, statistics, splats, boxes, lists, image = context.kept
         positions, log_scales, quaternions, opacity_logits, sh = arrays
         gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
         for part, by_part in zip(PARTS, gradients, strict=True):
@@ -116,11 +116,11 @@ class _Splat(torch.autograd.Function):
         project.project_backward(
             positions, log_scales, quaternions, sh, degree, view.camera, workers, splats, boxes, by_splat, *outputs
         )  # fmt: skip
-        footprint.centre_gradient = np.hypot(by_splat[:, project.CX], by_splat[:, project.CY])
+        statistics.centre_gradient = np.hypot(by_splat[:, project.CX], by_splat[:, project.CY])
         return *(torch.from_numpy(output) for output in outputs), None, None, None, None
 
 
-def _drawn(arrays, degree: int, view: RenderView, distortion: bool = False):
+def _draw(arrays, degree: int, view: RenderView, distortion: bool = False):
     """Splat rows, boxes, tile lists and the padded (12, H, W) image of a view."""
     count, workers = len(arrays[0]), project.numba.get_num_threads()
     splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.empty((count, 4), np.int32)
@@ -128,7 +128,7 @@ def _drawn(arrays, degree: int, view: RenderView, distortion: bool = False):
     project.project_forward(
         *arrays, degree, view.camera, view.width_px, view.height_px, view.near, workers, splats, outlines, boxes
     )  # fmt: skip
-    lists = tiles.list_tiles(splats, outlines, boxes, view.tile_active, workers)
+    lists = tiles.list_splats_by_tile(splats, outlines, boxes, view.tile_active, workers)
     tiles_y, tiles_x = view.tile_active.shape
     image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
     k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
@@ -152,7 +152,7 @@ def render_surface_depth(
         reach: disks within this of a pixel's median depth are averaged. The others as in `render`.
     """
     tensors = (positions, log_scales, quaternions, opacity_logits, torch.zeros(len(positions), 16, 3))
-    splats, _, lists, image = _drawn([tensor.detach().contiguous().numpy() for tensor in tensors], 0, view)
+    splats, _, lists, image = _draw([tensor.detach().contiguous().numpy() for tensor in tensors], 0, view)
     depth, median = np.zeros(image.shape[1:], np.float32), image[rasterize.OUT_MEDIAN]
     tiles_x = view.tile_active.shape[1]
     surface_depth.mean_near_median(
@@ -179,6 +179,6 @@ def render(
         view: camera and tiles.
         distortion: whether the loss needs the depth distortion, which is zero otherwise.
     """
-    footprint = Footprint(np.zeros(len(positions), bool))
-    parts = _Splat.apply(positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, footprint)
-    return Rendering(*parts, footprint)
+    statistics = SurfelStatistics(np.zeros(len(positions), bool))
+    parts = _Splat.apply(positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics)
+    return Rendering(*parts, statistics)

@@ -6,9 +6,9 @@ The median alone jumps from disk to disk; the mean of all mixes a surface with w
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.blocks import ACROSS, BIT, BLOCK_PX, BLOCKS, LANES, PLANE, STOP, ZERO
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, LANES, PLANE, STOP, ZERO
 from zeroshop_steps.surface.training_views import TILE_PX
-from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, meet
+from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, intersect_surfel
 from zeroshop_steps.surface.twodgs.project import A1, A2, CX, CY, OPACITY, U1, U2, V1, V2, ZC
 from zeroshop_steps.surface.twodgs.rasterize import ALPHA_MAX, CUT, load_pixels
 
@@ -33,7 +33,7 @@ def _add_splat(splats, index, b, blocks, reach):
         first = BIT[(blocks ^ rest) % np.uint64(19)] * np.uint64(_PLANES * LANES)
         blocks = rest
         for i in range(first, first + np.uint64(LANES)):
-            _, _, r, _, _, _, e = meet(b[i] - cx, b[i + PLANE[1]] - cy, u1, u2, v1, v2, a1, a2)
+            _, _, r, _, _, _, e = intersect_surfel(b[i] - cx, b[i + PLANE[1]] - cy, u1, u2, v1, v2, a1, a2)
             z = zc * r
             alpha = min(opacity * e, ALPHA_MAX)
             t = b[i + PLANE[_T]]

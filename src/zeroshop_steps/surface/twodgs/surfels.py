@@ -10,9 +10,12 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.geometry.crops import ObjectSphere
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
-from zeroshop_steps.surface.harmonics import SH_CONSTANT
+from zeroshop_steps.surface.initialization import Initialization
+from zeroshop_steps.surface.spherical_harmonics import SH_CONSTANT
 
 SH_COEFFICIENTS = 16
+INITIAL_OPACITY = 0.1
+"""As in Kerbl et al. 2023."""
 
 
 def rotation_matrices(quaternions: torch.Tensor) -> torch.Tensor:
@@ -48,8 +51,9 @@ class Surfels:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def start_surfels(points: np.ndarray, colors: np.ndarray, normals: np.ndarray, seed: int, opacity: float = 0.1) -> Surfels:
-    """Disks at (N, 3) points with (N, 3) RGB colours in [0, 1], facing along (N, 3) normals, as wide as their neighbours are far."""
+def initialize_surfels(initialization: Initialization, seed: int) -> Surfels:
+    """One surfel at each initial point, with its colour and normal, as wide as the distance to its neighbours."""
+    points, colors, normals, opacity = initialization.points, initialization.colors, initialization.normals, INITIAL_OPACITY
     if len(points) < 4:
         raise StepError(
             f"{len(points)} starting points lie inside the masks; at least 4 are needed. Check that masks and images belong together"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.blocks import ACROSS, BLOCK_PX
+from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX
 from zeroshop_steps.surface.training_views import TILE_PX
 from zeroshop_steps.surface.twodgs.project import COVARIANCE, CX, CY, HALF_X, HALF_Y, LOW_PASS, MARGIN_PX, MID_X, MID_Y, ZC
 
@@ -38,7 +38,7 @@ class TileLists:
     blocks: np.ndarray
 
 
-def list_tiles(splats: np.ndarray, outlines: np.ndarray, boxes: np.ndarray, tile_active: np.ndarray, workers: int) -> TileLists:
+def list_splats_by_tile(splats: np.ndarray, outlines: np.ndarray, boxes: np.ndarray, tile_active: np.ndarray, workers: int) -> TileLists:
     """Sort splats into tiles.
 
     Args:

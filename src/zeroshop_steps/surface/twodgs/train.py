@@ -6,17 +6,17 @@ from typing import Any
 
 import torch
 
-from zeroshop_steps.surface.initialization import Start
+from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import normals_from_depth
-from zeroshop_steps.surface.training import Views, ViewTrainer, depth_loss, image_losses
+from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, depth_loss, image_losses
 from zeroshop_steps.surface.training_views import TrainingView
-from zeroshop_steps.surface.twodgs.densify import AdamWithSurgery, GradientMeter, densify_and_prune, reset_opacity
+from zeroshop_steps.surface.twodgs.densify import GradientMeter, ResizableAdam, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
 from zeroshop_steps.surface.twodgs.surfels import Surfels
 
 
 @dataclass(frozen=True)
-class TrainingSettings:
+class SurfelSettings:
     """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
 
     iterations: int = 800
@@ -51,7 +51,7 @@ POSITION_RATE_FALL = 0.01
 """The positions' learning rate at the end, as a share of that at the start; it falls exponentially (Kerbl et al. 2023)."""
 
 
-def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettings, with_normals: bool) -> dict[str, torch.Tensor]:
+def view_loss(rendering: Rendering, view: TrainingView, settings: SurfelSettings, with_normals: bool) -> dict[str, torch.Tensor]:
     """The terms of the loss, each a mean over the view's active pixels, weighted.
 
     Photometric L1 and D-SSIM (Kerbl et al. 2023), L1 of the opacity against the mask, normal consistency and depth
@@ -72,19 +72,19 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: TrainingSettin
     return terms
 
 
-class Trainer(ViewTrainer):
+class SurfelTrainer(Trainer):
     """Disks in training."""
 
     title, noun = "2DGS", "disks"
 
-    def __init__(self, surfels: Surfels, views: Views, start: Start, settings: TrainingSettings) -> None:
-        super().__init__(surfels, AdamWithSurgery(surfels, LEARNING_RATES), views, start, settings)
+    def __init__(self, surfels: Surfels, views: ViewPyramid, initialization: Initialization, settings: SurfelSettings) -> None:
+        super().__init__(surfels, ResizableAdam(surfels, LEARNING_RATES), views, initialization, settings)
         self.surfels = surfels
         self.meter = GradientMeter(len(surfels))
         self.generator = torch.Generator().manual_seed(settings.seed)
 
-    def render_views_of(self, views: list[TrainingView]) -> list[RenderView]:
-        return [RenderView.around_object(view) for view in views]
+    def make_render_views(self, views: list[TrainingView]) -> list[RenderView]:
+        return [RenderView.from_training_view(view) for view in views]
 
     def render(self, index: int, degree: int) -> Rendering:
         s = self.surfels
@@ -95,22 +95,22 @@ class Trainer(ViewTrainer):
     def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
         settings, view = self.settings, self.views[index]
         terms = view_loss(rendering, view, settings, share >= settings.normal_from_share)
-        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.anchors[index], view.active.sum())
+        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.depth_targets[index], view.active.sum())
         return terms
 
-    def learn(self, rendering: Rendering, index: int, share: float) -> None:
+    def update_model(self, rendering: Rendering, index: int, share: float) -> None:
         active = float(self.views[index].active.sum())
-        self.meter.add(rendering.footprint.centre_gradient * active, rendering.footprint.visible)
+        self.meter.add(rendering.statistics.centre_gradient * active, rendering.statistics.visible)
         self.optimizer.set_learning_rate("positions", LEARNING_RATES["positions"] * POSITION_RATE_FALL**share)
         self.optimizer.step()
         with torch.no_grad():
             self.surfels.log_scales.clamp_(max=math.log(SCALE_MAX))
 
-    def adapt(self) -> None:
+    def adapt_model(self) -> None:
         settings = self.settings
         first, last = settings.densify_from_share * settings.iterations, settings.densify_until_share * settings.iterations
         if first <= self.iteration <= last and self.iteration % settings.densify_every == 0:
-            outside = self.start.free_space.holds(self.surfels.positions.detach().numpy().astype(float))
+            outside = self.initialization.free_space.contains(self.surfels.positions.detach().numpy().astype(float))
             densify_and_prune(
                 self.optimizer,
                 self.meter,
@@ -126,14 +126,16 @@ class Trainer(ViewTrainer):
         if self.iteration % every == 0 and self.iteration < last:
             reset_opacity(self.optimizer, 0.1)
 
-    def state(self) -> dict[str, Any]:
+    def extra_state(self) -> dict[str, Any]:
         meter = (torch.from_numpy(self.meter.total), torch.from_numpy(self.meter.views))
         return {"meter": meter, "generator": self.generator.get_state()}
 
-    def restore(self, content: dict[str, Any]) -> None:
+    def restore_extra_state(self, content: dict[str, Any]) -> None:
         self.meter.total, self.meter.views = (tensor.numpy() for tensor in content["meter"])
         self.generator.set_state(content["generator"])
 
     @classmethod
-    def around(cls, content: dict[str, Any], views: Views, start: Start, settings: TrainingSettings) -> "Trainer":
-        return cls(Surfels(**content["tensors"]), views, start, settings)
+    def from_checkpoint(
+        cls, content: dict[str, Any], views: ViewPyramid, initialization: Initialization, settings: SurfelSettings
+    ) -> "SurfelTrainer":
+        return cls(Surfels(**content["tensors"]), views, initialization, settings)

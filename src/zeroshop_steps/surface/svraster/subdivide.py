@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from zeroshop_steps.surface.optimizer import AdamWithSurgery
+from zeroshop_steps.surface.optimizer import ResizableAdam
 from zeroshop_steps.surface.svraster.octree import MAX_LEVEL
 from zeroshop_steps.surface.svraster.voxels import Voxels
 
@@ -21,7 +21,7 @@ class VoxelMeter:
 
 
 def prune_and_subdivide(
-    voxels: Voxels, optimizer: AdamWithSurgery, keep: np.ndarray, priority: np.ndarray, max_level: int, count_max: int
+    voxels: Voxels, optimizer: ResizableAdam, keep: np.ndarray, priority: np.ndarray, max_level: int, count_max: int
 ) -> None:
     """Drop leaves and split the most urgent ones into eight, which take over density, colour and the optimizer's moments.
 
@@ -38,13 +38,13 @@ def prune_and_subdivide(
         urgent = np.argsort(np.where(wanted, -priority, np.inf), kind="stable")[:room]
         wanted = np.zeros(len(old), bool)
         wanted[urgent] = True
-    new, source = old.refined(keep, wanted)
+    new, source = old.refine(keep, wanted)
 
     def at_corners(values: torch.Tensor) -> torch.Tensor:
-        return torch.from_numpy(old.interpolated(values.numpy(), new, source))
+        return torch.from_numpy(old.interpolate(values.numpy(), new, source))
 
     rows = torch.from_numpy(source)
-    optimizer.replace("densities", at_corners, at_corners)
+    optimizer.replace_tensor("densities", at_corners, at_corners)
     for name in ("sh_constant", "sh_rest"):
-        optimizer.replace(name, lambda values: values[rows], lambda moment: moment[rows])
+        optimizer.replace_tensor(name, lambda values: values[rows], lambda moment: moment[rows])
     voxels.octree = new

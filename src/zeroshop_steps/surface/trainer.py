@@ -17,25 +17,25 @@ from zeroshop_steps.runtime.code_version import code_version
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, write_json
 from zeroshop_steps.runtime.progress import ProgressReport
-from zeroshop_steps.surface.initialization import Start
-from zeroshop_steps.surface.optimizer import AdamWithSurgery
+from zeroshop_steps.surface.initialization import Initialization
+from zeroshop_steps.surface.optimizer import ResizableAdam
 from zeroshop_steps.surface.seeds import Seeds, read_seeds
-from zeroshop_steps.surface.ssim import dissimilarity
-from zeroshop_steps.surface.training_views import CameraSet, TrainingView, read_camera_set, seed_views, training_views
+from zeroshop_steps.surface.ssim import dssim
+from zeroshop_steps.surface.training_views import CameraSet, TrainingView, make_seed_views, make_training_views, read_camera_set
 
 CHECKPOINT = "checkpoint.pt"
 """The run as far as it has come, beside what it is to write."""
 
 
 @dataclass(frozen=True)
-class Views:
+class ViewPyramid:
     """The same images at two sizes: training begins on the coarse ones."""
 
     coarse: list[TrainingView]
     fine: list[TrainingView]
 
 
-class Settings(Protocol):
+class TrainingSettings(Protocol):
     """What every optimizer's settings hold; shares of the run are fractions of `iterations`."""
 
     iterations: int
@@ -44,7 +44,7 @@ class Settings(Protocol):
     coarse_share: float
 
 
-class Images(Protocol):
+class RenderedImages(Protocol):
     """The part of a rendering that every optimizer has: sums over the blending weights, not divided by the opacity."""
 
     color: torch.Tensor
@@ -52,18 +52,18 @@ class Images(Protocol):
     alpha: torch.Tensor
 
 
-def image_losses(rendering: Images, view: TrainingView, lambda_dssim: float, lambda_mask: float) -> dict[str, torch.Tensor]:
+def image_losses(rendering: RenderedImages, view: TrainingView, lambda_dssim: float, lambda_mask: float) -> dict[str, torch.Tensor]:
     """Photometric L1 and D-SSIM (Kerbl et al. 2023) and L1 of the opacity against the mask: weighted means over the active pixels."""
     active = view.active
     pixels = active.sum()
     return {
         "l1": (1 - lambda_dssim) * ((rendering.color - view.color).abs().sum(0) * active).sum() / (3 * pixels),
-        "dssim": lambda_dssim * dissimilarity(rendering.color, view.color, active.float()) / (3 * pixels),
+        "dssim": lambda_dssim * dssim(rendering.color, view.color, active.float()) / (3 * pixels),
         "mask": lambda_mask * ((rendering.alpha - view.mask).abs() * active).sum() / pixels,
     }
 
 
-def depth_loss(rendering: Images, pixels: torch.Tensor, depths: torch.Tensor, active_pixels: torch.Tensor) -> torch.Tensor:
+def depth_loss(rendering: RenderedImages, pixels: torch.Tensor, depths: torch.Tensor, active_pixels: torch.Tensor) -> torch.Tensor:
     """Absolute differences of the expected depth from confirmed ones: (K,) flat pixel indices and (K,) depths.
 
     Their sum is divided by the number of active pixels, so that a single confirmed depth weighs the same however many there
@@ -75,15 +75,15 @@ def depth_loss(rendering: Images, pixels: torch.Tensor, depths: torch.Tensor, ac
     return (depth - depths).abs().sum() / active_pixels
 
 
-def anchors(view: TrainingView, start: Start) -> tuple[torch.Tensor, torch.Tensor]:
+def depth_targets(view: TrainingView, initialization: Initialization) -> tuple[torch.Tensor, torch.Tensor]:
     """(K,) flat pixel indices of a view and (K,) the depths that were confirmed there before training."""
-    k, rays = view.camera.intrinsics, start.rays[view.camera.name]
+    k, rays = view.camera.intrinsics, initialization.confirmed_rays[view.camera.name]
     x = np.floor(rays[:, 0] * k[0, 0] + k[0, 2]).astype(int).clip(0, view.camera.width_px - 1)
     y = np.floor(rays[:, 1] * k[1, 1] + k[1, 2]).astype(int).clip(0, view.camera.height_px - 1)
-    return torch.from_numpy(y * view.camera.width_px + x), torch.from_numpy(start.depths[view.camera.name])
+    return torch.from_numpy(y * view.camera.width_px + x), torch.from_numpy(initialization.confirmed_depths[view.camera.name])
 
 
-class ViewTrainer(ABC):
+class Trainer(ABC):
     """One training run that can be stopped, kept and resumed; what is trained, drawn and lost is the optimizer's own.
 
     Class attributes: title, shown while it trains, and noun, what it counts.
@@ -92,21 +92,23 @@ class ViewTrainer(ABC):
     title: str
     noun: str
 
-    def __init__(self, model: Any, optimizer: AdamWithSurgery, views: Views, start: Start, settings: Settings) -> None:
+    def __init__(
+        self, model: Any, optimizer: ResizableAdam, views: ViewPyramid, initialization: Initialization, settings: TrainingSettings
+    ) -> None:
         self.model, self.optimizer = model, optimizer
-        self.pyramid, self.start, self.settings = views, start, settings
+        self.pyramid, self.initialization, self.settings = views, initialization, settings
         self.iteration = 0
         self.order = np.random.default_rng(settings.seed)
         self.queue: list[int] = []
-        self.take(views.coarse)
+        self.set_views(views.coarse)
         self.history: list[dict[str, float]] = []
 
     @abstractmethod
-    def render_views_of(self, views: list[TrainingView]) -> list[Any]:
+    def make_render_views(self, views: list[TrainingView]) -> list[Any]:
         """What the renderer needs to know of each view."""
 
     @abstractmethod
-    def render(self, index: int, degree: int) -> Images:
+    def render(self, index: int, degree: int) -> RenderedImages:
         """Draw training view `index`."""
 
     @abstractmethod
@@ -114,31 +116,31 @@ class ViewTrainer(ABC):
         """The weighted terms of the loss at this share of the run."""
 
     @abstractmethod
-    def learn(self, rendering: Any, index: int, share: float) -> None:
+    def update_model(self, rendering: Any, index: int, share: float) -> None:
         """Update the model from its gradients."""
 
     @abstractmethod
-    def adapt(self) -> None:
+    def adapt_model(self) -> None:
         """Add and remove parts of the model when it is time."""
 
-    def state(self) -> dict[str, Any]:
+    def extra_state(self) -> dict[str, Any]:
         """What a checkpoint holds beyond the shared part; `restore` takes it back."""
         return {}
 
     @abstractmethod
-    def restore(self, content: dict[str, Any]) -> None:
+    def restore_extra_state(self, content: dict[str, Any]) -> None:
         """Take back what `state` gave."""
 
     @classmethod
     @abstractmethod
-    def around(cls, content: dict[str, Any], views: Views, start: Start, settings: Any) -> "ViewTrainer":
+    def from_checkpoint(cls, content: dict[str, Any], views: ViewPyramid, initialization: Initialization, settings: Any) -> "Trainer":
         """A trainer of the model in a checkpoint."""
 
-    def take(self, views: list[TrainingView]) -> None:
+    def set_views(self, views: list[TrainingView]) -> None:
         """Train on these views from now on."""
         self.views = views
-        self.render_views = self.render_views_of(views)
-        self.anchors = [anchors(view, self.start) for view in views]
+        self.render_views = self.make_render_views(views)
+        self.depth_targets = [depth_targets(view, self.initialization) for view in views]
 
     def run(self, until: int, report: ProgressReport | None = None) -> None:
         """Train up to iteration `until`, showing loss and count in `report`."""
@@ -151,7 +153,7 @@ class ViewTrainer(ABC):
         """One view: render, differentiate, update, and adapt the model when it is time. Returns the loss."""
         settings, share = self.settings, self.iteration / self.settings.iterations
         if share >= settings.coarse_share and self.views is not self.pyramid.fine:
-            self.take(self.pyramid.fine)
+            self.set_views(self.pyramid.fine)
         if not self.queue:
             self.queue = self.order.permutation(len(self.views)).tolist()
         index = self.queue.pop()
@@ -159,9 +161,9 @@ class ViewTrainer(ABC):
         terms = self.losses(rendering, index, share)
         loss = sum(terms.values())
         loss.backward()
-        self.learn(rendering, index, share)
+        self.update_model(rendering, index, share)
         self.iteration += 1
-        self.adapt()
+        self.adapt_model()
         if self.iteration % 50 == 0:
             row = {"iteration": self.iteration, "count": len(self.model), "loss": float(loss.detach())}
             self.history.append(row | {name: float(value.detach()) for name, value in terms.items()})
@@ -202,12 +204,14 @@ class ViewTrainer(ABC):
         }
         with atomic_write(path) as temporary:
             try:
-                torch.save(content | self.state(), temporary)
+                torch.save(content | self.extra_state(), temporary)
             except RuntimeError as error:  # what PyTorch makes of a full disk
                 raise OSError(str(error).splitlines()[0]) from error
 
     @classmethod
-    def resume(cls, path: Path, views: Views, start: Start, settings: Settings, identity: dict[str, Any]) -> "ViewTrainer | None":
+    def resume(
+        cls, path: Path, views: ViewPyramid, initialization: Initialization, settings: TrainingSettings, identity: dict[str, Any]
+    ) -> "Trainer | None":
         """The run kept in `path`, or None when it belongs to other inputs or settings."""
         try:
             content = torch.load(path, weights_only=True)
@@ -215,11 +219,11 @@ class ViewTrainer(ABC):
             raise StepError(f"checkpoint {path} is damaged ({type(error).__name__}); delete it and train again") from None
         if content["settings"] != vars(settings) or content["identity"] != identity:
             return None
-        trainer = cls.around(content, views, start, settings)
+        trainer = cls.from_checkpoint(content, views, initialization, settings)
         trainer.optimizer.adam.load_state_dict(content["adam"])
         trainer.iteration, trainer.queue, trainer.history = content["iteration"], content["queue"], content["history"]
         trainer.order.bit_generator.state = content["order"]
-        trainer.restore(content)
+        trainer.restore_extra_state(content)
         return trainer
 
 
@@ -234,7 +238,7 @@ class TrainingInputs:
 
     camera_set: CameraSet
     sphere: ObjectSphere
-    views: Views
+    views: ViewPyramid
     seed_views: list[TrainingView]
     seeds: Seeds
     identity: dict[str, Any]
@@ -244,11 +248,11 @@ class TrainingInputs:
         """From the options --cameras, --stereo and --image-width-px, for a step of this package, e.g. "surface.twodgs"."""
         camera_set = read_camera_set(args.cameras)
         sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
-        views = Views(
-            training_views(camera_set, sphere, args.image_width_px // 2, border_px=6),
-            training_views(camera_set, sphere, args.image_width_px, border_px=8),
+        views = ViewPyramid(
+            make_training_views(camera_set, sphere, args.image_width_px // 2, border_px=6),
+            make_training_views(camera_set, sphere, args.image_width_px, border_px=8),
         )
-        stereo_views = seed_views(camera_set, sphere)
+        stereo_views = make_seed_views(camera_set, sphere)
         seeds = read_seeds(args.stereo, sphere, [view.camera for view in stereo_views])
         # A checkpoint belongs to its images, cameras, seeds and code as much as to its settings.
         poses = [view.camera.camera_from_world.ravel().tolist() for view in views.fine]
@@ -270,7 +274,7 @@ def write_curve(path: Path, history: list[dict[str, float]]) -> None:
         writer.writerows({key: f"{value:.6g}" for key, value in row.items()} for row in history)
 
 
-def write_record(args: Namespace, trainer: ViewTrainer, method: str, threads: int, resumed_from: int, seconds: tuple[float, float]) -> None:
+def write_record(args: Namespace, trainer: Trainer, method: str, threads: int, resumed_from: int, seconds: tuple[float, float]) -> None:
     """Write training.csv and training.json into --out; seconds: of wall time and of CPU time. The checkpoint has then served its turn."""
     write_curve(args.out / "training.csv", trainer.history)
     write_json(

@@ -11,7 +11,7 @@ from zeroshop_steps.surface.svraster.rasterize import DENSITY_SCALE, LINEAR_FROM
 
 
 @dataclass(frozen=True)
-class Field:
+class DensityGrid:
     """Values at the points of a box of the lattice of one level.
 
     Attributes:
@@ -27,7 +27,7 @@ class Field:
     step: float
 
     @staticmethod
-    def of(octree: Octree, densities: np.ndarray, border: int) -> "Field":
+    def from_octree(octree: Octree, densities: np.ndarray, border: int) -> "DensityGrid":
         """On the lattice of the finest level that there is, `border` points wider than the leaves on every side.
 
         Leaves of different levels share points on their common faces. There each says what its own corners interpolate to,
@@ -39,7 +39,7 @@ class Field:
         shape = (origins + cells[:, None]).max(axis=0) + border + 1 - first
         total, count = np.zeros(shape, np.float32), np.zeros(shape, np.int32)
         _add(origins - first, cells, octree.corners, densities, total, count)
-        return Field(total / np.maximum(count, 1), count > 0, first, unit * 2.0 / CELLS)
+        return DensityGrid(total / np.maximum(count, 1), count > 0, first, unit * 2.0 / CELLS)
 
     def points(self, index: np.ndarray) -> np.ndarray:
         """(P, 3) normalized coordinates of (P, 3) places in `values`, whole or not."""
@@ -61,13 +61,13 @@ def _add(origins, cells, corners, densities, total, count):
                     count[origins[i, 0] + x, origins[i, 1] + y, origins[i, 2] + z] += 1
 
 
-def half_value(step: float) -> float:
+def half_opacity_value(step: float) -> float:
     """The value before activation at which a segment of length `step` has the opacity one half."""
     density = np.log(2.0) / (DENSITY_SCALE * step)
     return float(density if density > LINEAR_FROM else LINEAR_FROM * (1.0 + np.log(density / LINEAR_FROM)))
 
 
-def signed_distances(
+def fuse_signed_distances(
     points: np.ndarray, cameras: list[Camera], depths: list[np.ndarray], reach: float, zero_is_free: bool, min_views: int
 ) -> np.ndarray:
     """(P,) float32 distance of (P, 3) points to the surface that depth maps describe, along the rays, positive before it.
