@@ -10,8 +10,8 @@ import pytest
 import zeroshop_steps
 from zeroshop_steps.register import mast3r, vggt
 from zeroshop_steps.runtime import cache
-from zeroshop_steps.runtime.cache import Cached, cache_folder, content_digest, entry_name, run_cached
-from zeroshop_steps.runtime.code_version import code_version
+from zeroshop_steps.runtime.cache import Cached, cache_folder, check_cache, content_digest, entry_name, run_cached
+from zeroshop_steps.runtime.code_version import code_version, reached
 from zeroshop_steps.runtime.errors import StepError
 
 STEP = "report.table"  # any step that exists: its code counts
@@ -159,6 +159,14 @@ def test_an_unusable_folder_is_named_with_the_remedy(tmp_path, monkeypatch, plac
         cache_folder()
 
 
+@pytest.mark.parametrize(("now", "former", "warned"), [(True, True, False), (False, True, True), (False, False, False)])
+def test_the_former_name_of_the_variable_is_said(tmp_path, monkeypatch, capsys, now, former, warned):
+    for name, is_set in ((cache.LOCATION, now), (cache.FORMER_LOCATION, former)):
+        monkeypatch.setenv(name, str(tmp_path) if is_set else "")
+    check_cache()
+    assert ("now named by ZEROSHOP_CACHE" in capsys.readouterr().err) is warned
+
+
 def test_a_file_counts_with_its_companions(tmp_path):
     for name, content in {"model.ply": "mesh", "model.png": "picture", "model_info.json": "{}", "other.txt": "x", ".hidden": "y"}.items():
         (tmp_path / name).write_text(content)
@@ -220,6 +228,8 @@ def test_the_real_steps_know_their_inputs():
         paths = {name for name, action in actions.items() if action.type is Path}
         assert paths - set(module.CACHED.ignored) == inputs | {"out"}, step
         assert len(code_version(step)) == 64
+        files, libraries = reached(f"zeroshop_steps.{step}")
+        assert path in files and "numpy" in libraries, step
 
 
 @pytest.mark.parametrize("module", [mast3r, vggt])

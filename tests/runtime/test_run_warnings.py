@@ -3,7 +3,7 @@
 import os
 
 from zeroshop_steps.runtime.errors import warn
-from zeroshop_steps.runtime.run_warnings import SHOWN, say_warnings, warnings_since
+from zeroshop_steps.runtime.run_warnings import SHOWN, repeat_warnings, warnings_since
 
 
 def log_of(folder, name, *lines, age_s=0.0):
@@ -22,11 +22,11 @@ def test_warnings_of_this_run_are_found(tmp_path):
 
 
 def test_they_are_said_as_steps_say_them(tmp_path, capsys):
-    say_warnings(tmp_path, 0.0)
+    repeat_warnings(tmp_path, 0.0)
     assert capsys.readouterr().err == ""
     for number in range(SHOWN + 2):
         warn(f"w{number}.")
     log_of(tmp_path, "a/logs/b.log", *capsys.readouterr().err.splitlines())
-    say_warnings(tmp_path, 0.0)
+    repeat_warnings(tmp_path, 0.0)
     said = capsys.readouterr().err
     assert f"Warnings ({SHOWN + 2})" in said and "b.log: w0." in said and "and 2 more" in said and "w31." not in said

@@ -29,7 +29,7 @@ def checkout(folder):
 
     def make(shared):
         command = [sys.executable, "-m", "snakemake", "--cores", "2", SPLATS, "--config", *CONFIG]
-        environment = {**os.environ, "PYTHONPATH": str(folder / "src"), "SNAKEMAKE_OUTPUT_CACHE": str(shared)}
+        environment = {**os.environ, "PYTHONPATH": str(folder / "src"), "ZEROSHOP_CACHE": str(shared)}
         run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=600)
         assert run.returncode == 0, run.stdout + run.stderr
         return [(folder / log).read_text() for log in LOGS], (folder / SPLATS).read_bytes()
@@ -50,7 +50,7 @@ def test_a_second_checkout_makes_no_registration_and_no_training_again(tmp_path)
     assert all("taken from the cache" in log for log in logs), logs
     assert again == splats
 
-    [training] = shared.glob("nvs.twodgs-*")
+    [training] = shared.glob("surface.twodgs-*")
     (training / "content/splats.ply").write_bytes(splats[:-40] + bytes(40))
     shutil.rmtree(tmp_path / "far/away/second/results")
     logs, rebuilt = second(shared)
@@ -61,7 +61,7 @@ def test_a_second_checkout_makes_no_registration_and_no_training_again(tmp_path)
 @pytest.mark.parametrize("place", ["absent", "file"])
 def test_an_unusable_cache_ends_the_run_before_it_starts(tmp_path, monkeypatch, place):
     (tmp_path / "file").touch()
-    monkeypatch.setenv("SNAKEMAKE_OUTPUT_CACHE", str(tmp_path / place))
+    monkeypatch.setenv("ZEROSHOP_CACHE", str(tmp_path / place))
     run = run_snakemake(tmp_path, "-n", "results/demo/mug/2dgs.ply")
     assert run.returncode != 0
     assert f"the cache {tmp_path / place} is no folder" in run.stdout and "or unset it" in run.stdout

@@ -9,7 +9,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from zeroshop_steps import methods
-from zeroshop_steps.runtime.cache import cache_folder
+from zeroshop_steps.runtime.cache import check_cache
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.settings import check_config, config_changes, name_error, read_objects
 
@@ -42,7 +42,7 @@ shell.prefix(
 )
 
 try:
-    cache_folder()
+    check_cache()
     check_config(config, ROOT / "workflow/schemas/config.schema.yaml")
     PHOTOS = read_objects(ROOT / config["objects_table"], ROOT / "workflow/schemas/objects.schema.yaml")
 except StepError as error:

@@ -1,12 +1,20 @@
 """Results of costly steps in a folder that several checkouts and people share.
 
-The folder is named by SNAKEMAKE_OUTPUT_CACHE. A result is found by what it depends on: the bytes of the step's inputs, its
-options, and the code it runs (code_version.py); paths, times and the number of threads play no part. It is copied, never
-linked, and every file is checked against its SHA-256: a damaged entry is removed and made again. Where it cannot be
-copied or removed, the step runs without the cache, and what lies there stays.
+The folder is named by ZEROSHOP_CACHE. A result is found by what it depends on: the bytes of the step's inputs, its options,
+and the code that it runs (code_version.py). Paths, times and the number of threads do not count. A result is copied, never linked,
+and every file is checked against its SHA-256: a damaged entry is removed and made again. Where an entry cannot be copied
+or removed, the step runs without the cache, and the entry stays.
 
-A method takes part by naming its dependencies in `CACHED`. Snakemake's own caching is not used: it knows neither the
-steps' code nor the content of files between rules, uses damaged entries, and forbids benchmarks.
+A method takes part by naming its dependencies in `CACHED`.
+
+Snakemake has a cache between workflows, too (`cache: True`, SNAKEMAKE_OUTPUT_CACHE). It cannot replace this one
+(Snakemake 9.27; tests/runtime/test_snakemake_cache.py shows each point):
+
+- Its key holds the shell command before wildcards are filled in, and of an input that another rule makes only that rule's key. A rule
+  that uses `{wildcards.object}` is given the file of another object.
+- The code that a command runs is not part of the key, so the results of an older version are used.
+- Entries are used unchecked, and through symbolic links: what writes into a result writes into everybody's.
+- Rules with `benchmark:` may not take part; the seconds of every stage come from there.
 """
 
 import argparse
@@ -25,7 +33,8 @@ from zeroshop_steps.runtime.code_version import code_version
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
-LOCATION = "SNAKEMAKE_OUTPUT_CACHE"
+LOCATION = "ZEROSHOP_CACHE"
+FORMER_LOCATION = "SNAKEMAKE_OUTPUT_CACHE"
 MANIFEST = "manifest.json"
 
 
@@ -53,7 +62,7 @@ def cache_folder() -> Path | None:
     """The shared folder; None where there is none.
 
     Raises:
-        StepError: what SNAKEMAKE_OUTPUT_CACHE names is no folder, or nothing can be written there.
+        StepError: what ZEROSHOP_CACHE names is no folder, or nothing can be written there.
     """
     place = os.environ.get(LOCATION)
     if not place:
@@ -68,6 +77,16 @@ def cache_folder() -> Path | None:
     except OSError as error:
         raise StepError(f"the cache {place} is not writable ({error.strerror or error}). {remedy}") from error
     return folder
+
+
+def check_cache() -> None:
+    """Check before a run that the shared folder can be used; a folder that only the variable's former name gives is warned of.
+
+    Raises:
+        StepError: as `cache_folder`.
+    """
+    if cache_folder() is None and os.environ.get(FORMER_LOCATION):
+        warn(f"{FORMER_LOCATION} is for Snakemake's own cache; the cache of this workflow is now named by {LOCATION}, and none is in use")
 
 
 def run_cached(step: str, module: ModuleType, args: argparse.Namespace) -> None:

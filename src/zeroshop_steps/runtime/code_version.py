@@ -9,7 +9,7 @@ from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
 PACKAGE = "zeroshop_steps"
-SOURCES = Path(__file__).parent
+SOURCES = Path(__file__).parents[1]
 DATA_SUFFIXES = (".json", ".csv")
 
 
@@ -19,7 +19,7 @@ def code_version(module: str, sources: Path = SOURCES) -> str:
     Imports inside functions count as well. Data files beside an imported module count with it. What a library itself
     depends on does not.
     """
-    files, libraries = _reached(f"{PACKAGE}.{module}", sources)
+    files, libraries = reached(f"{PACKAGE}.{module}", sources)
     digest = hashlib.sha256(f"python {sys.version_info[0]}.{sys.version_info[1]}\n".encode())
     distributions = _distributions()
     for name in sorted({name for library in libraries for name in distributions.get(library, [])}):
@@ -34,7 +34,7 @@ def _distributions() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
-def _reached(module: str, sources: Path) -> tuple[set[Path], set[str]]:
+def reached(module: str, sources: Path = SOURCES) -> tuple[set[Path], set[str]]:
     """The package's files that importing and running a module can reach, and the other top-level modules that they name."""
     files: set[Path] = set()
     libraries: set[str] = set()

@@ -25,7 +25,7 @@ def warnings_since(folder: Path, start_s: float) -> list[str]:
     return found
 
 
-def say_warnings(folder: Path, start_s: float) -> None:
+def repeat_warnings(folder: Path, start_s: float) -> None:
     """Repeat the warnings of this run."""
     found = warnings_since(folder, start_s)
     if found:
