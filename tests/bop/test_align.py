@@ -7,9 +7,9 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.bop.align import align, scale_notice
-from zeroshop_steps.bop.models import listed_objects, read_models
-from zeroshop_steps.bop.symmetry import symmetry_transforms
+from zeroshop_steps.bop.align import align, describe_scale
+from zeroshop_steps.bop.models import list_objects, read_models
+from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
@@ -60,7 +60,7 @@ def test_a_symmetric_object_is_turned_no_more_than_needed(models):
     truth = read_ply(models / "mug" / "model.ply")
     info = {"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]}
     start = similarity(Rotation.from_rotvec([0, 0, 0.02]), 1.0, [0, 0, 0])
-    fit = align(damaged(truth, start), truth, symmetry_transforms(info))
+    fit = align(damaged(truth, start), truth, list_symmetry_transforms(info))
     assert np.degrees(Rotation.from_matrix(fit.transform[:3, :3]).magnitude()) < 3
 
 
@@ -69,14 +69,14 @@ def test_a_lid_over_a_hollow_that_nobody_saw_does_not_spoil_the_size():
     inside = np.array([[76.0, 55], [71, 26], [48, 4], [0, 4]])
     bowl, lidded = (trimesh.creation.revolve(profile, sections=64) for profile in (np.vstack([outside, inside]), [*outside, [0, 55]]))
     truth, mesh = (Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)) for shape in (bowl, lidded))
-    turns = symmetry_transforms({"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]})
+    turns = list_symmetry_transforms({"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]})
     fit = align(mesh, truth, turns)
     assert np.cbrt(np.linalg.det(fit.transform[:3, :3])) == pytest.approx(1.0, abs=0.01)
     np.testing.assert_allclose(fit.transform[:3, 3], 0.0, atol=1.0)
 
 
 def test_a_mesh_in_metres_is_said():
-    assert "metres" in scale_notice(1003.0) and "unit" in scale_notice(25.4) and scale_notice(1.03) is None
+    assert "metres" in describe_scale(1003.0) and "unit" in describe_scale(25.4) and describe_scale(1.03) is None
 
 
 def run(method, words) -> int:
@@ -101,7 +101,7 @@ def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
     assert "lost.json is left out" in capsys.readouterr().err
     assert run("export_models", ["--parts", models / "tomato_can", models / "mug", "--out", tmp_path / "models"]) == 0
     number = aligned["model_info"]["obj_id"]
-    assert listed_objects(tmp_path / "models_2dgs") == [number] and len(listed_objects(tmp_path / "models")) == 2
+    assert list_objects(tmp_path / "models_2dgs") == [number] and len(list_objects(tmp_path / "models")) == 2
     ours, true = (read_models(tmp_path / name, [number])[number] for name in ("models_2dgs", "models"))
     assert ours.mesh.texture is not None and ours.mesh.normals is not None
     np.testing.assert_array_equal(ours.mesh.quality[60:80], np.repeat([0.5, 1.0], 10))

@@ -9,19 +9,19 @@ from pycocotools import mask as coco_masks
 
 from helpers import bop_reference_cases as cases
 from zeroshop_steps.bop.depth_render import DepthPatch
-from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask
+from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box
 from zeroshop_steps.bop.pose_error import ModelPoints, mspd, mssd, vsd
 from zeroshop_steps.bop.precision import MEASURES, average_precision
-from zeroshop_steps.bop.recall import THRESHOLDS, Pairs, found_instances
+from zeroshop_steps.bop.recall import THRESHOLDS, PosePairs, count_found_instances
 from zeroshop_steps.bop.scene import Frame, Instance
-from zeroshop_steps.bop.symmetry import symmetry_transforms
+from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 
 REFERENCE = json.loads(Path(__file__).with_name("reference.json").read_text())
 
 
 @pytest.mark.parametrize("name", cases.MODELS_INFO)
 def test_mssd_and_mspd_agree(name):
-    symmetries = symmetry_transforms(cases.MODELS_INFO[name])
+    symmetries = list_symmetry_transforms(cases.MODELS_INFO[name])
     estimated, true = cases.poses(list(cases.MODELS_INFO).index(name))
     points = ModelPoints.of(cases.points())
     intrinsics = np.tile(cases.INTRINSICS, (len(true), 1, 1))
@@ -53,8 +53,8 @@ def test_recall_agrees():
         first.append(len(errors))
         instances.append(len(valid))
         total += case["count"]
-    pairs = Pairs(*(np.zeros(len(errors), int),) * 3, np.array(first), np.array(instances))
-    recall = found_instances(pairs, np.array(errors), THRESHOLDS).sum(0) / total
+    pairs = PosePairs(*(np.zeros(len(errors), int),) * 3, np.array(first), np.array(instances))
+    recall = count_found_instances(pairs, np.array(errors), THRESHOLDS).sum(0) / total
     np.testing.assert_allclose(recall, REFERENCE["recall"], atol=1e-12)
 
 
@@ -73,7 +73,7 @@ def test_average_precision_agrees(kind):
         held = [Instance(entry["object"], np.eye(4), entry["visible"], entry) for entry in instances if entry["image"] == image]
         frames[1, image] = MaskedFrame(1, image, np.eye(3), None, None, tuple(held), Path("scene"))
     found = [
-        Detection(1, entry["image"], entry["object"], entry["score"], box_of_mask(entry["mask"]), encode_mask(entry["mask"]))
+        Detection(1, entry["image"], entry["object"], entry["score"], mask_to_box(entry["mask"]), encode_mask(entry["mask"]))
         for entry in detections
     ]
     scores = average_precision(found, frames, kind, True, Path("detections.json"))

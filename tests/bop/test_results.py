@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.small_dataset import true_estimates
-from zeroshop_steps.bop.detections import Detection, _compressed, decode_mask, encode_mask, read_detections, write_detections
+from zeroshop_steps.bop.detections import Detection, _compress, decode_mask, encode_mask, read_detections, write_detections
 from zeroshop_steps.bop.estimates import HEADER, read_estimates, write_estimates
 from zeroshop_steps.runtime.errors import StepError
 
@@ -92,7 +92,7 @@ def test_masks_read_back_exactly(height, width, seed):
     mask = np.random.default_rng(seed).uniform(size=(height, width)) < 0.5
     encoded = encode_mask(mask)
     np.testing.assert_array_equal(decode_mask(encoded), mask)
-    assert _compressed(Path("found.json"), 0, {"size": [height, width], "counts": encoded["counts"].decode()}) == encoded
+    assert _compress(Path("found.json"), 0, {"size": [height, width], "counts": encoded["counts"].decode()}) == encoded
 
 
 def test_detections_read_back(tmp_path):

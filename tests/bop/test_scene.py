@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from helpers.small_dataset import BOX, CAN, HEIGHT_PX, WIDTH_PX, dataset_in
-from zeroshop_steps.bop.models import model_file, read_models
+from zeroshop_steps.bop.models import model_path, read_models
 from zeroshop_steps.bop.scene import read_scene, write_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
@@ -120,10 +120,10 @@ def test_models_are_checked(dataset, tmp_path):
     assert list(models) == [BOX, CAN] and len(models[BOX].symmetries) == 1 and len(models[CAN].symmetries) == 315
     with pytest.raises(StepError, match=r"object 9 has no model .* it has the objects \[1, 2\]"):
         read_models(folder, [9])
-    mesh = read_ply(model_file(folder, BOX))
-    write_ply(model_file(folder, BOX), Mesh(mesh.vertices / 1000, mesh.faces))
+    mesh = read_ply(model_path(folder, BOX))
+    write_ply(model_path(folder, BOX), Mesh(mesh.vertices / 1000, mesh.faces))
     with pytest.raises(StepError, match="Convert it to millimetres"):
         read_models(folder, [BOX])
-    write_ply(model_file(folder, BOX), Mesh(mesh.vertices * 1.2, mesh.faces))
+    write_ply(model_path(folder, BOX), Mesh(mesh.vertices * 1.2, mesh.faces))
     with pytest.raises(StepError, match="do not belong together"):
         read_models(folder, [BOX])

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.small_dataset import BOX, CAN, true_estimates
-from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, read_detections, write_detections
+from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, read_detections, write_detections
 from zeroshop_steps.bop.estimates import write_estimates
 from zeroshop_steps.bop.precision import average_precision
 from zeroshop_steps.runtime.cli import stage_main
@@ -97,7 +97,7 @@ def true_detections(dataset) -> list[Detection]:
     found = []
     for frame in dataset.frames.values():
         for index, instance in enumerate(frame.instances):
-            mask, box = frame.mask(index), box_of_mask(frame.mask(index, "mask"))
+            mask, box = frame.mask(index), mask_to_box(frame.mask(index, "mask"))
             found.append(Detection(frame.scene_id, frame.image_id, instance.object_id, 0.9, box, encode_mask(mask), 0.1))
     return found
 

@@ -7,9 +7,9 @@ import torch
 from helpers.painted_scene import CAN, CARTON, detect
 from zeroshop_steps import methods
 from zeroshop_steps.bop.detections import decode_mask, read_detections
-from zeroshop_steps.detect.cnos import described_views, named, object_scores
-from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, masked_crop
-from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, distinct, stability, without_small
+from zeroshop_steps.detect.cnos import assign_objects, describe_views, score_objects
+from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, crop_masked
+from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_duplicate_masks, drop_small_masks, measure_stability
 from zeroshop_steps.geometry.images import read_image, read_mask
 from zeroshop_steps.runtime.cli import stage_methods
 
@@ -81,19 +81,19 @@ def test_damaged_weights_are_named(dataset, weights, capsys):
 def test_a_cut_out_view_is_named_as_its_object(dataset, weights):
     """Even random tokens tell red boxes from green cans, where masks are true."""
     describer = CropDescriber(weights / "dinov2-large", torch.device("cpu"))
-    views = described_views(dataset.folder / "models", dataset.folder / "templates", describer)
+    views = describe_views(dataset.folder / "models", dataset.folder / "templates", describer)
     assert all(vectors.shape == (42, 32) for vectors in views.values())
     np.testing.assert_allclose(np.linalg.norm(views[CAN], axis=1), 1, atol=1e-5)
     photo = read_image(dataset.scene / "rgb" / "000000.png")
     masks = [read_mask(dataset.scene / "mask_visib" / f"000000_{index:06d}.png") for index in (0, 1)]
-    found = named([*masks, np.zeros_like(masks[0]), masks[1]], photo, describer, views)
+    found = assign_objects([*masks, np.zeros_like(masks[0]), masks[1]], photo, describer, views)
     assert [(one.object_id, one.mask.sum()) for one in found] == [(CARTON, masks[0].sum()), (CAN, masks[1].sum())], "doubles go"
 
 
 def test_the_score_is_the_mean_of_the_five_nearest_views():
     angles = np.radians([0, 10, 20, 30, 40, 90, 120])
     views = np.stack([np.cos(angles), np.sin(angles)], 1).astype(np.float32)
-    scores = object_scores(np.array([[1.0, 0.0]], np.float32), [views, -views])
+    scores = score_objects(np.array([[1.0, 0.0]], np.float32), [views, -views])
     np.testing.assert_allclose(scores[0, 0], np.cos(angles[:5]).mean(), atol=1e-6)
     np.testing.assert_allclose(scores[0, 1], 0.5 / 5, atol=1e-6)
 
@@ -103,7 +103,7 @@ def test_crops_show_the_region_alone_in_the_middle_of_a_square():
     mask = np.zeros((60, 100), bool)
     mask[10:30, 20:60] = True
     mask[10:20, 20:40] = False
-    crop = masked_crop(image, mask)
+    crop = crop_masked(image, mask)
     black, white = -MEAN / [0.229, 0.224, 0.225], (1 - MEAN) / [0.229, 0.224, 0.225]
     assert crop.shape == (3, 224, 224)
     for row, column, color in ((50, 112, black), (60, 20, black), (60, 200, white), (160, 20, white), (175, 112, black)):
@@ -113,16 +113,16 @@ def test_crops_show_the_region_alone_in_the_middle_of_a_square():
 def test_masks_with_vague_borders_are_not_stable():
     steps = torch.linspace(-10, 10, 101)
     sharp, vague = torch.where(steps > 0, 10.0, -10.0), steps
-    values = stability(torch.stack([sharp, vague, torch.full((101,), -9.0)])[:, None])
+    values = measure_stability(torch.stack([sharp, vague, torch.full((101,), -9.0)])[:, None])
     np.testing.assert_allclose(values, [1.0, 45 / 55, 0.0], atol=0.02)
 
 
 def test_doubles_and_specks_go():
     masks = [np.zeros((100, 100), bool) for _ in range(4)]
     masks[0][10:50, 10:50] = masks[1][10:50, 10:48] = masks[2][60:63, 60:63] = True
-    kept = distinct(masks, np.array([0.9, 0.95, 0.8, 1.0]))
+    kept = drop_duplicate_masks(masks, np.array([0.9, 0.95, 0.8, 1.0]))
     assert [mask.sum() for mask in kept] == [masks[1].sum(), 9]
-    assert [mask.sum() for mask in without_small(kept)] == [masks[1].sum()]
+    assert [mask.sum() for mask in drop_small_masks(kept)] == [masks[1].sum()]
 
 
 def test_points_lie_on_the_image_and_not_on_its_padding(weights):

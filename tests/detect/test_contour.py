@@ -9,9 +9,9 @@ import pytest
 
 from helpers.painted_scene import CAN, CARTON, detect
 from zeroshop_steps.bop.detections import decode_mask, read_detections
-from zeroshop_steps.detect.contour import explained
-from zeroshop_steps.detect.contour.surface import ground_of, surface_of
-from zeroshop_steps.detect.pictures import Found, suppressed, suppressed_boxes
+from zeroshop_steps.detect.contour import discount_explained
+from zeroshop_steps.detect.contour.depth_surface import find_ground, prepare_surface
+from zeroshop_steps.detect.detector_io import ObjectMask, suppress_boxes, suppress_masks
 from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.runtime.errors import StepError
 
@@ -54,7 +54,7 @@ def plane_depth(noise_mm: float = 0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("noise_mm", [0.0, 1.0])
 def test_the_table_is_ground_and_what_stands_on_it_is_not(noise_mm):
-    ground = ground_of(plane_depth(noise_mm), INTRINSICS, 150.0)
+    ground = find_ground(plane_depth(noise_mm), INTRINSICS, 150.0)
     assert ground[:38].mean() > 0.99 and ground[72:].mean() > 0.99
     assert ground[42:68, 52:88].mean() < 0.01
 
@@ -62,25 +62,25 @@ def test_the_table_is_ground_and_what_stands_on_it_is_not(noise_mm):
 def test_a_near_side_of_a_box_is_no_ground_however_much_of_the_image_it_fills():
     depth = plane_depth()
     depth[:, 100:] = 450.0  # 64 x 128 mm, more than a third of the image
-    ground = ground_of(depth, INTRINSICS, 150.0)
+    ground = find_ground(depth, INTRINSICS, 150.0)
     assert ground[72:, :90].mean() > 0.99 and not ground[:, 101:].any()
 
 
 def test_a_table_with_a_floor_behind_it_is_ground_and_so_is_the_floor():
     depth = plane_depth()
     depth[:30] = 2500.0
-    ground = ground_of(depth, INTRINSICS, 150.0)
+    ground = find_ground(depth, INTRINSICS, 150.0)
     assert ground[:29].mean() > 0.99 and ground[72:].mean() > 0.99 and ground[42:68, 52:88].mean() < 0.01
 
 
 def test_normals_look_at_the_camera():
-    surface = surface_of(np.full((120, 160), 500.0), INTRINSICS, 150.0, "here")
+    surface = prepare_surface(np.full((120, 160), 500.0), INTRINSICS, 150.0, "here")
     np.testing.assert_allclose(surface.normals[10:-10, 10:-10], np.broadcast_to([0.0, 0.0, -1.0], (100, 140, 3)), atol=1e-3)
 
 
 def test_an_empty_depth_image_is_refused():
     with pytest.raises(StepError, match="scene 1, image 0 has 0 measured pixels"):
-        surface_of(np.zeros((120, 160)), INTRINSICS, 150.0, "scene 1, image 0")
+        prepare_surface(np.zeros((120, 160)), INTRINSICS, 150.0, "scene 1, image 0")
 
 
 def stripe(columns: slice) -> np.ndarray:
@@ -90,18 +90,20 @@ def stripe(columns: slice) -> np.ndarray:
 
 
 def test_what_a_surer_detection_explains_counts_less():
-    found = explained([Found(2, 0.5, stripe(np.s_[5:15])), Found(1, 0.8, stripe(np.s_[:10])), Found(3, 0.6, stripe(np.s_[15:]))])
+    found = discount_explained(
+        [ObjectMask(2, 0.5, stripe(np.s_[5:15])), ObjectMask(1, 0.8, stripe(np.s_[:10])), ObjectMask(3, 0.6, stripe(np.s_[15:]))]
+    )
     scores = {one.object_id: one.score for one in found}
     assert scores == pytest.approx({1: 0.8, 2: 0.5 * (1 - 0.8 * 0.5), 3: 0.6})
-    assert explained([]) == []
+    assert discount_explained([]) == []
 
 
 def test_doubles_go_and_neighbours_stay():
     masks, scores = [stripe(np.s_[:10]), stripe(np.s_[1:11]), stripe(np.s_[8:20])], np.array([0.5, 0.9, 0.1])
-    assert suppressed(masks, scores, 0.25) == [1, 2]
+    assert suppress_masks(masks, scores, 0.25) == [1, 2]
     boxes = np.array([(0, 0, 10, 4), (1, 0, 10, 4), (8, 0, 12, 4)], float)
-    assert suppressed_boxes(boxes, scores, 0.25) == [1, 2]
-    assert suppressed([], np.zeros(0), 0.25) == suppressed_boxes(np.zeros((0, 4)), np.zeros(0), 0.25) == []
+    assert suppress_boxes(boxes, scores, 0.25) == [1, 2]
+    assert suppress_masks([], np.zeros(0), 0.25) == suppress_boxes(np.zeros((0, 4)), np.zeros(0), 0.25) == []
 
 
 def test_nothing_on_the_table_is_no_detection(dataset):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, read_detections, write_detections
-from zeroshop_steps.detect.filter_masks import filtered
+from zeroshop_steps.detect.filter_masks import filter_detections
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 
@@ -25,7 +25,7 @@ def test_each_pixel_is_the_surest_detections():
         detection(4, 0.1, np.s_[18:]),
     )
     other = detection(3, 0.3, np.s_[2:8], image=1)
-    kept = filtered([double, unsure, other, less, sure], 0.2, Path("found.json"))
+    kept = filter_detections([double, unsure, other, less, sure], 0.2, Path("found.json"))
     assert sorted((one.image_id, one.object_id) for one in kept) == [(0, 1), (0, 2), (1, 3)]
     masks = {(one.image_id, one.object_id): decode_mask(one.mask) for one in kept}
     assert masks[0, 1][0].nonzero()[0].tolist() == list(range(10))
@@ -36,15 +36,15 @@ def test_each_pixel_is_the_surest_detections():
 
 
 def test_no_detections_are_no_masks():
-    assert filtered([], 0.2, Path("found.json")) == []
-    assert filtered([detection(1, 0.1, np.s_[:5])], 0.2, Path("found.json")) == []
+    assert filter_detections([], 0.2, Path("found.json")) == []
+    assert filter_detections([detection(1, 0.1, np.s_[:5])], 0.2, Path("found.json")) == []
 
 
 def test_bad_detections_are_named():
     with pytest.raises(StepError, match="object 1 in scene 1, image 0 has no segmentation"):
-        filtered([Detection(1, 0, 1, 0.9, (0, 0, 5, 5), None)], 0.2, Path("found.json"))
+        filter_detections([Detection(1, 0, 1, 0.9, (0, 0, 5, 5), None)], 0.2, Path("found.json"))
     with pytest.raises(StepError, match="20 x 10 px and 30 x 10 px"):
-        filtered([detection(1, 0.9, np.s_[:5]), detection(2, 0.8, np.s_[:5], size=30)], 0.2, Path("found.json"))
+        filter_detections([detection(1, 0.9, np.s_[:5]), detection(2, 0.8, np.s_[:5], size=30)], 0.2, Path("found.json"))
 
 
 def run(dataset, found) -> int:

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import Model
-from zeroshop_steps.detect.templates import Templates, read_templates, render_templates, view_directions
+from zeroshop_steps.bop.models import ObjectModel
+from zeroshop_steps.detect.templates import Templates, make_view_directions, read_templates, render_templates
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
@@ -20,7 +20,7 @@ def box() -> Mesh:
 
 @pytest.mark.parametrize(("views", "apart_deg"), [(42, 37.5), (642, 9.6)])
 def test_directions_are_spread_all_over(views, apart_deg):
-    directions = view_directions(views)
+    directions = make_view_directions(views)
     assert directions.shape == (views, 3)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
     cosines = directions @ directions.T - 2 * np.eye(views)
@@ -30,7 +30,7 @@ def test_directions_are_spread_all_over(views, apart_deg):
 
 def test_views_show_the_whole_model_where_their_pose_puts_it():
     mesh = box()
-    templates = render_templates(Model(1, mesh, 112.0, np.eye(4)[None], {}), 42, 64)
+    templates = render_templates(ObjectModel(1, mesh, 112.0, np.eye(4)[None], {}), 42, 64)
     assert templates.masks.shape == (42, 64, 64) and templates.colors.dtype == np.uint8
     rim = templates.masks.copy()
     rim[:, 1:-1, 1:-1] = False

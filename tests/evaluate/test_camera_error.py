@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
@@ -32,7 +32,7 @@ def in_another_frame(cameras):
 
 
 def test_frame_and_scale_do_not_count(truth):
-    error = camera_error(in_another_frame(truth), truth)
+    error = compare_cameras(in_another_frame(truth), truth)
     assert error.centre_mm.max() < 1e-6 and error.rotation_deg.max() < 1e-6 and error.focal_ratio == 1.0
 
 
@@ -40,7 +40,7 @@ def test_a_turned_camera_is_measured(truth):
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("x", 0.5, degrees=True).as_matrix()
     turned = (replace(truth[0], camera_from_world=turn @ truth[0].camera_from_world), *truth[1:])
-    error = camera_error(in_another_frame(turned), truth)
+    error = compare_cameras(in_another_frame(turned), truth)
     assert error.rotation_deg[0] == pytest.approx(0.5, abs=1e-6)
     assert error.rotation_deg[1:].max() < 1e-6 and error.centre_mm.max() < 1e-6
 
@@ -48,14 +48,14 @@ def test_a_turned_camera_is_measured(truth):
 def test_a_moved_camera_is_measured(truth):
     moved = truth[0].camera_from_world.copy()
     moved[:3, 3] += [0.0, 0.0, 5.0]
-    error = camera_error((replace(truth[0], camera_from_world=moved), *truth[1:]), truth)
+    error = compare_cameras((replace(truth[0], camera_from_world=moved), *truth[1:]), truth)
     assert 3.5 < error.centre_mm[0] < 5.0  # the alignment takes a part
     assert error.centre_mm[1:].max() < 1.5
 
 
 def test_two_cameras_cannot_be_aligned(truth):
     with pytest.raises(StepError, match="only 2 registered"):
-        camera_error(truth[:2], truth)
+        compare_cameras(truth[:2], truth)
 
 
 def test_command_writes_json_and_table(truth, carton_capture, tmp_path):

@@ -10,9 +10,9 @@ import trimesh
 from helpers import damage
 from helpers.carton_scene import SIZE_MM, camera_at
 from zeroshop_steps.evaluate import photo_measures
-from zeroshop_steps.evaluate.grading import GRADES, judge
-from zeroshop_steps.evaluate.photo_measures import photo_agreement
-from zeroshop_steps.evaluate.surface_measures import largest_part_share, open_boundary, roughness_deg
+from zeroshop_steps.evaluate.grading import GRADES, grade_by_worst
+from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
+from zeroshop_steps.evaluate.surface_measures import measure_largest_part_share, measure_open_boundary, measure_roughness_deg
 from zeroshop_steps.geometry import surface_distance
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
@@ -55,23 +55,23 @@ def fewer_samples(monkeypatch):
 
 def test_the_worst_measure_decides_and_is_named():
     limits = {"silhouette_agreement": (0.97, 0.9), "back_share": (0.02, 0.15)}
-    assert judge({"silhouette_agreement": 0.98, "back_share": 0.02}, limits) == judge({}, limits)
-    verdict = judge({"silhouette_agreement": 0.95, "back_share": 0.01}, limits)
+    assert grade_by_worst({"silhouette_agreement": 0.98, "back_share": 0.02}, limits) == grade_by_worst({}, limits)
+    verdict = grade_by_worst({"silhouette_agreement": 0.95, "back_share": 0.01}, limits)
     assert verdict.grade == "sparse" and verdict.reasons[0].startswith("sparse: silhouette_agreement is 0.95, below 0.97")
-    verdict = judge({"silhouette_agreement": 0.95, "back_share": 0.2}, limits)
+    verdict = grade_by_worst({"silhouette_agreement": 0.95, "back_share": 0.2}, limits)
     assert verdict.grade == "none" and len(verdict.reasons) == 2
     assert verdict.reasons[1].startswith("none: back_share is 0.2, above 0.15, the limit of sparse")
 
 
 def test_what_is_not_a_number_is_never_good():
-    assert judge({"roughness_deg": float("nan")}, {"roughness_deg": (9.0, 20.0)}).grade == "none"
+    assert grade_by_worst({"roughness_deg": float("nan")}, {"roughness_deg": (9.0, 20.0)}).grade == "none"
 
 
 def test_parts_are_weighed_by_area():
     cube, small = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.5, 0.5, 0.5))
     small.apply_translation([2, 0, 0])
-    assert largest_part_share(mesh_of(cube)) == 1.0
-    assert largest_part_share(mesh_of(trimesh.util.concatenate([cube, small]))) == pytest.approx(0.8)
+    assert measure_largest_part_share(mesh_of(cube)) == 1.0
+    assert measure_largest_part_share(mesh_of(trimesh.util.concatenate([cube, small]))) == pytest.approx(0.8)
 
 
 def test_an_open_box_has_the_border_of_its_lid_where_photos_see_it():
@@ -80,31 +80,33 @@ def test_an_open_box_has_the_border_of_its_lid_where_photos_see_it():
     without_top = Mesh(whole.vertices, whole.faces[box.face_normals[:, 2] < 0.5])
     without_bottom = Mesh(whole.vertices, whole.faces[box.face_normals[:, 2] > -0.5])
     around = [camera_at(f"{k}.png", 20.0 + 36.0 * k, 10.0) for k in range(10)]
-    assert open_boundary(whole, around, -60.0) == 0.0
-    assert open_boundary(without_top, around, -60.0) == pytest.approx(140 / diameter)
-    assert open_boundary(without_bottom, around, -60.0) == 0.0
-    assert open_boundary(without_bottom, around, None) == pytest.approx(140 / diameter)
+    assert measure_open_boundary(whole, around, -60.0) == 0.0
+    assert measure_open_boundary(without_top, around, -60.0) == pytest.approx(140 / diameter)
+    assert measure_open_boundary(without_bottom, around, -60.0) == 0.0
+    assert measure_open_boundary(without_bottom, around, None) == pytest.approx(140 / diameter)
     towards_x = [camera_at(f"{k}.png", -20.0 + 10.0 * k, 10.0) for k in range(2)]
-    assert open_boundary(without_top, towards_x, -60.0) < 120 / diameter
+    assert measure_open_boundary(without_top, towards_x, -60.0) < 120 / diameter
 
 
 def test_roughness_grows_with_noise_and_leaves_edges_out():
     sphere = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
     noise = np.random.default_rng(0).normal(size=len(sphere.vertices))[:, None] * sphere.vertex_normals
-    angles = [roughness_deg(Mesh(np.array(sphere.vertices + size * noise), np.array(sphere.faces, np.int64))) for size in (0.0, 0.1, 0.3)]
+    angles = [
+        measure_roughness_deg(Mesh(np.array(sphere.vertices + size * noise), np.array(sphere.faces, np.int64))) for size in (0.0, 0.1, 0.3)
+    ]
     assert angles[0] < 2.0 and angles[0] < angles[1] < angles[2]
-    assert roughness_deg(mesh_of(trimesh.creation.box((1, 2, 3)))) < 0.1
+    assert measure_roughness_deg(mesh_of(trimesh.creation.box((1, 2, 3)))) < 0.1
 
 
 def test_photos_agree_on_the_true_surface_and_not_on_another(carton):
     views, _ = read_views(carton.cameras)
-    truth = photo_agreement(carton.mesh, views)
+    truth = measure_photo_agreement(carton.mesh, views)
     assert truth.silhouette_agreement > 0.99 and truth.back_share == 0.0
     assert truth.displaced_share < 0.01 and truth.photometric_error < 0.03 and truth.judged_share > 0.5
-    larger = photo_agreement(Mesh(carton.mesh.vertices * 1.15, carton.mesh.faces), views)
+    larger = measure_photo_agreement(Mesh(carton.mesh.vertices * 1.15, carton.mesh.faces), views)
     assert larger.displaced_share > 0.2 and larger.photometric_error > 2 * truth.photometric_error
     assert larger.silhouette_agreement < 0.9
-    turned = photo_agreement(Mesh(carton.mesh.vertices, carton.mesh.faces[:, ::-1].copy()), views)
+    turned = measure_photo_agreement(Mesh(carton.mesh.vertices, carton.mesh.faces[:, ::-1].copy()), views)
     assert turned.back_share == 1.0
 
 
@@ -181,7 +183,7 @@ def test_an_empty_mask_is_named(carton, tmp_path):
     write_mask(tmp_path / "empty.png", np.zeros((240, 320), bool))
     views[3] = type(views[3])(views[3].camera, views[3].image_path, tmp_path / "empty.png")
     with pytest.raises(StepError, match=r"empty\.png: the mask shows no object"):
-        photo_agreement(carton.mesh, views)
+        measure_photo_agreement(carton.mesh, views)
 
 
 def test_a_surface_that_nothing_measured_is_not_good(carton, tmp_path):

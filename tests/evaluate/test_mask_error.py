@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from zeroshop_steps.evaluate.mask_error import intersection_over_union, undistorted
+from zeroshop_steps.evaluate.mask_error import intersection_over_union, undistort_mask
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import read_failure
@@ -77,6 +77,6 @@ def test_photos_cannot_be_judged(judged, capsys):
 def test_the_true_mask_goes_through_the_lens():
     lens = {"model": "SIMPLE_RADIAL", "width_px": 80, "height_px": 60, "params": [70.0, 40.0, 30.0, -0.2]}
     mask = disc(5, x=66)
-    moved = undistorted(mask, lens)
+    moved = undistort_mask(mask, lens)
     assert np.argwhere(moved)[:, 1].mean() > np.argwhere(mask)[:, 1].mean() + 0.5  # a barrel lens drew it inwards
-    assert intersection_over_union(undistorted(mask, None), mask) == 1.0
+    assert intersection_over_union(undistort_mask(mask, None), mask) == 1.0

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import SIZE_MM
 from zeroshop_steps.evaluate import quality
-from zeroshop_steps.evaluate.quality import Truth, figures_of
-from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.evaluate.quality import GroundTruth, measure_quality
+from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
@@ -29,7 +29,7 @@ def graded(carton, truth_side, mesh: Mesh, registered=None, object_from_registra
     cameras, held_out = truth_side
     similarity = np.eye(4) if object_from_registration is None else object_from_registration
     diameter_mm, bottom_mm = float(np.linalg.norm(SIZE_MM)), float(-SIZE_MM[2] / 2)
-    return figures_of(mesh, similarity, registered or cameras, Truth(carton.mesh, diameter_mm, bottom_mm, cameras, held_out))
+    return measure_quality(mesh, similarity, registered or cameras, GroundTruth(carton.mesh, diameter_mm, bottom_mm, cameras, held_out))
 
 
 def test_the_truth_itself_is_perfect(carton, truth_side):
@@ -45,7 +45,7 @@ def test_any_registration_frame_gives_the_same_figures(carton, truth_side):
     registration_from_truth = np.eye(4)
     registration_from_truth[:3, :3] = 0.013 * Rotation.from_euler("xyz", [20, 50, 110], degrees=True).as_matrix()
     registration_from_truth[:3, 3] = (1.0, -2.0, 3.0)
-    registered = tuple(seen_from(camera, registration_from_truth) for camera in truth_side[0])
+    registered = tuple(transform_camera(camera, registration_from_truth) for camera in truth_side[0])
     figures = graded(carton, truth_side, carton.mesh, registered, np.linalg.inv(registration_from_truth))
     assert figures["accuracy_mm"] < 1e-3 and figures["psnr_db"] > 40.0
     assert abs(figures["scale_error_percent"]) < 1e-3
@@ -90,7 +90,7 @@ def test_the_side_on_the_table_is_not_asked_for(carton, truth_side):
     points = np.array([[0.0, 0.0, -SIZE_MM[2] / 2], [0.0, 0.0, SIZE_MM[2] / 2], [SIZE_MM[0] / 2, 0.0, 0.0]])
     normals = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     below = list(truth_side[0])
-    below.append(seen_from(below[1], np.diag([1.0, -1.0, -1.0, 1.0])))  # a camera under the table
+    below.append(transform_camera(below[1], np.diag([1.0, -1.0, -1.0, 1.0])))  # a camera under the table
     with_table = count_seeing_views(points, normals, carton.mesh, below, -SIZE_MM[2] / 2)
     without_table = count_seeing_views(points, normals, carton.mesh, below, None)
     assert with_table[0] == 0 and with_table[1] == with_table[2] == 5

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 from zeroshop_steps.finish import export
-from zeroshop_steps.finish.frame import object_frame
-from zeroshop_steps.finish.preview import draw
-from zeroshop_steps.finish.publish import publish
+from zeroshop_steps.finish.frame import compute_object_frame
+from zeroshop_steps.finish.preview import draw_preview
+from zeroshop_steps.finish.publish import publish_product
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
@@ -30,7 +30,7 @@ def product(carton, tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_image(folder / "texture.png", carton.mesh.texture)
     object_pose = measure_above_plane(carton.mesh, views, None)
     scale = Scale("known_height", 0.18 / object_pose.extent, 0.001, {})  # twice its size
-    write_json(folder / "frame.json", object_frame(carton.mesh, views, height_record(object_pose, scale)) | {"seconds": 1.5})
+    write_json(folder / "frame.json", compute_object_frame(carton.mesh, views, height_record(object_pose, scale)) | {"seconds": 1.5})
     write_json(folder / "clean.json", {"seconds": 2.0, "parameters": {"smooth": 5}})
     write_json(folder / "registration.json", {"seconds": {"total": 30.25}})
     export.run(
@@ -104,7 +104,7 @@ def test_the_json_says_units_scale_versions_and_seconds(product):
 def test_publishing_renames_the_texture_and_adds_quality(product, tmp_path):
     write_json(tmp_path / "quality.json", {"accuracy_mm": 0.5})
     write_image(tmp_path / "mesh_preview.png", np.zeros((4, 4, 3), np.uint8))
-    publish(product, tmp_path / "out" / "2dgs.ply", tmp_path / "mesh_preview.png", tmp_path / "quality.json")
+    publish_product(product, tmp_path / "out" / "2dgs.ply", tmp_path / "mesh_preview.png", tmp_path / "quality.json")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "2dgs.glb",
         "2dgs.json",
@@ -121,28 +121,28 @@ def test_a_published_mesh_tells_what_was_measured(product, tmp_path):
     cell = read_ply(product)
     evidence = np.where(cell.vertices[:, 2] > 0, MEASURED, ASSUMED).astype(np.uint8)
     np.savez(tmp_path / "evidence.npz", evidence=evidence)
-    publish(product, tmp_path / "out" / "2dgs.ply", evidence=tmp_path / "evidence.npz")
+    publish_product(product, tmp_path / "out" / "2dgs.ply", evidence=tmp_path / "evidence.npz")
     published = read_ply(tmp_path / "out" / "2dgs.ply")
     np.testing.assert_array_equal(published.quality, evidence / MEASURED)
     shares = read_json(tmp_path / "out" / "2dgs.json")["area_shares"]
     assert shares["unseen"] == 0 < shares["assumed"] < 1 and sum(shares.values()) == pytest.approx(1.0, abs=1e-4)
     np.savez(tmp_path / "evidence.npz", evidence=evidence[:-1])
     with pytest.raises(StepError, match="its mesh has"):
-        publish(product, tmp_path / "other.ply", evidence=tmp_path / "evidence.npz")
+        publish_product(product, tmp_path / "other.ply", evidence=tmp_path / "evidence.npz")
     assert not (tmp_path / "other.ply").exists()
 
 
 def test_publishing_an_unfinished_cell_is_refused(product, tmp_path):
     (tmp_path / "mesh.ply").write_bytes(product.read_bytes())
     with pytest.raises(StepError, match="mesh.png"):
-        publish(tmp_path / "mesh.ply", tmp_path / "2dgs.ply")
+        publish_product(tmp_path / "mesh.ply", tmp_path / "2dgs.ply")
     assert not (tmp_path / "2dgs.ply").exists()
 
 
 def test_the_preview_shows_the_mesh_where_the_photo_shows_the_object(carton, product):
     views, _ = read_views(carton.cameras)
     notes = read_json(product.with_suffix(".json"))
-    picture = draw(MeshRenderer(read_ply(product)), views, np.array(notes["frame_facts"]["object_from_registration"]), 3)
+    picture = draw_preview(MeshRenderer(read_ply(product)), views, np.array(notes["frame_facts"]["object_from_registration"]), 3)
     photo, render, shape = picture[:320], picture[320:640], picture[640:]
     on_object = (shape < 250).any(2)
     assert np.abs(photo[on_object].astype(float) - render[on_object]).mean() < 6.0

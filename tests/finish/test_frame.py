@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import SIZE_MM, camera_at
 from zeroshop_steps.finish import frame as frame_method
-from zeroshop_steps.finish.frame import object_frame
-from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.finish.frame import compute_object_frame
+from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
@@ -30,7 +30,7 @@ def scene(carton):
 
 def moved(similarity: np.ndarray, mesh: Mesh, views: list[View], points: np.ndarray):
     linear, shift = similarity[:3, :3], similarity[:3, 3]
-    turned = [replace(view, camera=seen_from(view.camera, similarity)) for view in views]
+    turned = [replace(view, camera=transform_camera(view.camera, similarity)) for view in views]
     return Mesh(mesh.vertices @ linear.T + shift, mesh.faces), turned, points @ linear.T + shift
 
 
@@ -41,7 +41,7 @@ def frame_of(mesh: Mesh, views: list[View], points: np.ndarray, height_m: float 
 def frame_on(mesh: Mesh, views: list[View], plane: SupportPlane | None, height_m: float | None = HEIGHT_M) -> dict:
     object_pose = measure_above_plane(mesh, views, plane)
     scale = Scale("known_height", height_m / object_pose.extent, 0.001, {}) if height_m else None
-    return object_frame(mesh, views, height_record(object_pose, scale))
+    return compute_object_frame(mesh, views, height_record(object_pose, scale))
 
 
 def test_the_frame_of_a_box_on_a_table(scene):
@@ -117,7 +117,7 @@ def test_the_frame_of_an_odd_shape_from_tilted_and_uneven_cameras(scene, tilt_de
     assert np.linalg.det(object_from_registration[:3, :3]) > 0, "right-handed"
     assert product.max(0) == pytest.approx(-product.min(0), abs=1e-6), "origin at the middle of the box"
     assert product[3, 2] - product[:3, 2].mean() == pytest.approx(90.0, abs=0.3) and np.ptp(product[:3, 2]) < 0.3, "z up"
-    towards = seen_from(turned_views[0].camera, object_from_registration).centre_in_world
+    towards = transform_camera(turned_views[0].camera, object_from_registration).centre_in_world
     assert abs(towards[1]) < 1e-4 * towards[0], "x towards the first camera"
 
 

@@ -3,9 +3,9 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
-from zeroshop_steps.finish.atlas import rasterize
-from zeroshop_steps.finish.texture import bake
-from zeroshop_steps.finish.unwrap import atlas_use, unwrap_mesh
+from zeroshop_steps.finish.atlas import rasterize_atlas
+from zeroshop_steps.finish.texture import bake_texture
+from zeroshop_steps.finish.unwrap import measure_atlas_use, unwrap_mesh
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
@@ -21,7 +21,7 @@ def unwrapped() -> Mesh:
 @pytest.fixture(scope="module")
 def baked(carton):
     views, _ = read_views(carton.cameras)
-    texture, figures = bake(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), views, 512)
+    texture, figures = bake_texture(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), views, 512)
     return texture, figures
 
 
@@ -38,15 +38,15 @@ def test_the_atlas_lies_in_the_unit_square_and_keeps_the_surface(unwrapped):
 
 def test_charts_do_not_overlap(unwrapped):
     size = 512
-    texels = rasterize(unwrapped, size)
+    texels = rasterize_atlas(unwrapped, size)
     # texels covered once, counted by texel, equal the triangles' summed area
-    assert len(texels.face) / size**2 == pytest.approx(atlas_use(unwrapped), rel=0.02)
-    assert atlas_use(unwrapped) > 0.3
+    assert len(texels.face) / size**2 == pytest.approx(measure_atlas_use(unwrapped), rel=0.02)
+    assert measure_atlas_use(unwrapped) > 0.3
 
 
 def test_texels_lie_at_their_uv(unwrapped):
     size = 256
-    texels = rasterize(unwrapped, size)
+    texels = rasterize_atlas(unwrapped, size)
     uv = (unwrapped.uv[unwrapped.faces[texels.face]] * texels.barycentric[:, :, None]).sum(1)
     assert np.abs(uv[:, 0] * size - (texels.column + 0.5)).max() < 1e-2
     assert np.abs((1 - uv[:, 1]) * size - (texels.row + 0.5)).max() < 1e-2
@@ -72,7 +72,7 @@ def test_a_baked_print_renders_as_it_was(carton, baked):
 
 def test_the_side_that_no_photo_sees_is_filled_from_its_surroundings(carton, baked):
     texture, _ = baked
-    texels = rasterize(carton.mesh, 512)
+    texels = rasterize_atlas(carton.mesh, 512)
     under = (carton.mesh.vertices[carton.mesh.faces[texels.face]][:, :, 2] < carton.mesh.vertices[:, 2].min() + 0.1).all(1)
     colors = texture[texels.row[under], texels.column[under]].astype(float)
     assert colors.std(0).max() < 60.0
@@ -89,8 +89,8 @@ def test_exposure_differences_leave_no_seams(carton, baked, tmp_path):
         path = tmp_path / view.image_path.name
         write_image(path, np.clip(read_image(view.image_path) * (0.8 if k % 2 else 1.1), 0, 255).astype(np.uint8))
         changed.append(replace(view, image_path=path))
-    texture, figures = bake(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), changed, 512)
-    texels = rasterize(carton.mesh, 512)
+    texture, figures = bake_texture(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), changed, 512)
+    texels = rasterize_atlas(carton.mesh, 512)
     ratio = texture[texels.row, texels.column].astype(float).mean(1) / baked[0][texels.row, texels.column].astype(float).mean(1)
     assert np.std(ratio) < 0.03
     assert figures["gains"][1] / figures["gains"][0] == pytest.approx(1.1 / 0.8, rel=0.03)
@@ -103,7 +103,7 @@ def test_gutters_continue_the_nearest_chart(baked):
 
 def test_the_same_photos_give_the_same_texture(carton, baked):
     views, _ = read_views(carton.cameras)
-    again, _ = bake(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), views, 512)
+    again, _ = bake_texture(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), views, 512)
     assert np.array_equal(again, baked[0])
 
 
@@ -118,7 +118,7 @@ def test_a_rough_surface_still_gives_few_charts():
     rough = np.array(ball.vertices) + np.random.default_rng(0).normal(0.0, 0.15, ball.vertices.shape)
     mesh, charts = unwrap_mesh(Mesh(rough, np.array(ball.faces, np.int64)), 512)
     assert charts < 60
-    assert len(rasterize(mesh, 1024).face) / 1024**2 == pytest.approx(atlas_use(mesh), rel=0.05)
+    assert len(rasterize_atlas(mesh, 1024).face) / 1024**2 == pytest.approx(measure_atlas_use(mesh), rel=0.05)
 
 
 def test_no_face_runs_across_the_atlas(unwrapped):

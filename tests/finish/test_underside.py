@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from helpers.carton_scene import SIZE_MM
-from zeroshop_steps.finish.texture import bake
-from zeroshop_steps.finish.underside import closed, open_borders, without_underside
+from zeroshop_steps.finish.texture import bake_texture
+from zeroshop_steps.finish.underside import close_underside, drop_underside, find_open_borders
 from zeroshop_steps.finish.unwrap import unwrap_mesh
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import read_views
@@ -50,8 +50,8 @@ def shapes() -> dict[str, Mesh]:
 @pytest.mark.parametrize("name", shapes())
 def test_an_open_underside_is_closed_flat(name):
     mesh = shapes()[name]
-    whole, underside = closed(mesh, UP, 0.0)
-    assert open_borders(mesh.faces) and not open_borders(whole.faces)
+    whole, underside = close_underside(mesh, UP, 0.0)
+    assert find_open_borders(mesh.faces) and not find_open_borders(whole.faces)
     assert underside.watertight and whole.as_trimesh().is_watertight and whole.as_trimesh().is_winding_consistent
     assert underside.borders == {"cylinder": 1, "ring": 2, "ball": 1, "three legs": 3}[name]
     assert whole.as_trimesh().volume > 0
@@ -68,7 +68,7 @@ def test_an_open_underside_is_closed_flat(name):
 
 def test_the_area_of_the_bottom_is_that_of_its_border():
     mesh = shapes()["cylinder"]
-    whole, underside = closed(mesh, UP, 0.0)
+    whole, underside = close_underside(mesh, UP, 0.0)
     corners = whole.vertices[whole.faces[underside.first_face :]]
     corners = corners[(corners[:, :, 2] < 1e-9).all(1)]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
@@ -82,8 +82,8 @@ def test_ragged_borders_in_any_frame_are_closed(rotation, seed):
     rng = np.random.default_rng(seed)
     ragged = mesh.vertices + np.where(mesh.vertices[:, 2:] < 3.0, rng.uniform(-1.0, 1.0, mesh.vertices.shape), 0.0)
     turn = Rotation.from_quat(rotation).as_matrix()
-    whole, underside = closed(Mesh(ragged @ turn.T, mesh.faces), turn @ UP, 0.0)
-    assert underside.state == "closed" and underside.watertight and not open_borders(whole.faces)
+    whole, underside = close_underside(Mesh(ragged @ turn.T, mesh.faces), turn @ UP, 0.0)
+    assert underside.state == "closed" and underside.watertight and not find_open_borders(whole.faces)
 
 
 def test_a_hole_in_the_wall_is_no_underside():
@@ -91,7 +91,7 @@ def test_a_hole_in_the_wall_is_no_underside():
     cylinder.apply_translation([0, 0, 40])
     faces = np.delete(np.array(cylinder.faces), cylinder.triangles_center[:, 0].argmax(), axis=0)
     mesh = Mesh(np.array(cylinder.vertices), faces)
-    same, underside = closed(mesh, UP, 0.0)
+    same, underside = close_underside(mesh, UP, 0.0)
     assert underside.state == "open" and not underside.watertight and underside.left_open == 1
     assert np.array_equal(same.faces, mesh.faces)
 
@@ -107,7 +107,7 @@ def test_an_outline_that_crosses_itself_is_smoothed_until_it_does_not():
     here, after = np.arange(600), np.roll(np.arange(600), -1)
     faces = [np.concatenate([np.stack([k + here, k + after, k + 600 + after], 1), np.stack([k + here, k + 600 + after, k + 600 + here], 1)])
              for k in (0, 600)]  # fmt: skip
-    whole, underside = closed(Mesh(np.concatenate(rows), np.concatenate(faces)), UP, 0.0)
+    whole, underside = close_underside(Mesh(np.concatenate(rows), np.concatenate(faces)), UP, 0.0)
     assert underside.state == "closed" and (underside.borders, underside.left_open) == (1, 1), "its upper border stays"
     corners = whole.vertices[whole.faces[underside.first_face :]]
     flat = corners[(np.abs(corners[:, :, 2]) < 1e-9).all(1)]
@@ -118,28 +118,28 @@ def test_an_outline_that_crosses_itself_is_smoothed_until_it_does_not():
 
 def test_a_closed_mesh_stays_as_it_is():
     box = trimesh.creation.box(SIZE_MM)
-    same, underside = closed(Mesh(np.array(box.vertices), np.array(box.faces)), UP, -SIZE_MM[2] / 2)
+    same, underside = close_underside(Mesh(np.array(box.vertices), np.array(box.faces)), UP, -SIZE_MM[2] / 2)
     assert (underside.state, underside.faces, underside.watertight) == ("closed", 0, True) and len(same.faces) == 12
 
 
 def test_without_the_underside_the_mesh_is_what_it_was():
     mesh = shapes()["ball"]
-    whole, underside = closed(mesh, UP, 0.0)
-    seen = without_underside(whole, {"underside": underside.notes()})
+    whole, underside = close_underside(mesh, UP, 0.0)
+    seen = drop_underside(whole, {"underside": underside.notes()})
     assert np.array_equal(seen.vertices, mesh.vertices) and np.array_equal(seen.faces, mesh.faces)
-    assert len(without_underside(whole, {"underside": None}).faces) == len(whole.faces)
+    assert len(drop_underside(whole, {"underside": None}).faces) == len(whole.faces)
 
 
 def test_the_underside_takes_its_colour_from_its_border(carton):
     box = trimesh.creation.box(SIZE_MM).subdivide().subdivide().subdivide().subdivide()
     mesh = open_below(box, -SIZE_MM[2] / 2 + 1e-6)
-    whole, underside = closed(mesh, UP, -SIZE_MM[2] / 2)
+    whole, underside = close_underside(mesh, UP, -SIZE_MM[2] / 2)
     mesh, _ = unwrap_mesh(whole, 256)
     assert mesh.uv.min() >= 0.0 and mesh.uv.max() <= 1.0
     joined, index = weld(mesh)
     assert np.array_equal(joined.vertices[index[mesh.faces]], whole.vertices[whole.faces]), "unwrapping keeps the order of the faces"
     views, _ = read_views(carton.cameras)
-    texture, _ = bake(mesh, views, 256)
+    texture, _ = bake_texture(mesh, views, 256)
     added = mesh.faces[underside.first_face :]
     places = np.clip(((mesh.uv[added].mean(1)) * [256, -256] + [0, 256]).astype(int), 0, 255)
     colors = texture[places[:, 1], places[:, 0]].astype(float)
@@ -162,4 +162,4 @@ def test_the_step_says_what_it_did(tmp_path, wanted, up_source, state):
     notes, mesh = facts["underside"], read_ply(tmp_path / "underside.ply")
     assert notes["state"] == state and notes["seen"] is False and facts["parameters"] == {"underside": wanted}
     assert notes["first_face"] + notes["faces"] == len(mesh.faces)
-    assert notes["watertight"] == (state == "closed") == (not open_borders(mesh.faces))
+    assert notes["watertight"] == (state == "closed") == (not find_open_borders(mesh.faces))

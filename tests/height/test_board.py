@@ -17,7 +17,7 @@ from zeroshop_steps.height.board_fit import fit_board
 from zeroshop_steps.height.board_photos import BoardView, board_in, check_views, corners_in, view_of
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic.rings import look_at
+from zeroshop_steps.synthetic.camera_rings import look_at
 
 A4 = BOARDS["a4"]
 

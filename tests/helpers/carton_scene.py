@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 import trimesh
 
-from zeroshop_steps.finish.atlas import fill_gutters, rasterize
+from zeroshop_steps.finish.atlas import fill_gutters, rasterize_atlas
 from zeroshop_steps.finish.unwrap import unwrap_mesh
 from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
@@ -31,7 +31,7 @@ class Carton:
 
 def printed(mesh: Mesh, size: int) -> np.ndarray:
     """A texture whose colours are smooth functions of the place on the object, with bands as print."""
-    texels = rasterize(mesh, size)
+    texels = rasterize_atlas(mesh, size)
     points = (mesh.vertices[mesh.faces[texels.face]] * texels.barycentric[:, :, None]).sum(1)
     waves = np.sin(points @ np.array([[0.25, 0.0, 0.1], [0.0, 0.3, 0.1], [0.1, 0.1, 0.2]]))
     texture = np.zeros((size, size, 3), np.uint8)

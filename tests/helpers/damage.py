@@ -19,7 +19,7 @@ import pymeshlab
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.evaluate.grade import graded, measured
+from zeroshop_steps.evaluate.grade import make_grade_record, measure_mesh
 from zeroshop_steps.evaluate.grading import MEASURES
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import read_image, read_mask
@@ -97,7 +97,7 @@ def grade_of(case: Case, mesh: Mesh) -> dict:
         "recall_1_percent": float((error.to_mesh_mm < threshold_mm).mean()),
         "normal_error_deg": float(error.normal_deg.mean()),
     }
-    return graded(measured(mesh, list(case.views), case.taken, case.support_z_mm), truth, LIMITS)
+    return make_grade_record(measure_mesh(mesh, list(case.views), case.taken, case.support_z_mm), truth, LIMITS)
 
 
 def fused(case: Case, voxels: int = 128) -> Mesh:

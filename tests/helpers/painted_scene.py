@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import trimesh
 
-from zeroshop_steps.bop.models import model_file
+from zeroshop_steps.bop.models import model_path
 from zeroshop_steps.bop.scene import Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, write_targets
 from zeroshop_steps.geometry.cameras import Camera
@@ -15,7 +15,7 @@ from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.synthetic.rings import look_at
+from zeroshop_steps.synthetic.camera_rings import look_at
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 320, 240, 420.0
 CARTON, CAN = 3, 8
@@ -42,7 +42,7 @@ def write_painted_dataset(folder: Path) -> SimpleNamespace:
     """Write models/, templates/, test/000001 and test_targets_bop19.json."""
     meshes, listed = {CARTON: carton(), CAN: can()}, {}
     for number, mesh in meshes.items():
-        path = model_file(folder / "models", number)
+        path = model_path(folder / "models", number)
         write_ply(path, mesh.with_normals(), path.with_suffix(".png").name)
         write_image(path.with_suffix(".png"), mesh.texture)
         corners = trimesh.Trimesh(mesh.vertices, process=False).convex_hull.vertices

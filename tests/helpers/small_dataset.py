@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.bop.annotate import annotate
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.estimates import Estimates
-from zeroshop_steps.bop.models import model_file, read_models
+from zeroshop_steps.bop.models import model_path, read_models
 from zeroshop_steps.bop.scene import Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, read_target_frames, read_targets, write_targets
 from zeroshop_steps.geometry.images import write_image, write_mask
@@ -31,7 +31,7 @@ def write_models(folder: Path) -> None:
     listed = {}
     for number, shape in ((BOX, box), (CAN, can)):
         mesh = Mesh(np.asarray(shape.vertices), np.asarray(shape.faces))
-        write_ply(model_file(folder, number), mesh)
+        write_ply(model_path(folder, number), mesh)
         extent = np.linalg.norm(mesh.vertices[:, None] - mesh.vertices[None], axis=2).max()
         listed[str(number)] = {"diameter": float(extent)}
     listed[str(CAN)]["symmetries_continuous"] = [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]

@@ -11,8 +11,8 @@ from helpers.small_dataset import BOX, CAN, dataset_in, make_dataset
 from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
 from zeroshop_steps.bop.estimates import read_estimates
 from zeroshop_steps.bop.targets import Target
-from zeroshop_steps.pose.confidence import confidence
-from zeroshop_steps.pose.dataset import looked_at
+from zeroshop_steps.pose.confidence import estimate_confidence
+from zeroshop_steps.pose.dataset import choose_detections
 from zeroshop_steps.runtime.cli import stage_main
 
 
@@ -53,7 +53,7 @@ def test_a_dataset_is_estimated_from_its_true_masks_and_from_detections(small):
 def test_the_surest_detections_of_a_target_are_looked_at():
     mask = encode_mask(np.ones((4, 4), bool))
     found = [Detection(1, 0, number, score, None, mask) for number in (BOX, CAN) for score in (0.1, 0.9, 0.5, 0.7)]
-    chosen = looked_at(found, [Target(1, 0, BOX, 1), Target(1, 1, BOX, 1)], [BOX], 1, Path("found.json"))
+    chosen = choose_detections(found, [Target(1, 0, BOX, 1), Target(1, 1, BOX, 1)], [BOX], 1, Path("found.json"))
     assert [(one.object_id, one.score) for one in chosen] == [(BOX, 0.9), (BOX, 0.7)]
 
 
@@ -98,6 +98,6 @@ def test_masks_of_another_size_and_detections_without_masks_are_refused(small, c
 
 
 def test_confidence_grows_with_what_speaks_for_a_pose():
-    assert confidence(0.9, 0.1, 1000) > confidence(0.6, 0.1, 1000) > confidence(0.35, 0.0, 1000)
-    assert confidence(0.9, 0.1, 1000) > confidence(0.9, 0.0, 1000)
-    assert confidence(0.95, 0.2, 1000) > 0.95 and confidence(0.4, 0.01, 5000) < 0.1
+    assert estimate_confidence(0.9, 0.1, 1000) > estimate_confidence(0.6, 0.1, 1000) > estimate_confidence(0.35, 0.0, 1000)
+    assert estimate_confidence(0.9, 0.1, 1000) > estimate_confidence(0.9, 0.0, 1000)
+    assert estimate_confidence(0.95, 0.2, 1000) > 0.95 and estimate_confidence(0.4, 0.01, 5000) < 0.1

@@ -7,32 +7,32 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.bop.models import Model
+from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.pose.compare import Comparison, patch_of
-from zeroshop_steps.pose.icp import stepped
-from zeroshop_steps.pose.render_compare import Ready, estimate, measured_points
-from zeroshop_steps.synthetic.distractors import distractor
+from zeroshop_steps.pose.icp import run_icp
+from zeroshop_steps.pose.pose_score import PoseScorer, cut_patch
+from zeroshop_steps.pose.render_compare import PreparedModel, collect_points, estimate_pose
+from zeroshop_steps.synthetic.distractors import make_distractor
 
 INTRINSICS = np.array([[500.0, 0, 79.5], [0, 500.0, 59.5], [0, 0, 1]])
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model() -> ObjectModel:
     rng = np.random.default_rng(5)
-    mesh = next(mesh for mesh in iter(lambda: distractor(rng), None) if len(mesh.faces) == 12)
-    return Model(1, mesh, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), np.eye(4)[None], {})
+    mesh = next(mesh for mesh in iter(lambda: make_distractor(rng), None) if len(mesh.faces) == 12)
+    return ObjectModel(1, mesh, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), np.eye(4)[None], {})
 
 
 @pytest.fixture(scope="module")
-def ready(model) -> Ready:
-    return Ready(model)
+def ready(model) -> PreparedModel:
+    return PreparedModel(model)
 
 
-def view(model: Model, seed: int, hidden: bool):
+def view(model: ObjectModel, seed: int, hidden: bool):
     """(pose, photo, depth, mask) of the box before a wall, with 1 mm of noise."""
     rng = np.random.default_rng(seed)
     pose = np.eye(4)
@@ -40,7 +40,7 @@ def view(model: Model, seed: int, hidden: bool):
     return pose, *taken(model, pose, rng, hidden)
 
 
-def taken(model: Model, pose: np.ndarray, rng: np.random.Generator, hidden: bool = False):
+def taken(model: ObjectModel, pose: np.ndarray, rng: np.random.Generator, hidden: bool = False):
     """(photo, depth, mask) of the box at this pose, before a wall."""
     camera = Camera("", 160, 120, INTRINSICS + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]), pose)
     renderer = MeshRenderer(model.mesh)
@@ -56,7 +56,7 @@ def taken(model: Model, pose: np.ndarray, rng: np.random.Generator, hidden: bool
 @pytest.mark.parametrize(("seed", "hidden"), [(1, False), (2, True)])
 def test_a_box_is_found_again(model, ready, seed, hidden):
     pose, photo, depth, mask = view(model, seed, hidden)
-    found = estimate(mask, photo, depth, INTRINSICS, ready)
+    found = estimate_pose(mask, photo, depth, INTRINSICS, ready)
     error_mm = mssd(found.camera_from_model[None], pose[None], ModelPoints.of(model.mesh.vertices), model.symmetries)[0]
     assert error_mm < 0.05 * model.diameter_mm and 0.5 < found.explained <= 1.0
     assert found.points > 0.99 * (mask & (depth > 0)).sum()
@@ -64,7 +64,7 @@ def test_a_box_is_found_again(model, ready, seed, hidden):
 
 def test_a_pose_that_shows_another_side_explains_less(model, ready):
     pose, photo, depth, mask = view(model, 1, False)
-    patch = patch_of(photo, depth, mask, INTRINSICS)
+    patch = cut_patch(photo, depth, mask, INTRINSICS)
     turned, moved = pose.copy(), pose.copy()
     turned[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec([0, 0, np.pi]).as_matrix()
     moved[:3, 3] += [0, 0, 8]
@@ -87,10 +87,10 @@ def test_print_that_no_photo_saw_counts_neither_for_a_pose_nor_against_it(model)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.align_vectors([[0.3, 0.2, -1.0]], [normal])[0].as_matrix(), [8, -5, 700]
     photo, depth, mask = taken(model, pose, np.random.default_rng(1))
-    patch = patch_of(photo, depth, mask, INTRINSICS)
+    patch = cut_patch(photo, depth, mask, INTRINSICS)
     turned = pose.copy()
     turned[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(np.pi * normal).as_matrix()
-    known, marked = (Comparison(mesh).scores(np.stack([pose, turned]), patch) for mesh in (grey, replace(grey, quality=quality)))
+    known, marked = (PoseScorer(mesh).scores(np.stack([pose, turned]), patch) for mesh in (grey, replace(grey, quality=quality)))
     assert marked[0] > known[0] + 0.02
     assert marked[0] > marked[1]
 
@@ -113,7 +113,7 @@ def test_a_hollow_behind_a_lid_that_was_assumed_is_allowed_for():
     diameter_mm = float(np.linalg.norm((120, 80, 60)))
     errors_mm, explained = [], []
     for mesh in (flat, lidded):
-        found = estimate(mask, photo, depth, INTRINSICS, Ready(Model(1, mesh, diameter_mm, np.eye(4)[None], {})))
+        found = estimate_pose(mask, photo, depth, INTRINSICS, PreparedModel(ObjectModel(1, mesh, diameter_mm, np.eye(4)[None], {})))
         turned = np.diag([-1.0, -1.0, 1.0, 1.0])
         alike = np.stack([np.eye(4), turned])
         errors_mm.append(mssd(found.camera_from_model[None], pose[None], ModelPoints.of(true.vertices), alike)[0])
@@ -124,17 +124,17 @@ def test_a_hollow_behind_a_lid_that_was_assumed_is_allowed_for():
 
 def test_steps_bring_a_pose_nearly_there_and_do_not_depend_on_the_others(model, ready):
     pose, _, depth, mask = view(model, 1, False)
-    points = measured_points(mask, depth, INTRINSICS, model.diameter_mm)[:300]
+    points = collect_points(mask, depth, INTRINSICS, model.diameter_mm)[:300]
     start = pose.copy()
     start[:3, :3] = Rotation.from_rotvec([0.1, -0.08, 0.05]).as_matrix() @ pose[:3, :3]
     start[:3, 3] += [6, -5, 9]
-    both = stepped(np.stack([start, pose]), points, ready.search._surface, 20)
-    np.testing.assert_array_equal(both[:1], stepped(start[None], points, ready.search._surface, 20))
+    both = run_icp(np.stack([start, pose]), points, ready.search._surface, 20)
+    np.testing.assert_array_equal(both[:1], run_icp(start[None], points, ready.search._surface, 20))
     apart_mm = mssd(both, np.stack([pose, pose]), ModelPoints.of(model.mesh.vertices), model.symmetries)
     assert (apart_mm < 0.04 * model.diameter_mm).all()
 
 
 def test_nothing_measured_means_no_estimate(model, ready):
     _, photo, depth, mask = view(model, 1, False)
-    assert estimate(mask, photo, np.zeros_like(depth), INTRINSICS, ready) is None
-    assert len(measured_points(mask, depth, INTRINSICS, model.diameter_mm)) > 100
+    assert estimate_pose(mask, photo, np.zeros_like(depth), INTRINSICS, ready) is None
+    assert len(collect_points(mask, depth, INTRINSICS, model.diameter_mm)) > 100

@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.register.image_set import read_image_set
@@ -31,7 +31,7 @@ def registered(carton_capture, tmp_path_factory):
 
 
 def test_cameras_are_right(registered, carton_capture):
-    error = camera_error(read_sparse_model(registered / "sparse").cameras, read_sparse_model(carton_capture / "truth").cameras)
+    error = compare_cameras(read_sparse_model(registered / "sparse").cameras, read_sparse_model(carton_capture / "truth").cameras)
     assert len(error.names) == 10
     assert error.centre_mm.mean() < 0.5
     assert error.rotation_deg.max() < 0.1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.register.image_set import read_image_set
@@ -17,7 +17,7 @@ from zeroshop_steps.runtime.files import read_json
 def test_true_cameras_and_pictures_stay_as_they_are(carton_capture, tmp_path):
     register(read_image_set(carton_capture), carton_capture / "truth", "su_h", tmp_path / "cameras", SiftOptions(max_features=1000))
     model, truth = read_sparse_model(tmp_path / "cameras" / "sparse"), read_sparse_model(carton_capture / "truth")
-    error = camera_error(model.cameras, truth.cameras)
+    error = compare_cameras(model.cameras, truth.cameras)
     assert error.centre_mm.max() < 1e-6 and error.rotation_deg.max() < 1e-6
     assert len(model.points) > 200
     for path in list_images(carton_capture / "images"):

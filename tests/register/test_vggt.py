@@ -6,7 +6,7 @@ import torch
 
 from helpers.small_vggt import SETTINGS, TrueNetwork, encode, write_weights
 from zeroshop_steps import methods
-from zeroshop_steps.evaluate.camera_error import camera_error
+from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, write_image
 from zeroshop_steps.networks import devices
@@ -43,13 +43,13 @@ def weights(tmp_path_factory):
 def solved(capture, out, options, network):
     record = register(read_image_set(capture), out, options, network, *PX, {})
     truth = read_sparse_model(capture / "truth").cameras
-    return record, read_sparse_model(out / "sparse"), camera_error(read_sparse_model(out / "sparse").cameras, truth)
+    return record, read_sparse_model(out / "sparse"), compare_cameras(read_sparse_model(out / "sparse").cameras, truth)
 
 
 def test_tracks_and_rough_cameras_give_the_true_cameras(carton_capture, frames, tmp_path):
     network = TrueNetwork(carton_capture, frames, turn_deg=2.0, fov_error=0.02, depth_error=0.01, track_px=0.5, wrong=0.05)
     rough = decode(network.predict(frames.pixels).encodings, frames)
-    before = camera_error(rough, read_sparse_model(carton_capture / "truth").cameras)
+    before = compare_cameras(rough, read_sparse_model(carton_capture / "truth").cameras)
     assert before.centre_mm.mean() > 3.0 and before.rotation_deg.max() > 1.0
     record, model, after = solved(carton_capture, tmp_path / "cameras", FEWER, network)
     assert record["registered"] == 10 and record["left_out"] == []
@@ -84,7 +84,7 @@ def test_tracks_that_are_noise_are_refused(carton_capture, frames, tmp_path):
 def test_true_encodings_are_the_true_cameras(carton_capture, frames):
     truth = read_sparse_model(carton_capture / "truth").cameras
     found = decode(encode(list(truth), frames, 0.0, 0.0, np.random.default_rng(0)), frames)
-    error = camera_error(found, truth)
+    error = compare_cameras(found, truth)
     assert error.centre_mm.max() < 1e-6 and error.rotation_deg.max() < 1e-5
     for ours, theirs in zip(found, truth, strict=True):
         assert np.allclose(ours.intrinsics, theirs.intrinsics) and (ours.width_px, ours.height_px) == (theirs.width_px, theirs.height_px)

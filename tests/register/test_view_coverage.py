@@ -9,7 +9,7 @@ from zeroshop_steps.register.record import write_registration
 from zeroshop_steps.register.view_coverage import directions_of
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic.rings import look_at
+from zeroshop_steps.synthetic.camera_rings import look_at
 
 K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
 

@@ -5,7 +5,7 @@ import csv
 import pytest
 
 from zeroshop_steps import methods
-from zeroshop_steps.report.bop import page_of, published, rows_of
+from zeroshop_steps.report.bop import read_published, read_scores, render_page
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 
@@ -53,17 +53,17 @@ def test_a_row_a_measurement_and_a_row_of_the_page_for_each_set_of_models(scores
 
 
 def test_the_published_methods_have_their_places():
-    rows = published()
+    rows = read_published()
     assert len(rows) == 24 and {row["method"] for row in rows} <= {*methods.DETECTORS, *methods.ESTIMATORS}
     assert {row["masks"] for row in rows} == {"", "truth", *(name for name in methods.DETECTORS if name != "contour")}
-    assert "| *lost with 2dgs* |" in page_of(rows)
+    assert "| *lost with 2dgs* |" in render_page(rows)
 
 
 def test_what_is_no_run_is_named(tmp_path, scores):
     with pytest.raises(StepError, match="is no run's; expected"):
-        rows_of(tmp_path / "results/ycbv/bop/scores.csv", tmp_path / "results")
+        read_scores(tmp_path / "results/ycbv/bop/scores.csv", tmp_path / "results")
     scores[0].write_text("")
     with pytest.raises(StepError, match="has no rows"):
-        rows_of(scores[0], tmp_path / "results")
+        read_scores(scores[0], tmp_path / "results")
     with pytest.raises(StepError, match="run the step that writes it"):
-        rows_of(scores[0].with_name("other.csv"), tmp_path / "results")
+        read_scores(scores[0].with_name("other.csv"), tmp_path / "results")

@@ -4,7 +4,7 @@ import csv
 
 import pytest
 
-from zeroshop_steps.report.heights import APART, BESIDE, drawn, published_heights, row_of
+from zeroshop_steps.report.heights import APART, BESIDE, draw_plot, make_row, read_published_heights
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
@@ -47,7 +47,7 @@ def test_a_row_a_measurement_with_what_was_published(cells, tmp_path):
 
 
 def test_the_published_heights_are_those_of_both_tables():
-    published = published_heights()
+    published = read_published_heights()
     assert [sum(row.table == table for row in published) for table in ("4.3", "4.4")] == [8, 9]
     for row in published:
         assert 100 * (row.measured_height_m / row.height_m - 1) == pytest.approx(row.difference_percent, abs=0.5)
@@ -55,8 +55,8 @@ def test_the_published_heights_are_those_of_both_tables():
 
 
 def test_the_plot_has_a_point_for_each_measurement(cells, tmp_path):
-    rows = [row_of(path, tmp_path / "results", published_heights()) for path in cells]
-    [axes] = drawn(rows, published_heights()).axes
+    rows = [make_row(path, tmp_path / "results", read_published_heights()) for path in cells]
+    [axes] = draw_plot(rows, read_published_heights()).axes
     counts = {points.get_label(): len(points.get_offsets()) for points in axes.collections}
     assert counts == {"thesis: MASt3R": 17, BESIDE: 1, APART: 1}
 
@@ -64,4 +64,4 @@ def test_the_plot_has_a_point_for_each_measurement(cells, tmp_path):
 def test_a_measurement_without_truth_does_not_belong_there(cells, tmp_path):
     write_json(cells[0], {"known_height_m": None, "height_m": 0.1, "height_deviation_m": 0.001})
     with pytest.raises(StepError, match="lacks the true"):
-        row_of(cells[0], tmp_path / "results", [])
+        make_row(cells[0], tmp_path / "results", [])

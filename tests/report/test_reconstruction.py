@@ -2,7 +2,7 @@
 
 import pytest
 
-from zeroshop_steps.report.reconstruction import published_cells, read_cells, rendered
+from zeroshop_steps.report.reconstruction import read_cells, read_published_cells, render_page
 from zeroshop_steps.report.table import write_table
 from zeroshop_steps.runtime.errors import StepError
 
@@ -46,7 +46,7 @@ def section(text: str, title: str) -> list[str]:
 
 
 def test_marks_counts_and_means(table):
-    lines = section(rendered(read_cells(table), []), "2dgs")
+    lines = section(render_page(read_cells(table), []), "2dgs")
     assert lines == [
         "|  | colmap<br>su_h | colmap<br>se |",
         "| --- | :-: | :-: |",
@@ -65,16 +65,16 @@ def test_marks_counts_and_means(table):
 
 
 def test_methods_are_compared_where_all_have_a_mesh(table):
-    lines = section(rendered(read_cells(table), []), "The methods against each other")
+    lines = section(render_page(read_cells(table), []), "The methods against each other")
     assert lines[0] == "Over the 1 captures and cameras from which each of them made a mesh."
     assert lines[2] == "|  | 2dgs | svraster |"
     assert "| *mean F-score at 1 %* | 0.9 | 0.7 |" in lines and "| *median F-score at 1 %* | 0.9 | 0.7 |" in lines
     only = [cell for cell in read_cells(table) if cell.nvs == "2dgs"]
-    assert "against each other" not in rendered(only, [])
+    assert "against each other" not in render_page(only, [])
 
 
 def test_a_failed_registration_counts_for_every_method_with_its_reason(table):
-    text = rendered(read_cells(table), [])
+    text = render_page(read_cells(table), [])
     assert "| obj_000013 |  | × |" in section(text, "svraster")
     reasons = section(text, "Why cells are not good")
     assert "- × obj_000013, se, colmap, 2dgs and svraster: 8 of 30 images registered" in reasons
@@ -82,13 +82,13 @@ def test_a_failed_registration_counts_for_every_method_with_its_reason(table):
 
 
 def test_disagreements_are_shown(table):
-    lines = section(rendered(read_cells(table), []), "Where photos alone would have judged otherwise")
+    lines = section(render_page(read_cells(table), []), "Where photos alone would have judged otherwise")
     assert lines[0] == "3 of 4 cells are judged alike."
     assert lines[2].startswith("- obj_000001, se, colmap, 2dgs: ● by photos (nothing to object); ○ by truth")
 
 
 def test_published_grades_stand_beside_ours(table):
-    lines = section(rendered(read_cells(table), published_cells()), "2dgs")
+    lines = section(render_page(read_cells(table), read_published_cells()), "2dgs")
     head = [cell.strip() for cell in lines[0].split("|")]
     assert head.index("colmap<br>se") < head.index("thesis: MASt3R-SfM<br>su_l")
     bowl = [cell.strip() for cell in next(line for line in lines if line.startswith("| obj_000013")).split("|")]
@@ -96,7 +96,7 @@ def test_published_grades_stand_beside_ours(table):
 
 
 def test_the_published_tables_are_whole():
-    cells = published_cells()
+    cells = read_published_cells()
     assert len(cells) == 13 * 21
     assert len({cell.place for cell in cells}) == len(cells)
     assert {cell.grade for cell in cells} == {"none", "sparse", "good"}

@@ -17,10 +17,10 @@ import trimesh
 from helpers.paths import REPOSITORY
 from helpers.small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.report.site.advice import advice_on_failure
+from zeroshop_steps.report.site.advice import advise_on_failure
 from zeroshop_steps.report.site.charts import scatter
-from zeroshop_steps.report.site.reduced import TEXTURED_FACES, reduced
-from zeroshop_steps.report.site.viewer_data import UNSEEN, levels
+from zeroshop_steps.report.site.mesh_reduction import TEXTURED_FACES, reduce_mesh
+from zeroshop_steps.report.site.viewer_data import UNSEEN, quantize_distances
 from zeroshop_steps.runtime.files import read_json, write_json
 
 VIEWER = REPOSITORY / "src/zeroshop_steps/report/viewer"
@@ -117,7 +117,7 @@ def test_cells_say_what_helps(report):
     ],
 )
 def test_each_failure_has_its_advice(step, reason, help):
-    assert help in advice_on_failure(step, reason)
+    assert help in advise_on_failure(step, reason)
 
 
 def test_names_and_texts_of_users_are_shown_and_never_run(tmp_path, carton):
@@ -261,11 +261,11 @@ def test_the_numbers_of_an_axis_differ():
 
 
 def test_levels_of_distance():
-    assert levels(np.array([0.0, 1.0, 2.0, 9.0, np.nan]), 2.0).tolist() == [0, 127, 254, 254, UNSEEN]
+    assert quantize_distances(np.array([0.0, 1.0, 2.0, 9.0, np.nan]), 2.0).tolist() == [0, 127, 254, 254, UNSEEN]
 
 
 def test_a_reduced_mesh_keeps_its_shape_and_its_texture(carton):
-    small = reduced(carton.mesh, 300, 64)
+    small = reduce_mesh(carton.mesh, 300, 64)
     assert len(small.mesh.faces) <= 300 and small.faces == len(carton.mesh.faces)
     assert small.mesh.texture.shape == (64, 64, 3)
     assert np.abs(small.mesh.vertices).max(0) == pytest.approx(np.abs(carton.mesh.vertices).max(0), abs=0.1)
@@ -277,14 +277,14 @@ def test_a_reduced_mesh_keeps_its_shape_whatever_the_filter_did_before(carton):
     work.add_mesh(pymeshlab.Mesh(carton.mesh.vertices, carton.mesh.faces.astype(np.int32)))
     options = {"preserveboundary": True, "boundaryweight": 2.0, "preservenormal": True, "planarquadric": True, "autoclean": True}
     work.meshing_decimation_quadric_edge_collapse(targetfacenum=1000, **options)
-    assert reduced(carton.mesh, 300, 64).mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=1e-3)
+    assert reduce_mesh(carton.mesh, 300, 64).mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=1e-3)
 
 
 def test_a_mesh_beyond_reason_is_reduced_quickly():
     sphere = trimesh.creation.icosphere(8, 50.0)
     mesh = Mesh(np.array(sphere.vertices), np.array(sphere.faces, np.int64))
     assert len(mesh.faces) > TEXTURED_FACES
-    small = reduced(mesh, 5000, 64)
+    small = reduce_mesh(mesh, 5000, 64)
     assert 1000 < len(small.mesh.faces) <= 5000
     assert np.linalg.norm(small.mesh.vertices, axis=1) == pytest.approx(50.0, abs=0.5)
 

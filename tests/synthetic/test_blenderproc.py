@@ -13,7 +13,7 @@ from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.synthetic import blenderproc, raycast
-from zeroshop_steps.synthetic.blender_environment import SYSTEM_PACKAGES, fault
+from zeroshop_steps.synthetic.blender_environment import SYSTEM_PACKAGES, explain_fault
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 
 WIDTH, HEIGHT = 64, 48
@@ -116,7 +116,7 @@ def test_faults_of_the_environment_say_what_to_do(box, tmp_path):
     with pytest.raises(StepError, match="blender_environment"):
         capture(box, tmp_path / "out", None)
     assert not (tmp_path / "out").exists()
-    assert all(package in fault(f"{library}: cannot open shared object file", "it") for library, package in SYSTEM_PACKAGES.items())
+    assert all(package in explain_fault(f"{library}: cannot open shared object file", "it") for library, package in SYSTEM_PACKAGES.items())
 
 
 def test_bad_models_and_options_are_named(box, tmp_path):

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from helpers.capture_box import BOX_SIZE_MM, write_box
-from zeroshop_steps.bop.models import diameter_mm
+from zeroshop_steps.bop.models import measure_diameter_mm
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.synthetic import bop_models
-from zeroshop_steps.synthetic.bop_models import hosted_models, take_model
+from zeroshop_steps.synthetic.bop_models import copy_model, download_models
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def archive(models, tmp_path) -> Path:
 
 
 def test_model_is_taken_as_it_is(models, tmp_path):
-    take_model(models, "boxes", "obj_000007", tmp_path / "out")
+    copy_model(models, "boxes", "obj_000007", tmp_path / "out")
     source, target = read_ply(models / "obj_000007.ply"), read_ply(tmp_path / "out" / "model.ply")
     assert np.allclose(source.vertices, target.vertices) and np.array_equal(source.faces, target.faces)
     assert np.array_equal(source.texture, target.texture) and np.allclose(source.uv, target.uv)
@@ -55,7 +55,7 @@ def test_model_is_taken_as_it_is(models, tmp_path):
 
 
 def test_real_model(shared_data, tmp_path):
-    take_model(shared_data / "ycbv" / "models", "ycbv", "obj_000005", tmp_path / "out")
+    copy_model(shared_data / "ycbv" / "models", "ycbv", "obj_000005", tmp_path / "out")
     info = read_json(tmp_path / "out" / "model_info.json")
     assert info["name"] == "006_mustard_bottle" and info["front_azimuth_deg"] == 90.0
     assert read_ply(tmp_path / "out" / "model.ply").texture.shape == (2048, 2048, 3)
@@ -63,33 +63,33 @@ def test_real_model(shared_data, tmp_path):
 
 def test_bad_folders_and_models_are_named(models, tmp_path):
     with pytest.raises(StepError, match="nowhere does not exist.*models_folder"):
-        take_model(tmp_path / "nowhere", "boxes", "obj_000007", tmp_path / "out")
+        copy_model(tmp_path / "nowhere", "boxes", "obj_000007", tmp_path / "out")
     with pytest.raises(StepError, match="no object obj_000099.*obj_000007"):
-        take_model(models, "boxes", "obj_000099", tmp_path / "out")
+        copy_model(models, "boxes", "obj_000099", tmp_path / "out")
     mesh = read_ply(models / "obj_000007.ply")
     write_ply(models / "obj_000008.ply", Mesh(mesh.vertices, mesh.faces))
     write_ply(models / "obj_000009.ply", Mesh(mesh.vertices / 1000, mesh.faces, uv=mesh.uv), "obj_000007.png")
     write_ply(models / "obj_000010.ply", Mesh(mesh.vertices, mesh.faces, uv=mesh.uv), "gone.png")
     for number, words in ((8, "no texture"), (9, "Convert it to millimetres"), (10, "gone.png does not exist")):
         with pytest.raises(StepError, match=words):
-            take_model(models, "boxes", f"obj_{number:06d}", tmp_path / "out")
+            copy_model(models, "boxes", f"obj_{number:06d}", tmp_path / "out")
     write_json(models / "models_info.json", {"7": {"diameter": 300.0}})
     with pytest.raises(StepError, match="do not belong together"):
-        take_model(models, "boxes", "obj_000007", tmp_path / "out")
+        copy_model(models, "boxes", "obj_000007", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_hosted_archive_is_fetched_once_and_unpacked(archive, tmp_path, monkeypatch):
     monkeypatch.setitem(bop_models.HOSTED_MODELS, "boxes", archive.as_uri())
-    folder = hosted_models("boxes", tmp_path / "resources")
-    take_model(folder, "boxes", "obj_000007", tmp_path / "out")
+    folder = download_models("boxes", tmp_path / "resources")
+    copy_model(folder, "boxes", "obj_000007", tmp_path / "out")
     stored = tmp_path / "resources" / "downloads" / "boxes_models.zip"
     digest = hashlib.sha256(archive.read_bytes()).hexdigest()
     assert stored.with_name("boxes_models.zip.sha256").read_text().split() == [digest, "boxes_models.zip"]
     archive.unlink()
-    assert hosted_models("boxes", tmp_path / "resources") == folder
+    assert download_models("boxes", tmp_path / "resources") == folder
     with pytest.raises(StepError, match="no download is known for the dataset lm.*models_folder"):
-        hosted_models("lm", tmp_path / "resources")
+        download_models("lm", tmp_path / "resources")
 
 
 def test_blocked_download_says_what_to_do(tmp_path, monkeypatch, capsys):
@@ -139,7 +139,7 @@ def test_file_put_there_by_hand_is_used(archive, tmp_path, monkeypatch):
     monkeypatch.setitem(bop_models.HOSTED_MODELS, "boxes", "http://127.0.0.1:9/boxes_models.zip")
     (tmp_path / "resources" / "downloads").mkdir(parents=True)
     shutil.copy(archive, tmp_path / "resources" / "downloads" / "boxes_models.zip")
-    assert (hosted_models("boxes", tmp_path / "resources") / "obj_000007.ply").is_file()
+    assert (download_models("boxes", tmp_path / "resources") / "obj_000007.ply").is_file()
 
 
 def test_archive_that_is_no_zip_is_named(tmp_path, monkeypatch):
@@ -147,10 +147,10 @@ def test_archive_that_is_no_zip_is_named(tmp_path, monkeypatch):
     page.write_text("<html>please sign in</html>")
     monkeypatch.setitem(bop_models.HOSTED_MODELS, "boxes", page.as_uri())
     with pytest.raises(StepError, match="boxes_models.zip is not a whole zip archive"):
-        hosted_models("boxes", tmp_path / "resources")
+        download_models("boxes", tmp_path / "resources")
     assert not (tmp_path / "resources" / "bop" / "boxes" / "models").exists()
 
 
 def test_diameter_is_the_largest_distance():
     points = np.random.default_rng(0).normal(size=(300, 3))
-    assert diameter_mm(points) == pytest.approx(np.linalg.norm(points[:, None] - points[None], axis=2).max())
+    assert measure_diameter_mm(points) == pytest.approx(np.linalg.norm(points[:, None] - points[None], axis=2).max())

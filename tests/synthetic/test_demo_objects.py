@@ -13,10 +13,10 @@ from scipy.spatial.distance import pdist
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic.demo_objects import demo_object_names, write_demo_object
-from zeroshop_steps.synthetic.products.printing import ean13_bars
+from zeroshop_steps.synthetic.demo_objects import list_demo_objects, write_demo_object
+from zeroshop_steps.synthetic.products.printing import encode_ean13
 
-NAMES = demo_object_names()
+NAMES = list_demo_objects()
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_bar_code_on_the_carton_reads_from_left_to_right(meshes: dict[str, Mesh]
     mesh = meshes["gelatin_carton"]
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
-    bars = ean13_bars("207310085144")
+    bars = encode_ean13("207310085144")
     x_on_sheet = 52.0 + (9 + np.arange(95) + 0.5) * 32.0 / 113
     origins = np.column_stack([np.full(95, -100.0), 44.5 - x_on_sheet, np.full(95, 37.0 - 56.0)])
     rays = np.concatenate([origins, np.tile([1.0, 0.0, 0.0], (95, 1))], 1).astype(np.float32)
@@ -172,7 +172,7 @@ def test_same_bytes_twice(models: Path, tmp_path: Path, name: str) -> None:
 
 
 def test_bar_code_follows_the_standard() -> None:
-    bars = ean13_bars("590123412345")
+    bars = encode_ean13("590123412345")
     assert len(bars) == 95
     assert bars.startswith("101" + "0001011" + "0100111")
     assert bars.endswith("1000100" + "101")  # check digit 7

@@ -11,16 +11,16 @@ from zeroshop_steps.capture.video import take_frames
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_mask
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic import lighting, scenes, table_scene
-from zeroshop_steps.synthetic.board_scene import BOARD, empty_cameras
-from zeroshop_steps.synthetic.film import film
-from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, TableView, laid
-from zeroshop_steps.synthetic.handheld_camera import DURATION_S, ELEVATIONS_DEG, Hand, Lens
-from zeroshop_steps.synthetic.rings import Subject
+from zeroshop_steps.synthetic import lighting, scene_meshes, table_scene
+from zeroshop_steps.synthetic.board_scene import BOARD, place_empty_cameras
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.film import render_film
+from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, CLEAR_VIEW_DEG, LEAST_GAP_MM, FilmRenderer, lay_table
+from zeroshop_steps.synthetic.handheld_camera import DURATION_S, ELEVATIONS_DEG, HandheldCamera, Lens
 
 SIZE_PX = (320, 180)
 FRAMES = 20
-SUBJECT = Subject(np.zeros(3), 100.0, -50.0)
+SUBJECT = ObjectBounds(np.zeros(3), 100.0, -50.0)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -28,7 +28,7 @@ def coarse_table():
     """A table with fewer texels and samples of light: what is tested here does not depend on them, and they take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lighting, "SURFACE_CELLS", 24)
-        patch.setattr(scenes, "rich_texture", functools.partial(scenes.rich_texture, texels=1024))
+        patch.setattr(scene_meshes, "make_rich_texture", functools.partial(scene_meshes.make_rich_texture, texels=1024))
         patch.setattr(table_scene, "TILE_PX", 96)
         yield
 
@@ -37,7 +37,7 @@ def coarse_table():
 def filmed(tmp_path_factory):
     """A small film of a box beside the board."""
     folder = tmp_path_factory.mktemp("film")
-    film(write_box(folder / "model"), True, 3, folder / "film", SIZE_PX, FRAMES)
+    render_film(write_box(folder / "model"), True, 3, folder / "film", SIZE_PX, FRAMES)
     return folder / "film"
 
 
@@ -62,16 +62,16 @@ def test_the_truth_covers_every_frame(filmed):
 def test_the_same_seed_gives_the_same_bytes_and_another_one_another_table(tmp_path):
     model = write_box(tmp_path / "model")
     for name, seed in (("one", 3), ("again", 3), ("other", 4)):
-        film(model, False, seed, tmp_path / name, SIZE_PX, 3)
+        render_film(model, False, seed, tmp_path / name, SIZE_PX, 3)
     one, again, other = ((tmp_path / name / "film.mp4").read_bytes() for name in ("one", "again", "other"))
     assert one == again and one != other
 
 
 def test_the_board_lies_in_the_empty_scene_and_the_object_does_not():
     mesh = box_mesh()
-    table = laid(mesh, SUBJECT, 0, np.random.default_rng(0))
-    view = TableView(table, with_object=False, with_board=True)
-    camera = empty_cameras(mesh, table.subject, *SIZE_PX, 30.0, BOARD_GAP_MM)[0]
+    table = lay_table(mesh, SUBJECT, 0, np.random.default_rng(0))
+    view = FilmRenderer(table, with_object=False, with_board=True)
+    camera = place_empty_cameras(mesh, table.subject, *SIZE_PX, 30.0, BOARD_GAP_MM)[0]
     squares = [(column, row) for column in range(BOARD.columns) for row in range(BOARD.rows)]
     middles = np.array([[(c + 0.5) * BOARD.square_mm, (r + 0.5) * BOARD.square_mm, 0, 1] for c, r in squares]) @ table.board_pose.T
     x, y = camera.project(middles[:, :3])[0].astype(int).T
@@ -83,7 +83,7 @@ def test_the_board_lies_in_the_empty_scene_and_the_object_does_not():
 
 
 def test_the_hand_goes_around_twice_in_two_heights_and_is_never_still():
-    hand = Hand(SUBJECT, 120.0, Lens(*SIZE_PX), np.random.default_rng(0))
+    hand = HandheldCamera(SUBJECT, 120.0, Lens(*SIZE_PX), np.random.default_rng(0))
     centres = np.array([hand.camera(time, "").centre_in_world for time in np.linspace(0, DURATION_S, 200)])
     azimuth = np.unwrap(np.arctan2(centres[:, 1], centres[:, 0]))
     assert azimuth[0] == pytest.approx(0, abs=0.2) and azimuth[-1] - azimuth[0] == pytest.approx(4 * np.pi, abs=0.5)
@@ -96,7 +96,7 @@ def test_the_hand_goes_around_twice_in_two_heights_and_is_never_still():
 def test_clutter_keeps_apart_and_low_enough_to_hide_nothing():
     mesh = box_mesh()
     for seed in range(2):
-        things = laid(mesh, SUBJECT, seed, np.random.default_rng(seed)).clutter
+        things = lay_table(mesh, SUBJECT, seed, np.random.default_rng(seed)).clutter
         assert len(things) >= 3
         for thing in things:
             gap_mm = np.linalg.norm(np.maximum(np.abs(thing.vertices[:, :2]) - [20, 30], 0), axis=1).min()

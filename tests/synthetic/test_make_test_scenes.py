@@ -10,23 +10,23 @@ import pytest
 import trimesh
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import model_file, read_models
+from zeroshop_steps.bop.models import model_path, read_models
 from zeroshop_steps.bop.scene import read_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.synthetic.clutter import GAP_MM, body_of, lie_down, place
-from zeroshop_steps.synthetic.distractors import distractor
-from zeroshop_steps.synthetic.make_test_scenes import chosen_objects
-from zeroshop_steps.synthetic.table_scene import TILE_PX, merged
+from zeroshop_steps.synthetic.clutter import GAP_MM, choose_rest, make_body, place_bodies
+from zeroshop_steps.synthetic.distractors import make_distractor
+from zeroshop_steps.synthetic.make_test_scenes import choose_objects
+from zeroshop_steps.synthetic.table_scene import TILE_PX, merge_meshes
 
 
 def test_things_rest_on_the_table_and_keep_apart():
     rng = np.random.default_rng(0)
     solids = [trimesh.creation.box((80, 60, 30)), trimesh.creation.cylinder(30, 90), trimesh.creation.icosphere(3, 35)] * 2
-    bodies = [body_of(np.asarray(solid.vertices)) for solid in solids]
-    poses = place(bodies, rng)
+    bodies = [make_body(np.asarray(solid.vertices)) for solid in solids]
+    poses = place_bodies(bodies, rng)
     moved = [solid.vertices @ pose[:3, :3].T + pose[:3, 3] for solid, pose in zip(solids, poses, strict=True)]
     for vertices, pose in zip(moved, poses, strict=True):
         assert vertices[:, 2].min() == pytest.approx(0, abs=1e-6)
@@ -38,28 +38,28 @@ def test_things_rest_on_the_table_and_keep_apart():
 
 
 def test_a_box_lies_on_one_of_its_sides():
-    body = body_of(np.asarray(trimesh.creation.box((100, 70, 40)).vertices))
+    body = make_body(np.asarray(trimesh.creation.box((100, 70, 40)).vertices))
     rng = np.random.default_rng(1)
     heights = set()
     for _ in range(40):
-        pose = lie_down(body, rng)
+        pose = choose_rest(body, rng)
         extent = np.ptp(body.vertices @ pose[:3, :3].T, axis=0)[2]
         heights.add(round(float(extent)))
     assert heights <= {100, 70, 40} and 40 in heights
 
 
 def test_every_object_takes_its_turn():
-    chosen = [chosen_objects(list(range(1, 12)), scene, 3) for scene in range(1, 9)]
+    chosen = [choose_objects(list(range(1, 12)), scene, 3) for scene in range(1, 9)]
     assert all(5 <= len(set(objects)) == len(objects) <= 8 for objects in chosen)
     counts = np.bincount(np.concatenate(chosen), minlength=12)[1:]
     assert counts.max() - counts.min() <= 2
-    assert chosen_objects([4, 9], 1, 0) == [4, 9]
+    assert choose_objects([4, 9], 1, 0) == [4, 9]
 
 
 def test_merged_things_keep_their_prints():
     rng = np.random.default_rng(2)
-    things = [distractor(rng) for _ in range(3)]
-    whole = merged(things)
+    things = [make_distractor(rng) for _ in range(3)]
+    whole = merge_meshes(things)
     assert whole.texture.shape == (2 * TILE_PX, 2 * TILE_PX, 3) and len(whole.faces) == sum(len(thing.faces) for thing in things)
     start = 0
     for thing in things:
@@ -77,8 +77,8 @@ def models(tmp_path_factory) -> Path:
     """Two textured boxes in BOP's layout."""
     folder, rng, listed = tmp_path_factory.mktemp("bop") / "models", np.random.default_rng(5), {}
     for number in (3, 8):
-        mesh = next(mesh for mesh in iter(lambda: distractor(rng), None) if len(mesh.faces) == 12)
-        path = model_file(folder, number)
+        mesh = next(mesh for mesh in iter(lambda: make_distractor(rng), None) if len(mesh.faces) == 12)
+        path = model_path(folder, number)
         write_image(path.with_suffix(".png"), mesh.texture)
         write_ply(path, mesh, path.with_suffix(".png").name)
         listed[str(number)] = {"diameter": float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))}

@@ -11,14 +11,14 @@ from zeroshop_steps.geometry.images import read_image, read_mask, write_image
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import write_json
-from zeroshop_steps.synthetic.distractors import distractor
+from zeroshop_steps.synthetic.distractors import make_distractor
 from zeroshop_steps.synthetic.raycast import capture
 
 
 @pytest.fixture(scope="module")
 def captured(tmp_path_factory):
     """A model folder, and its capture below."""
-    folder, mesh = tmp_path_factory.mktemp("model"), distractor(np.random.default_rng(3))
+    folder, mesh = tmp_path_factory.mktemp("model"), make_distractor(np.random.default_rng(3))
     write_image(folder / "model.png", mesh.texture)
     write_ply(folder / "model.ply", mesh, "model.png")
     write_json(folder / "model_info.json", {"name": "thing", "obj_id": 7})

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, build_pyramid, encode, linear_to_srgb, sample, srgb_to_linear
+from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, build_pyramid, encode_srgb, linear_to_srgb, sample_mip_levels, srgb_to_linear
 
 
 def look(pyramid, u, v, footprint=0.0):
-    return sample(pyramid.texels, pyramid.levels, pyramid.wrap, LINEAR_OF_BYTE, u, v, footprint, 0.0, 0.0, footprint)
+    return sample_mip_levels(pyramid.texels, pyramid.levels, pyramid.wrap, LINEAR_OF_BYTE, u, v, footprint, 0.0, 0.0, footprint)
 
 
 def test_srgb_round_trip():
     codes = np.arange(256, dtype=np.uint8)
-    assert np.array_equal(encode(LINEAR_OF_BYTE[codes]), codes)
+    assert np.array_equal(encode_srgb(LINEAR_OF_BYTE[codes]), codes)
     assert np.allclose(linear_to_srgb(srgb_to_linear(np.linspace(0, 1, 50))), np.linspace(0, 1, 50), atol=1e-6)
 
 

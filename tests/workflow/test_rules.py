@@ -10,7 +10,7 @@ import yaml
 
 from helpers.paths import REPOSITORY
 from zeroshop_steps.synthetic.blender.start import BLENDERPROC_VERSION, BPY_VERSION
-from zeroshop_steps.synthetic.demo_objects import demo_object_names
+from zeroshop_steps.synthetic.demo_objects import list_demo_objects
 
 RULES = {
     name: body
@@ -45,7 +45,7 @@ def test_there_are_rules():
 
 def test_the_config_lists_every_demo_object():
     config = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
-    assert config["datasets"]["demo"]["objects"] == demo_object_names()
+    assert config["datasets"]["demo"]["objects"] == list_demo_objects()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Align a reconstructed mesh with its true model: a similarity, found from shape and print alone.
 
-A search from all sides, then iterated closest points over the surface that was measured: a closed underside, turned upside down, would
+A search_similarities from all sides, then iterated closest points over the surface that was measured: a closed underside, turned upside down, would
 pass for a plain top, and a lid for the floor of its hollow. Where shape decides nothing (a can
 turned about its axis), print does; where the model is symmetric, the symmetry that turns the mesh least is taken. Writes
 the transform and how far the two surfaces then lie apart.
@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.similarity_icp import Fit, Refinement
-from zeroshop_steps.bop.similarity_search import search
-from zeroshop_steps.bop.symmetry import symmetry_transforms
+from zeroshop_steps.bop.similarity_icp import SimilarityFit, SimilarityRefiner
+from zeroshop_steps.bop.similarity_search import search_similarities
+from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.support_classes import with_surface_support
 from zeroshop_steps.geometry.surface_distance import measure_distances
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
         if len(mesh.faces) == 0:
             raise StepError(f"{args.evidence} says that nothing of {args.mesh} was measured; it cannot be aligned")
     info = read_json(args.model.with_name("model_info.json"))
-    fit = align(mesh, truth, symmetry_transforms(info), args.seed)
+    fit = align(mesh, truth, list_symmetry_transforms(info), args.seed)
     figures = residuals(mesh, truth, fit, info["diameter"], args.seed)
     apart_mm, missing_mm = figures["mesh_to_truth_median_mm"], figures["truth_to_mesh_median_mm"]
     if apart_mm > WORST_MESH_DIAMETERS * info["diameter"] or missing_mm > WORST_TRUTH_DIAMETERS * info["diameter"]:
@@ -65,17 +65,17 @@ def run(args: argparse.Namespace) -> None:
     print(f"aligned: {figures['mesh_to_truth_mm']:.2f} mm from the truth, scale {figures['scale']:.4f}", file=sys.stderr)
 
 
-def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> Fit:
+def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> SimilarityFit:
     """The best similarity truth_from_mesh; `symmetries` are (S, 4, 4) of the truth."""
     rng = np.random.default_rng(seed)
     source, target = sample_surface_points(mesh, SOURCE_SAMPLES, rng), sample_surface_points(truth, TARGET_SAMPLES, rng)
-    best = Refinement(source, target).best_of(search(source, target))[0]
+    best = SimilarityRefiner(source, target).best_of(search_similarities(source, target))[0]
     alike = symmetries @ best.transform
     turned_least = np.argmax(np.round(np.trace(alike[:, :3, :3], axis1=1, axis2=2), 9))
-    return Fit(alike[turned_least], best.distance, best.likeness)
+    return SimilarityFit(alike[turned_least], best.distance, best.likeness)
 
 
-def residuals(mesh: Mesh, truth: Mesh, fit: Fit, diameter_mm: float, seed: int) -> dict:
+def residuals(mesh: Mesh, truth: Mesh, fit: SimilarityFit, diameter_mm: float, seed: int) -> dict:
     """What remains between the aligned mesh and the truth: figures for aligned.json; scale is that of truth_from_mesh."""
     aligned = Mesh(mesh.vertices @ fit.transform[:3, :3].T + fit.transform[:3, 3], mesh.faces)
     rng = np.random.default_rng(seed)

@@ -43,10 +43,10 @@ def annotate(
     silhouette = inside > 0
     visible = silhouette & ((scene_mm == 0) | (inside <= scene_mm + SAME_SURFACE_MM))
     count = int((wide > 0).sum())
-    x, y, box_width, box_height = _box(wide > 0)
+    x, y, box_width, box_height = _bounding_box(wide > 0)
     info = {
         "bbox_obj": [x - width, y - height, box_width, box_height] if visible.any() else [-1, -1, -1, -1],
-        "bbox_visib": _box(visible),
+        "bbox_visib": _bounding_box(visible),
         "px_count_all": count,
         "px_count_valid": int((measured_mm[silhouette] > 0).sum()),
         "px_count_visib": int(visible.sum()),
@@ -55,7 +55,7 @@ def annotate(
     return Annotation(silhouette, visible, info)
 
 
-def _box(mask: np.ndarray) -> list[int]:
+def _bounding_box(mask: np.ndarray) -> list[int]:
     """[x, y, width, height] as BOP counts it: from the first to the last pixel; -1 for an empty mask."""
     if not mask.any():
         return [-1, -1, -1, -1]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from pycocotools import mask as coco_masks
 
-from zeroshop_steps.bop.schema import read_checked
+from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
@@ -45,7 +45,7 @@ def decode_mask(encoded: dict) -> np.ndarray:
     return np.ascontiguousarray(coco_masks.decode(encoded).astype(bool))
 
 
-def box_of_mask(mask: np.ndarray) -> tuple[int, int, int, int]:
+def mask_to_box(mask: np.ndarray) -> tuple[int, int, int, int]:
     """(x, y, width, height) in px of the pixels of a bool mask, which must not be empty; COCO's: one pixel has width 1."""
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
     return int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)
@@ -58,7 +58,7 @@ def read_detections(path: Path) -> list[Detection]:
         StepError: an entry of the wrong form, a mask whose run lengths do not fill its size, different times within an image.
     """
     found, seconds = [], {}
-    for index, entry in enumerate(read_checked(path, "detections")):
+    for index, entry in enumerate(read_validated(path, "detections")):
         box, mask = entry.get("bbox") or None, entry.get("segmentation") or None
         if box is not None and (len(box) != 4 or box[2] < 0 or box[3] < 0):
             raise StepError(f"{path}: entry {index}: bbox is {box}; expected [x, y, width, height] in pixels")
@@ -73,7 +73,7 @@ def read_detections(path: Path) -> list[Detection]:
             )
         found.append(
             Detection(
-                *image, entry["category_id"], float(entry["score"]), box and tuple(box), mask and _compressed(path, index, mask), time_s
+                *image, entry["category_id"], float(entry["score"]), box and tuple(box), mask and _compress(path, index, mask), time_s
             )
         )
     return found
@@ -89,7 +89,7 @@ def write_detections(path: Path, detections: list[Detection]) -> None:
             "category_id": detection.object_id,
             "score": float(detection.score),
             "bbox": [float(value) for value in detection.box_px] if detection.box_px else [],
-            "segmentation": _run_lengths(detection.mask) if detection.mask else {},
+            "segmentation": _to_run_lengths(detection.mask) if detection.mask else {},
             "time": float(detection.seconds),
         }
         entries.append(entry)
@@ -97,7 +97,7 @@ def write_detections(path: Path, detections: list[Detection]) -> None:
         temporary.write_text(json.dumps(entries, allow_nan=False) + "\n")
 
 
-def _run_lengths(mask: dict) -> dict:
+def _to_run_lengths(mask: dict) -> dict:
     """Uncompressed run lengths, column by column, that begin with those of the background."""
     pixels = decode_mask(mask).ravel(order="F")
     ends = np.flatnonzero(np.diff(pixels)) + 1
@@ -105,14 +105,14 @@ def _run_lengths(mask: dict) -> dict:
     return {"size": [int(side) for side in mask["size"]], "counts": [0, *counts] if len(pixels) and pixels[0] else counts}
 
 
-def _compressed(path: Path, index: int, mask: dict) -> dict:
+def _compress(path: Path, index: int, mask: dict) -> dict:
     if "size" not in mask or "counts" not in mask:
         raise StepError(f"{path}: entry {index}: segmentation lacks size or counts; expected run lengths")
     height, width = mask["size"]
     counts = mask["counts"]
     if isinstance(counts, str):
         try:
-            counts = _counts_in(counts)
+            counts = _decode_counts(counts)
         except IndexError:
             raise StepError(f"{path}: entry {index}: the run lengths of its segmentation end within a number; is the file whole?") from None
     if any(not isinstance(count, int) or count < 0 for count in counts) or sum(counts) != height * width:
@@ -122,7 +122,7 @@ def _compressed(path: Path, index: int, mask: dict) -> dict:
     return coco_masks.frPyObjects({"size": [height, width], "counts": counts}, height, width)
 
 
-def _counts_in(text: str) -> list[int]:
+def _decode_counts(text: str) -> list[int]:
     """The run lengths in COCO's text: five bits a character, from the third on less the last but one. Raises IndexError where it is cut."""
     counts, place = [], 0
     while place < len(text):

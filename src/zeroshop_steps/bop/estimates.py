@@ -92,17 +92,17 @@ def _parse(path: Path, lines: list[bytes], first_line: int) -> np.ndarray:
             raise StepError(f"{path}, line {first_line + offset} {what}; expected 7: {HEADER}")
         rotation, translation = fields[4].split(), fields[5].split()
         if len(rotation) != 9 or len(translation) != 3:
-            _explain(path, line, first_line + offset)
+            _raise_for_line(path, line, first_line + offset)
         words += [*fields[:4], *rotation, *translation, fields[6]]
     try:
         return np.array(words, dtype="S").astype(np.float64).reshape(-1, NUMBERS)
     except ValueError:
         for offset, line in enumerate(lines):
-            _explain(path, line, first_line + offset)
+            _raise_for_line(path, line, first_line + offset)
         raise
 
 
-def _explain(path: Path, line: bytes, number: int) -> None:
+def _raise_for_line(path: Path, line: bytes, number: int) -> None:
     """Raise what is wrong with a line, if anything is."""
     for field, name, count in zip(line.split(b","), HEADER.split(","), (1, 1, 1, 1, 9, 3, 1), strict=True):
         words = field.split()

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import checked_diameter_mm, model_file
+from zeroshop_steps.bop.models import check_diameter_mm, model_path
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.support_classes import with_surface_support
@@ -68,13 +68,13 @@ def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:
     Raises:
         StepError: the mesh cannot be in millimetres.
     """
-    path = model_file(folder, info["obj_id"])
+    path = model_path(folder, info["obj_id"])
     texture = path.with_suffix(".png") if mesh.texture is not None else None
     if texture:
         write_image(texture, mesh.texture)
     write_ply(path, mesh if mesh.normals is not None else mesh.with_normals(), texture and texture.name)
     low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
-    entry = {"name": info.get("name", path.stem), "diameter": checked_diameter_mm(path, mesh, None)}
+    entry = {"name": info.get("name", path.stem), "diameter": check_diameter_mm(path, mesh, None)}
     entry |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
     entry |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
     return entry | {key: info[key] for key in ("symmetries_discrete", "symmetries_continuous") if info.get(key)}

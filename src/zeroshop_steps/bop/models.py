@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
-from zeroshop_steps.bop.schema import read_checked
-from zeroshop_steps.bop.symmetry import symmetry_transforms
+from zeroshop_steps.bop.schema import read_validated
+from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.runtime.errors import StepError
 
@@ -17,7 +17,7 @@ PLAUSIBLE_DIAMETER_MM = (10.0, 3000.0)
 
 
 @dataclass(frozen=True)
-class Model:
+class ObjectModel:
     """One object.
 
     Attributes:
@@ -35,44 +35,44 @@ class Model:
     info: dict
 
 
-def model_file(folder: Path, object_id: int) -> Path:
+def model_path(folder: Path, object_id: int) -> Path:
     """Where BOP keeps a model."""
     return Path(folder) / f"obj_{object_id:06d}.ply"
 
 
-def listed_objects(folder: Path) -> list[int]:
+def list_objects(folder: Path) -> list[int]:
     """The objects that have a model and an entry in models_info.json."""
-    listed = read_checked(Path(folder) / "models_info.json", "models_info")
-    return sorted(int(key) for key in listed if model_file(folder, int(key)).is_file())
+    listed = read_validated(Path(folder) / "models_info.json", "models_info")
+    return sorted(int(key) for key in listed if model_path(folder, int(key)).is_file())
 
 
-def read_models(folder: Path, object_ids: Iterable[int]) -> dict[int, Model]:
+def read_models(folder: Path, object_ids: Iterable[int]) -> dict[int, ObjectModel]:
     """Read the models of these objects.
 
     Raises:
         StepError: an object has no model or no entry in models_info.json, a mesh is damaged or not in mm.
     """
     folder = Path(folder)
-    listed = read_checked(folder / "models_info.json", "models_info")
+    listed = read_validated(folder / "models_info.json", "models_info")
     models = {}
     for object_id in sorted(set(object_ids)):
-        path = model_file(folder, object_id)
+        path = model_path(folder, object_id)
         if str(object_id) not in listed or not path.is_file():
             lacking = f"no {path.name}" if str(object_id) in listed else "no entry in models_info.json"
-            raise StepError(f"object {object_id} has no model in {folder}: there is {lacking}; it has the objects {listed_objects(folder)}")
+            raise StepError(f"object {object_id} has no model in {folder}: there is {lacking}; it has the objects {list_objects(folder)}")
         info, mesh = listed[str(object_id)], read_ply(path)
-        checked_diameter_mm(path, mesh, info["diameter"])
-        models[object_id] = Model(object_id, mesh, float(info["diameter"]), symmetry_transforms(info), info)
+        check_diameter_mm(path, mesh, info["diameter"])
+        models[object_id] = ObjectModel(object_id, mesh, float(info["diameter"]), list_symmetry_transforms(info), info)
     return models
 
 
-def checked_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
+def check_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
     """The diameter of the mesh in the file `path`, once it is plausible in mm and agrees with that in models_info.json, if any.
 
     Raises:
         StepError: a mesh in another unit, or a models_info.json of other models.
     """
-    measured_mm = diameter_mm(mesh.vertices)
+    measured_mm = measure_diameter_mm(mesh.vertices)
     smallest, largest = PLAUSIBLE_DIAMETER_MM
     if not smallest <= measured_mm <= largest:
         raise StepError(
@@ -86,7 +86,7 @@ def checked_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> floa
     return measured_mm
 
 
-def diameter_mm(vertices: np.ndarray) -> float:
+def measure_diameter_mm(vertices: np.ndarray) -> float:
     """Largest distance between two of the (V, 3) vertices."""
     try:
         corners = vertices[ConvexHull(vertices).vertices]

@@ -16,8 +16,8 @@ import numpy as np
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.detections import Detection, decode_mask, read_detections
 from zeroshop_steps.bop.estimates import Estimates, read_estimates
-from zeroshop_steps.bop.models import Model, listed_objects, read_models
-from zeroshop_steps.bop.poses import as_transform
+from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
+from zeroshop_steps.bop.poses import make_transform
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
 from zeroshop_steps.geometry.images import read_image, write_image
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
         raise StepError("--errors needs the --estimates that it is about")
     targets = read_targets(args.targets)
     frames = read_target_frames(args.scenes, targets, args.targets, truth_needed=args.errors is not None)
-    wanted = {target.obj_id for target in targets} & set(listed_objects(args.models))
+    wanted = {target.obj_id for target in targets} & set(list_objects(args.models))
     models = read_models(args.models, wanted)
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
     estimates = read_estimates(args.estimates) if args.estimates else None
@@ -61,17 +61,17 @@ def run(args: argparse.Namespace) -> None:
             panels, here = [], [target for target in targets if (target.scene_id, target.im_id) == (scene_id, image_id)]
             photo = read_image(frame.photo())
             if args.detections:
-                panels.append(with_detections(photo, surest_detections(detections, here)))
+                panels.append(draw_detections(photo, select_surest_detections(detections, here)))
             if estimates is not None:
-                panels.append(with_poses(photo, frame, surest_estimates(estimates, here, models), models, renderers))
+                panels.append(draw_poses(photo, frame, select_surest_estimates(estimates, here, models), models, renderers))
             write_image(folder / f"{scene_id:06d}_{image_id:06d}.png", np.concatenate(panels, 1))
         if args.errors:
-            tiles = worst(args.errors, estimates, frames, models, renderers)
+            tiles = draw_worst(args.errors, estimates, frames, models, renderers)
             if tiles is not None:
                 write_image(folder / "worst.png", tiles)
 
 
-def surest_detections(detections: Sequence[Detection], targets: Sequence[Target]) -> list[Detection]:
+def select_surest_detections(detections: Sequence[Detection], targets: Sequence[Target]) -> list[Detection]:
     """As many of the surest with a mask as each target has instances."""
     chosen = []
     for target in targets:
@@ -81,9 +81,11 @@ def surest_detections(detections: Sequence[Detection], targets: Sequence[Target]
     return sorted(chosen, key=lambda one: one.score)
 
 
-def surest_estimates(estimates: Estimates, targets: Sequence[Target], models: dict[int, Model]) -> list[tuple[int, float, np.ndarray]]:
+def select_surest_estimates(
+    estimates: Estimates, targets: Sequence[Target], models: dict[int, ObjectModel]
+) -> list[tuple[int, float, np.ndarray]]:
     """(object, score, (4, 4) camera_from_model) of as many of the surest as each target has instances."""
-    poses, chosen = as_transform(estimates.rotations, estimates.translations_mm), []
+    poses, chosen = make_transform(estimates.rotations, estimates.translations_mm), []
     for target in targets:
         of_image = (estimates.scene_ids == target.scene_id) & (estimates.image_ids == target.im_id)
         rows = np.flatnonzero(of_image & (estimates.object_ids == target.obj_id))
@@ -92,31 +94,33 @@ def surest_estimates(estimates: Estimates, targets: Sequence[Target], models: di
     return chosen
 
 
-def with_detections(photo: np.ndarray, detections: Sequence[Detection]) -> np.ndarray:
+def draw_detections(photo: np.ndarray, detections: Sequence[Detection]) -> np.ndarray:
     """The photo with masks in the colours of their objects, the surest on top."""
     image, labels = photo.copy(), []
     for one in detections:
-        mask, color = decode_mask(one.mask), color_of(one.object_id)
+        mask, color = decode_mask(one.mask), choose_color(one.object_id)
         image[mask] = (0.5 * image[mask] + 0.5 * np.array(color)).astype(np.uint8)
-        _outline(image, mask, color)
+        _draw_outline(image, mask, color)
         if not mask.any():
             continue
         rows, columns = np.nonzero(mask)
         labels.append((f"{one.object_id}: {one.score:.2f}", (int(columns.mean()), int(rows.mean()))))
     for text, place in labels:
-        _write(image, text, place)
+        _draw_text(image, text, place)
     return image
 
 
-def with_poses(
-    photo: np.ndarray, frame: Frame, poses: Sequence[tuple[int, float, np.ndarray]], models: dict[int, Model],
+def draw_poses(
+    photo: np.ndarray, frame: Frame, poses: Sequence[tuple[int, float, np.ndarray]], models: dict[int, ObjectModel],
     renderers: dict[int, DepthRenderer],
 ) -> np.ndarray:  # fmt: skip
     """The photo with the outlines and the frames of posed models."""
     image = photo.copy()
     height, width = photo.shape[:2]
     for number, score, pose in poses:
-        _outline(image, renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0, color_of(number), 2)
+        _draw_outline(
+            image, renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0, choose_color(number), 2
+        )
         ends = np.concatenate([np.zeros((1, 3)), np.eye(3)]) * AXIS_DIAMETERS * models[number].diameter_mm
         projected = (ends @ pose[:3, :3].T + pose[:3, 3]) @ frame.intrinsics.T
         if (projected[:, 2] <= 1.0).any():
@@ -124,13 +128,18 @@ def with_poses(
         start, *tips = np.rint(projected[:, :2] / projected[:, 2:]).astype(int).tolist()
         for tip, color in zip(tips, ((255, 60, 60), (60, 220, 60), (80, 80, 255)), strict=True):
             cv2.line(image, start, tip, color, 2, cv2.LINE_AA)
-        _write(image, f"{number}: {score:.2f}", start)
+        _draw_text(image, f"{number}: {score:.2f}", start)
     return image
 
 
-def worst(
-    errors: Path, estimates: Estimates, frames: Frames, models: dict[int, Model], renderers: dict[int, DepthRenderer], count: int = WORST
-) -> np.ndarray | None:  # fmt: skip
+def draw_worst(
+    errors: Path,
+    estimates: Estimates,
+    frames: Frames,
+    models: dict[int, ObjectModel],
+    renderers: dict[int, DepthRenderer],
+    count: int = WORST,
+) -> np.ndarray | None:
     """Tiles of the estimates with the largest MSSD: cut out, the true outline green, the estimated one red, the errors below.
 
     None where no object was estimated.
@@ -142,7 +151,7 @@ def worst(
             raise StepError(f"{errors} has no MSSD; score the estimates with --errors mssd and others")
     if not rows:
         return None
-    poses, tiles = as_transform(estimates.rotations, estimates.translations_mm), []
+    poses, tiles = make_transform(estimates.rotations, estimates.translations_mm), []
     for row in sorted(rows, key=lambda row: -float(row["mssd"]))[:count]:
         number, frame = int(row["obj_id"]), frames[int(row["scene_id"]), int(row["im_id"])]
         instance = frame.instances[int(row["instance"])]
@@ -152,9 +161,9 @@ def worst(
             renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0
             for pose in (instance.camera_from_model, poses[int(row["estimate"])])
         ]
-        tile, scale = _cut_out(image, silhouettes[0] | silhouettes[1])
+        tile, scale = _cut_tile(image, silhouettes[0] | silhouettes[1])
         for silhouette, color in zip(silhouettes, (TRUE_COLOR, ESTIMATED_COLOR), strict=True):
-            _outline(tile, _cut_out(silhouette.astype(np.uint8) * 255, silhouettes[0] | silhouettes[1])[0] > 127, color, 1)
+            _draw_outline(tile, _cut_tile(silhouette.astype(np.uint8) * 255, silhouettes[0] | silhouettes[1])[0] > 127, color, 1)
         share = "" if instance.visible_share is None else f", {100 * instance.visible_share:.0f} % visible"
         lines = [f"scene {frame.scene_id}, image {frame.image_id}, object {number}{share}"]
         lines.append(", ".join(f"{kind.upper()} {float(row[kind]):.2f}" for kind in ("mssd", "mspd", "vsd") if kind in row))
@@ -167,23 +176,23 @@ def worst(
     return np.concatenate([np.concatenate(tiles[start : start + across], 1) for start in range(0, len(tiles), across)])
 
 
-def color_of(number: int) -> tuple[int, int, int]:
+def choose_color(number: int) -> tuple[int, int, int]:
     """A bright colour of an object's own."""
     hue = np.uint8([[[(number * 67) % 180, 200, 255]]])
     return tuple(int(value) for value in cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0])
 
 
-def _outline(image: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], thickness: int = 1) -> None:
+def _draw_outline(image: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], thickness: int = 1) -> None:
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(image, contours, -1, color, thickness)
 
 
-def _write(image: np.ndarray, text: str, place: Sequence[int]) -> None:
+def _draw_text(image: np.ndarray, text: str, place: Sequence[int]) -> None:
     for color, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
         cv2.putText(image, text, tuple(place), FONT, 0.45, color, thickness, cv2.LINE_AA)
 
 
-def _cut_out(image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
+def _cut_tile(image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
     """A square tile of the image around the mask, and how much it was enlarged; grey beyond the image."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     if not len(rows):

@@ -43,13 +43,13 @@ class ModelPoints:
 
 def mssd(estimated: np.ndarray, true: np.ndarray, points: ModelPoints, symmetries: np.ndarray) -> np.ndarray:
     """(N,) mm between N estimated (N, 4, 4) and true (N, 4, 4) poses: the largest distance of a vertex, least over the symmetries."""
-    return _mssd(_rows(estimated), _rows(true), _rows(symmetries), np.ascontiguousarray(points.hull))
+    return _mssd(_top_rows(estimated), _top_rows(true), _top_rows(symmetries), np.ascontiguousarray(points.hull))
 
 
 def mspd(estimated: np.ndarray, true: np.ndarray, intrinsics: np.ndarray, points: ModelPoints, symmetries: np.ndarray) -> np.ndarray:
     """(N,) px: the largest distance of a projected vertex, least over the symmetries; `intrinsics` are (N, 3, 3)."""
     matrices = np.ascontiguousarray(intrinsics, float)
-    return _mspd(matrices @ _rows(estimated), matrices, _rows(true), _rows(symmetries), np.ascontiguousarray(points.spread))
+    return _mspd(matrices @ _top_rows(estimated), matrices, _top_rows(true), _top_rows(symmetries), np.ascontiguousarray(points.spread))
 
 
 def vsd(
@@ -81,13 +81,13 @@ def vsd(
     return _vsd(measured, estimated.within(box), true.within(box), x, y, float(diameter_mm), np.float32(delta_mm), taus)
 
 
-def _rows(transforms: np.ndarray) -> np.ndarray:
+def _top_rows(transforms: np.ndarray) -> np.ndarray:
     """(N, 3, 4) of (N, 4, 4)."""
     return np.ascontiguousarray(transforms[:, :3], float)
 
 
 @numba.njit(cache=True)
-def _combine(true, symmetry, out):
+def _compose(true, symmetry, out):
     """out = true @ symmetry of (3, 4) transforms."""
     for row in range(3):
         for column in range(4):
@@ -105,7 +105,7 @@ def _mssd(estimated, true, symmetries, points):
         turned = np.empty((3, 4))
         best = np.inf
         for symmetry in range(len(symmetries)):
-            _combine(true[pair], symmetries[symmetry], turned)
+            _compose(true[pair], symmetries[symmetry], turned)
             worst = 0.0
             for index in range(len(points)):
                 squared = 0.0
@@ -144,7 +144,7 @@ def _mspd(projections, intrinsics, true, symmetries, points):
             seen[index, 0], seen[index, 1] = _project(projections[pair], points[index])
         best = np.inf
         for symmetry in range(len(symmetries)):
-            _combine(true[pair], symmetries[symmetry], turned)
+            _compose(true[pair], symmetries[symmetry], turned)
             for row in range(3):
                 for column in range(4):
                     matrix[row, column] = 0.0

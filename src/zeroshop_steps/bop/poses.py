@@ -44,7 +44,7 @@ def check_translations(translations_mm: np.ndarray, where: list[str] | np.ndarra
         )
 
 
-def as_transform(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
+def make_transform(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
     """(4, 4) transform, or (N, 4, 4) of (N, 3, 3) rotations and (N, 3) translations."""
     transform = np.zeros((*rotation.shape[:-2], 4, 4))
     transform[..., :3, :3], transform[..., :3, 3], transform[..., 3, 3] = rotation, translation_mm, 1.0

@@ -13,7 +13,7 @@ import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask
+from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box
 from zeroshop_steps.bop.targets import Frames
 from zeroshop_steps.runtime.errors import StepError
 
@@ -31,7 +31,7 @@ class _Evaluation(COCOeval):
                 annotation["ignore"] = annotation["ignored"]
 
 
-def annotations_of(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
+def make_annotations(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
     """What is to be found in the frames, as COCO's annotations; images are numbered in the order of the frames.
 
     Raises:
@@ -48,7 +48,7 @@ def annotations_of(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
             if instance.visible_share is None:
                 raise StepError(f"{frame.folder / 'scene_gt_info.json'} has no visib_fract for instance {index} of image {frame.image_id}")
             images[-1] |= {"height": visible.shape[0], "width": visible.shape[1]}
-            box = box_of_mask(frame.mask(index, "mask") if amodal else visible)
+            box = mask_to_box(frame.mask(index, "mask") if amodal else visible)
             annotations.append(
                 {
                     "id": len(annotations) + 1,
@@ -61,7 +61,7 @@ def annotations_of(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
                 }
                 | ({"segmentation": encode_mask(visible)} if with_masks else {})
             )
-    return _coco({"images": images, "annotations": annotations, "categories": [{"id": number} for number in sorted(objects)]})
+    return _make_coco({"images": images, "annotations": annotations, "categories": [{"id": number} for number in sorted(objects)]})
 
 
 def average_precision(detections: Sequence[Detection], frames: Frames, kind: str, amodal: bool, path: Path) -> dict[str, float]:
@@ -77,7 +77,7 @@ def average_precision(detections: Sequence[Detection], frames: Frames, kind: str
     Raises:
         StepError: detections lack what is to be evaluated, or a mask is not of its image's size.
     """
-    truth = annotations_of(frames, amodal and kind == "bbox", kind == "segm")
+    truth = make_annotations(frames, amodal and kind == "bbox", kind == "segm")
     numbers = {key: number for number, key in enumerate(frames, start=1)}
     results = []
     for detection in detections:
@@ -116,7 +116,7 @@ def _check_size(detection: Detection, image: dict, path: Path) -> None:
         )
 
 
-def _coco(content: dict) -> COCO:
+def _make_coco(content: dict) -> COCO:
     coco = COCO()
     coco.dataset = content
     with contextlib.redirect_stdout(io.StringIO()):

@@ -13,9 +13,9 @@ import numpy as np
 
 from zeroshop_steps.bop.depth_render import DepthPatch, DepthRenderer
 from zeroshop_steps.bop.estimates import Estimates
-from zeroshop_steps.bop.models import Model
+from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.pose_error import VSD_TAUS, ModelPoints, mspd, mssd, vsd
-from zeroshop_steps.bop.poses import as_transform
+from zeroshop_steps.bop.poses import make_transform
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target
 from zeroshop_steps.runtime.errors import StepError
@@ -30,7 +30,7 @@ REFERENCE_WIDTH_PX = 640.0
 
 
 @dataclass(frozen=True)
-class Pairs:
+class PosePairs:
     """Every estimate that counts with every instance that it may be meant for, target by target, estimates in order of score.
 
     Attributes:
@@ -48,7 +48,7 @@ class Pairs:
     instances: np.ndarray
 
 
-def pair_up(estimates: Estimates, targets: Sequence[Target], frames: Frames) -> Pairs:
+def pair_up(estimates: Estimates, targets: Sequence[Target], frames: Frames) -> PosePairs:
     """The pairs to compare. Raises StepError where visibility decides which instances count and scene_gt_info.json is silent."""
     order = np.lexsort((np.arange(len(estimates)), -estimates.scores))
     rows: dict[tuple[int, int, int], list[int]] = {}
@@ -58,17 +58,17 @@ def pair_up(estimates: Estimates, targets: Sequence[Target], frames: Frames) -> 
     target_of, estimate_of, instance_of, first, counts = [], [], [], [0], []
     for index, target in enumerate(targets):
         chosen = rows.get((target.scene_id, target.im_id, target.obj_id), [])[: target.inst_count]
-        instances = most_visible(frames[target.scene_id, target.im_id], target)
+        instances = select_most_visible(frames[target.scene_id, target.im_id], target)
         for row in chosen:
             target_of += [index] * len(instances)
             estimate_of += [row] * len(instances)
             instance_of += instances
         first.append(len(target_of))
         counts.append(len(instances))
-    return Pairs(*(np.array(values, np.int64) for values in (target_of, estimate_of, instance_of, first, counts)))
+    return PosePairs(*(np.array(values, np.int64) for values in (target_of, estimate_of, instance_of, first, counts)))
 
 
-def most_visible(frame: Frame, target: Target) -> list[int]:
+def select_most_visible(frame: Frame, target: Target) -> list[int]:
     """The `inst_count` most visible instances of a target's object, in the order of the annotations."""
     found = [index for index, instance in enumerate(frame.instances) if instance.object_id == target.obj_id]
     if len(found) == target.inst_count:
@@ -82,12 +82,12 @@ def most_visible(frame: Frame, target: Target) -> list[int]:
     return sorted(best)
 
 
-def pose_errors(
-    pairs: Pairs,
+def measure_pose_errors(
+    pairs: PosePairs,
     estimates: Estimates,
     targets: Sequence[Target],
     frames: Frames,
-    models: dict[int, Model],
+    models: dict[int, ObjectModel],
     kinds: Sequence[str],
     width_px: int | None,
     delta_mm: float,
@@ -98,7 +98,7 @@ def pose_errors(
         `mssd` (P, 1) in diameters, `mspd` (P, 1) in px of a 640 px wide image, `vsd` (P, 10), one column a tolerance; of
         `kinds` those that are wanted.
     """
-    estimated = as_transform(estimates.rotations, estimates.translations_mm)[pairs.estimate]
+    estimated = make_transform(estimates.rotations, estimates.translations_mm)[pairs.estimate]
     frame_of = [frames[targets[index].scene_id, targets[index].im_id] for index in pairs.target]
     true = np.array([frame.instances[i].camera_from_model for frame, i in zip(frame_of, pairs.instance, strict=True)]).reshape(-1, 4, 4)
     intrinsics = np.array([frame.intrinsics for frame in frame_of]).reshape(-1, 3, 3)
@@ -114,17 +114,17 @@ def pose_errors(
             widths = np.array([_width_px(frame_of[index], width_px) for index in np.flatnonzero(of_object)])
             errors["mspd"][of_object, 0] = found_px * REFERENCE_WIDTH_PX / widths
     if "vsd" in kinds:
-        errors["vsd"] = _all_vsd(pairs, estimated, true, frame_of, objects, models, delta_mm)
+        errors["vsd"] = _measure_vsd(pairs, estimated, true, frame_of, objects, models, delta_mm)
     return errors
 
 
-def _all_vsd(
-    pairs: Pairs,
+def _measure_vsd(
+    pairs: PosePairs,
     estimated: np.ndarray,
     true: np.ndarray,
     frame_of: Sequence[Frame],
     objects: np.ndarray,
-    models: dict[int, Model],
+    models: dict[int, ObjectModel],
     delta_mm: float,
 ) -> np.ndarray:
     """(P, 10) VSD, image by image: the measured depth is read once, and each pose rendered once however many pairs it is in."""
@@ -155,13 +155,13 @@ def _width_px(frame: Frame, width_px: int | None) -> float:
     return float(width_px)
 
 
-def found_instances(pairs: Pairs, errors: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+def count_found_instances(pairs: PosePairs, errors: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
     """(T, D) how many instances of each of T targets are found at each threshold, from (P,) errors."""
-    return _match(pairs.first, pairs.instances, np.ascontiguousarray(errors), thresholds)
+    return _match_instances(pairs.first, pairs.instances, np.ascontiguousarray(errors), thresholds)
 
 
 @numba.njit(cache=True)
-def _match(first, instances, errors, thresholds):
+def _match_instances(first, instances, errors, thresholds):
     found = np.zeros((len(instances), len(thresholds)), np.int64)
     for target in range(len(instances)):
         columns = instances[target]
@@ -183,7 +183,7 @@ def _match(first, instances, errors, thresholds):
 
 
 @dataclass(frozen=True)
-class Recall:
+class AverageRecall:
     """Average recalls over the thresholds.
 
     Attributes:
@@ -197,13 +197,13 @@ class Recall:
     targets: dict[int, int]
 
 
-def average_recall(pairs: Pairs, errors: dict[str, np.ndarray], targets: Sequence[Target]) -> Recall:
+def average_recall(pairs: PosePairs, errors: dict[str, np.ndarray], targets: Sequence[Target]) -> AverageRecall:
     """AR of each error and AR_D, their mean: the share of the instances found, averaged over thresholds (and tolerances of VSD)."""
     objects = np.array([target.obj_id for target in targets])
     shares: dict[str, np.ndarray] = {}
     for kind, values in errors.items():
         thresholds = THRESHOLDS_PX if kind == "mspd" else THRESHOLDS
-        shares[kind] = np.mean([found_instances(pairs, column, thresholds).mean(1) for column in values.T], axis=0)
+        shares[kind] = np.mean([count_found_instances(pairs, column, thresholds).mean(1) for column in values.T], axis=0)
 
     def summed(chosen: np.ndarray) -> dict[str, float]:
         count = pairs.instances[chosen].sum()
@@ -212,4 +212,4 @@ def average_recall(pairs: Pairs, errors: dict[str, np.ndarray], targets: Sequenc
 
     by_object = {int(number): summed(objects == number) for number in np.unique(objects)}
     counts = {int(number): int(pairs.instances[objects == number].sum()) for number in np.unique(objects)}
-    return Recall(summed(np.ones(len(objects), bool)), by_object, counts)
+    return AverageRecall(summed(np.ones(len(objects), bool)), by_object, counts)

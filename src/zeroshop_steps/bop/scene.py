@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.poses import as_transform, check_rotations, check_translations
-from zeroshop_steps.bop.schema import read_checked
+from zeroshop_steps.bop.poses import check_rotations, check_translations, make_transform
+from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.runtime.errors import StepError
@@ -133,12 +133,12 @@ def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
     folder = Path(folder)
     if not folder.name.isdigit():
         raise StepError(f"{folder} is not named by a scene's number, such as 000048")
-    cameras = read_checked(folder / "scene_camera.json", "scene_camera")
+    cameras = read_validated(folder / "scene_camera.json", "scene_camera")
     if not truth_needed and not (folder / "scene_gt.json").is_file():
-        return {int(number): _frame(folder, int(number), camera, [], []) for number, camera in cameras.items()}
-    truth = read_checked(folder / "scene_gt.json", "scene_gt")
+        return {int(number): _make_frame(folder, int(number), camera, [], []) for number, camera in cameras.items()}
+    truth = read_validated(folder / "scene_gt.json", "scene_gt")
     has_info = (folder / "scene_gt_info.json").is_file()
-    info = read_checked(folder / "scene_gt_info.json", "scene_gt_info") if has_info else {}
+    info = read_validated(folder / "scene_gt_info.json", "scene_gt_info") if has_info else {}
     _check_poses(folder, truth)
     frames = {}
     for number, instances in truth.items():
@@ -150,7 +150,7 @@ def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
                 f"{folder / 'scene_gt_info.json'}: image {number} has {len(details)} instances, scene_gt.json has {len(instances)};"
                 " the two files must list the same"
             )
-        frames[int(number)] = _frame(folder, int(number), cameras[number], instances, details)
+        frames[int(number)] = _make_frame(folder, int(number), cameras[number], instances, details)
     return frames
 
 
@@ -179,7 +179,7 @@ def write_scene(folder: Path, frames: list[Frame]) -> None:
     write_json(Path(folder) / "scene_gt_info.json", info)
 
 
-def scene_folders(split: Path) -> dict[int, Path]:
+def list_scenes(split: Path) -> dict[int, Path]:
     """The scenes of a split, such as `test/`, by number. Raises StepError where there is none."""
     split = Path(split)
     names = sorted(os.listdir(split)) if split.is_dir() else []
@@ -189,7 +189,7 @@ def scene_folders(split: Path) -> dict[int, Path]:
     return folders
 
 
-def _frame(folder: Path, number: int, camera: dict, instances: list[dict], details: list[dict]) -> Frame:
+def _make_frame(folder: Path, number: int, camera: dict, instances: list[dict], details: list[dict]) -> Frame:
     scale = camera.get("depth_scale")
     if scale is not None and scale <= 0:
         raise StepError(
@@ -201,11 +201,11 @@ def _frame(folder: Path, number: int, camera: dict, instances: list[dict], detai
         raise StepError(f"{folder / 'scene_camera.json'}: cam_K of image {number} has no positive focal lengths; expected K row by row")
     world = None
     if "cam_R_w2c" in camera and "cam_t_w2c" in camera:
-        world = as_transform(np.array(camera["cam_R_w2c"], float).reshape(3, 3), np.array(camera["cam_t_w2c"], float))
+        world = make_transform(np.array(camera["cam_R_w2c"], float).reshape(3, 3), np.array(camera["cam_t_w2c"], float))
     read = tuple(
         Instance(
             entry["obj_id"],
-            as_transform(np.array(entry["cam_R_m2c"], float).reshape(3, 3), np.array(entry["cam_t_m2c"], float)),
+            make_transform(np.array(entry["cam_R_m2c"], float).reshape(3, 3), np.array(entry["cam_t_m2c"], float)),
             detail.get("visib_fract"),
             detail,
         )

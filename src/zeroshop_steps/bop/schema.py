@@ -13,7 +13,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
 
-def read_checked(path: Path, kind: str) -> Any:
+def read_validated(path: Path, kind: str) -> Any:
     """Read a JSON file (gzipped where its name ends in .gz) and check it against the schema `kind` in schemas.json.
 
     Raises:

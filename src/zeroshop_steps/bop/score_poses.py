@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from zeroshop_steps.bop.estimates import Estimates, read_estimates
-from zeroshop_steps.bop.models import listed_objects, read_models
-from zeroshop_steps.bop.recall import ERRORS, Pairs, average_recall, pair_up, pose_errors
+from zeroshop_steps.bop.models import list_objects, read_models
+from zeroshop_steps.bop.recall import ERRORS, PosePairs, average_recall, measure_pose_errors, pair_up
 from zeroshop_steps.bop.targets import Target, read_target_frames, read_targets
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
     pairs = pair_up(estimates, targets, frames)
     size = next((size for frame in frames.values() if (size := frame.size_px())), None)
     width_px = size[0] if size else args.image_width
-    errors = pose_errors(pairs, estimates, targets, frames, models, args.errors, width_px, args.delta_mm)
+    errors = measure_pose_errors(pairs, estimates, targets, frames, models, args.errors, width_px, args.delta_mm)
     recall = average_recall(pairs, errors, targets)
     rows = [{"measure": measure, "object": "", "value": value} for measure, value in recall.overall.items()]
     rows.append({"measure": "instances", "object": "", "value": sum(recall.targets.values())})
@@ -54,13 +54,13 @@ def run(args: argparse.Namespace) -> None:
         rows += [{"measure": measure, "object": number, "value": value} for measure, value in measures.items()]
     write_rows(args.out, ROW, rows)
     if args.errors_out:
-        write_rows(args.errors_out, [*ERROR_ROW, *errors], error_rows(pairs, errors, estimates, targets))
+        write_rows(args.errors_out, [*ERROR_ROW, *errors], make_error_rows(pairs, errors, estimates, targets))
     print(", ".join(f"{name} {value:.4f}" for name, value in recall.overall.items()))
 
 
 def check_objects(estimates: Estimates, args: argparse.Namespace) -> None:
     """Raise StepError where an estimate names an object that has no model."""
-    strange = sorted(set(estimates.object_ids.tolist()) - set(there := listed_objects(args.models)))
+    strange = sorted(set(estimates.object_ids.tolist()) - set(there := list_objects(args.models)))
     if strange:
         raise StepError(
             f"{args.estimates}: estimates name the objects {strange}, which have no model in {args.models}; it has {there}."
@@ -68,7 +68,7 @@ def check_objects(estimates: Estimates, args: argparse.Namespace) -> None:
         )
 
 
-def error_rows(pairs: Pairs, errors: dict, estimates: Estimates, targets: Sequence[Target]) -> list[dict]:
+def make_error_rows(pairs: PosePairs, errors: dict, estimates: Estimates, targets: Sequence[Target]) -> list[dict]:
     """One row for every pair of an estimate and an instance; MSSD in diameters, MSPD in px at a width of 640, VSD's mean."""
     rows = []
     for index, (target, row) in enumerate(zip(pairs.target, pairs.estimate, strict=True)):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.bop.similarity_search import Candidates, changed, solved
+from zeroshop_steps.bop.similarity_search import SimilarityCandidates, apply_steps, solve_steps
 from zeroshop_steps.geometry.surface_points import SurfacePoints
 
 SAMPLES = 4000
@@ -20,7 +20,7 @@ PRINT_WEIGHT = 0.1
 
 
 @dataclass(frozen=True)
-class Fit:
+class SimilarityFit:
     """One alignment.
 
     Attributes:
@@ -34,7 +34,7 @@ class Fit:
     likeness: float
 
 
-class Refinement:
+class SimilarityRefiner:
     """Refines candidates against one target."""
 
     def __init__(self, source: SurfacePoints, target: SurfacePoints) -> None:
@@ -45,9 +45,9 @@ class Refinement:
         self._spacing = float(np.median(self._tree.query(target.points[:SAMPLES], k=2)[0][:, 1]))
         self._printed = source.colors is not None and target.colors is not None
         if self._printed:
-            self._slopes = _brightness_slopes(target, self._tree)
+            self._slopes = _brightness_gradients(target, self._tree)
 
-    def best_of(self, candidates: Candidates) -> list[Fit]:
+    def best_of(self, candidates: SimilarityCandidates) -> list[SimilarityFit]:
         """Refined alignments, the best first, by shape and print; only those that begin with about the best shape are tried."""
         limit = candidates.residuals[0] + ALIKE_DIAMETERS * self._size
         alike = candidates.transforms[candidates.residuals <= limit]
@@ -55,26 +55,26 @@ class Refinement:
         tried = alike[np.argsort(costs, kind="stable")[:TRIED]]
         return sorted((self.refined(transform) for transform in tried), key=self._cost)
 
-    def _cost(self, fit: Fit) -> float:
+    def _cost(self, fit: SimilarityFit) -> float:
         """By which fits are compared: shape and print."""
         return fit.distance / self._size + PRINT_DIAMETERS * (1.0 - fit.likeness)
 
-    def refined(self, transform: np.ndarray) -> Fit:
+    def refined(self, transform: np.ndarray) -> SimilarityFit:
         """The alignment after `STEPS` steps."""
         for _ in range(STEPS):
             transform = self._step(transform)
         return self.fit(transform)
 
-    def fit(self, transform: np.ndarray) -> Fit:
+    def fit(self, transform: np.ndarray) -> SimilarityFit:
         """How well an alignment fits."""
         moved, nearest, gaps, weights = self._match(transform)
         within = self._target.points[nearest] - moved
         planes = np.abs(np.einsum("ni,ni->n", within, self._target.normals[nearest]))
         distance = float(np.sort(planes)[: int(NEAR_SHARE * len(planes))].mean())
         if not self._printed:
-            return Fit(transform, distance, 0.0)
+            return SimilarityFit(transform, distance, 0.0)
         ours, theirs = self._source.colors[weights > 0], self._target.colors[nearest][weights > 0]
-        return Fit(transform, distance, likeness(ours, theirs))
+        return SimilarityFit(transform, distance, correlate_colors(ours, theirs))
 
     def _match(self, transform: np.ndarray):
         moved = self._source.points @ transform[:3, :3].T + transform[:3, 3]
@@ -90,7 +90,7 @@ class Refinement:
         """One Gauss-Newton step on shape and print together (Park et al., Colored Point Cloud Registration, 2017), with scale."""
         moved, nearest, gaps, weights = self._match(transform)
         offsets, normals = moved - self._middle, self._target.normals[nearest]
-        rows, gaps = _rows(offsets, normals), gaps
+        rows, gaps = _jacobian_rows(offsets, normals), gaps
         if self._printed:
             ours, theirs = _brightness(self._source.colors), _brightness(self._target.colors)[nearest]
             used = weights > 0
@@ -100,14 +100,14 @@ class Refinement:
             across = moved - self._target.points[nearest]
             here = theirs + np.einsum("ni,ni->n", slopes, across)
             strength = PRINT_WEIGHT * self._size / spread * 0.1
-            rows = np.concatenate([rows, strength * _rows(offsets, slopes)])
+            rows = np.concatenate([rows, strength * _jacobian_rows(offsets, slopes)])
             error = np.clip(ours - here, -1.5 * spread, 1.5 * spread)
             gaps, weights = np.concatenate([gaps, strength * error]), np.concatenate([weights, weights])
-        change = solved(rows[None], gaps[None], weights[None])
-        return changed(transform[None], change, self._middle)[0]
+        change = solve_steps(rows[None], gaps[None], weights[None])
+        return apply_steps(transform[None], change, self._middle)[0]
 
 
-def _rows(offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def _jacobian_rows(offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(N, 7) how a turn, a move and a growth shift points along directions."""
     return np.concatenate([np.cross(offsets, directions), directions, np.einsum("ni,ni->n", offsets, directions)[:, None]], 1)
 
@@ -116,7 +116,7 @@ def _brightness(colors: np.ndarray) -> np.ndarray:
     return colors @ [0.299, 0.587, 0.114]
 
 
-def likeness(ours: np.ndarray, theirs: np.ndarray) -> float:
+def correlate_colors(ours: np.ndarray, theirs: np.ndarray) -> float:
     """Correlation, -1..1, of two (N, 3) lists of colours: in brightness, red-green and yellow-blue, as far as each varies."""
     axes = np.array([[0.299, 0.587, 0.114], [0.7, -0.7, 0.0], [0.5, 0.5, -1.0]]).T
     a, b = ours @ axes, theirs @ axes
@@ -124,7 +124,7 @@ def likeness(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float((a * b).sum() / np.sqrt(max((a**2).sum() * (b**2).sum(), 1e-12)))
 
 
-def _brightness_slopes(target: SurfacePoints, tree: cKDTree) -> np.ndarray:
+def _brightness_gradients(target: SurfacePoints, tree: cKDTree) -> np.ndarray:
     """(N, 3) change of brightness along the surface at each sample, by least squares over its neighbours."""
     _, near = tree.query(target.points, NEIGHBOURS)
     brightness = _brightness(target.colors)

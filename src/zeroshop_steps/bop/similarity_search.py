@@ -17,7 +17,7 @@ LEAST_SCALE_CHANGE = 0.75
 
 
 @dataclass(frozen=True)
-class Candidates:
+class SimilarityCandidates:
     """Alignments found, the best first.
 
     Attributes:
@@ -29,14 +29,14 @@ class Candidates:
     residuals: np.ndarray
 
 
-def search(source: SurfacePoints, target: SurfacePoints) -> Candidates:
+def search_similarities(source: SurfacePoints, target: SurfacePoints) -> SimilarityCandidates:
     """Align samples of a surface that may lack parts with those of the whole one, from every side.
 
     The farther samples count for nothing: `NEAR_SHARE` of the source's must fit, and of the target's, part of which nobody
     may have seen, `FAR_SHARE`.
     """
-    search_in = _Search(source, target)
-    transforms = _starts(source, target)
+    search_in = _PairedSurfaces(source, target)
+    transforms = _start_transforms(source, target)
     scale = float(np.cbrt(np.linalg.det(transforms[0, :3, :3])))
     for _ in range(FIRST_STEPS):
         transforms = search_in.step(transforms, FIRST_SAMPLES, scale)
@@ -46,10 +46,10 @@ def search(source: SurfacePoints, target: SurfacePoints) -> Candidates:
         transforms = search_in.step(transforms, SAMPLES, scale)
     residuals = search_in.residuals(transforms, SAMPLES)
     order = np.argsort(residuals, kind="stable")
-    return Candidates(transforms[order], residuals[order])
+    return SimilarityCandidates(transforms[order], residuals[order])
 
 
-class _Search:
+class _PairedSurfaces:
     """Two surfaces, ready to be asked for nearest samples."""
 
     def __init__(self, source: SurfacePoints, target: SurfacePoints) -> None:
@@ -59,14 +59,14 @@ class _Search:
 
     def step(self, transforms: np.ndarray, samples: int, scale: float) -> np.ndarray:
         """One step of point-to-plane ICP with scale for all transforms (Chen and Medioni 1991; Zinsser et al. 2005 for the scale)."""
-        moved = _apply(transforms, self._source.points[:samples])
+        moved = _transform_points(transforms, self._source.points[:samples])
         distance, nearest = (found.reshape(moved.shape[:2]) for found in self._target_tree.query(moved.reshape(-1, 3)))
         turned = self._source.normals[:samples] @ transforms[:, :3, :3].transpose(0, 2, 1)
         normals = self._target.normals[nearest]
         weights = (distance <= np.quantile(distance, NEAR_SHARE, axis=1, keepdims=True)) & (np.einsum("cni,cni->cn", turned, normals) > 0)
         offsets, gaps = moved - self._middle, np.einsum("cni,cni->cn", self._target.points[nearest] - moved, normals)
         rows = np.concatenate([np.cross(offsets, normals), normals, np.einsum("cni,cni->cn", offsets, normals)[..., None]], 2)
-        updated = changed(transforms, solved(rows, gaps, weights.astype(float)), self._middle)
+        updated = apply_steps(transforms, solve_steps(rows, gaps, weights.astype(float)), self._middle)
         sizes = np.cbrt(np.linalg.det(updated[:, :3, :3]))
         within = np.clip(sizes, LEAST_SCALE_CHANGE * scale, scale / LEAST_SCALE_CHANGE) / sizes
         updated[:, :3, 3] = self._middle + within[:, None] * (updated[:, :3, 3] - self._middle)
@@ -75,15 +75,15 @@ class _Search:
 
     def residuals(self, transforms: np.ndarray, samples: int) -> np.ndarray:
         """(C,) mean distance of the nearer samples, both ways, in the target's unit."""
-        moved = _apply(transforms, self._source.points[:samples])
+        moved = _transform_points(transforms, self._source.points[:samples])
         near = np.sort(self._target_tree.query(moved.reshape(-1, 3))[0].reshape(moved.shape[:2]), axis=1)
-        back = _apply(np.linalg.inv(transforms), self._target.points[:samples])
+        back = _transform_points(np.linalg.inv(transforms), self._target.points[:samples])
         sizes = np.cbrt(np.linalg.det(transforms[:, :3, :3]))
         far = np.sort(self._source_tree.query(back.reshape(-1, 3))[0].reshape(back.shape[:2]), axis=1) * sizes[:, None]
         return (near[:, : int(NEAR_SHARE * samples)].mean(1) + far[:, : int(FAR_SHARE * samples)].mean(1)) / 2
 
 
-def _starts(source: SurfacePoints, target: SurfacePoints) -> np.ndarray:
+def _start_transforms(source: SurfacePoints, target: SurfacePoints) -> np.ndarray:
     """(DIRECTIONS * TURNS, 4, 4): middles of the boxes on each other, sizes alike, rotations spread evenly (Fibonacci's sphere)."""
     index = np.arange(DIRECTIONS) + 0.5
     polar, azimuth = np.arccos(1 - 2 * index / DIRECTIONS), np.pi * (1 + 5**0.5) * index
@@ -101,7 +101,7 @@ def _starts(source: SurfacePoints, target: SurfacePoints) -> np.ndarray:
     return transforms
 
 
-def solved(rows: np.ndarray, gaps: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def solve_steps(rows: np.ndarray, gaps: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(C, 7) least-squares changes (turn, move, growth) from (C, N, 7) rows; slightly damped, so that what nothing fixes stays."""
     normal = np.einsum("cni,cnj,cn->cij", rows, rows, weights, optimize=True)
     right = np.einsum("cni,cn,cn->ci", rows, gaps, weights, optimize=True)
@@ -109,7 +109,7 @@ def solved(rows: np.ndarray, gaps: np.ndarray, weights: np.ndarray) -> np.ndarra
     return np.linalg.solve(normal + damping, right[..., None])[..., 0]
 
 
-def changed(transforms: np.ndarray, changes: np.ndarray, middle: np.ndarray) -> np.ndarray:
+def apply_steps(transforms: np.ndarray, changes: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """Apply (C, 7) small changes about a point to (C, 4, 4) similarities."""
     turn = Rotation.from_rotvec(np.clip(changes[:, :3], -0.5, 0.5)).as_matrix()
     grown = turn * np.exp(np.clip(changes[:, 6], -0.1, 0.1))[:, None, None]
@@ -119,6 +119,6 @@ def changed(transforms: np.ndarray, changes: np.ndarray, middle: np.ndarray) -> 
     return updated
 
 
-def _apply(transforms: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _transform_points(transforms: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(C, N, 3) of (C, 4, 4) and (N, 3)."""
     return points @ transforms[:, :3, :3].transpose(0, 2, 1) + transforms[:, None, :3, 3]

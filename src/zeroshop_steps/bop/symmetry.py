@@ -6,21 +6,21 @@ from scipy.spatial.transform import Rotation
 STEP = 0.01  # how far the rim of a continuously symmetric object moves between two of the turns that stand for all, in diameters
 
 
-def symmetry_transforms(info: dict, step: float = STEP) -> np.ndarray:
+def list_symmetry_transforms(info: dict, step: float = STEP) -> np.ndarray:
     """(S, 4, 4) transforms model_from_model in mm, the identity first: all discrete ones, each with all continuous ones.
 
     A turn about an axis is sampled so finely that no point on a circle of the model's diameter moves by more than `step`
     diameters (BOP Challenge 2019: one hundredth), that is ceil(pi / step) times; several axes are sampled one by one.
     """
     discrete = [np.eye(4)] + [np.reshape(matrix, (4, 4)).astype(float) for matrix in info.get("symmetries_discrete", [])]
-    turns = [_turns(entry, step) for entry in info.get("symmetries_continuous", [])]
+    turns = [_sample_turns(entry, step) for entry in info.get("symmetries_continuous", [])]
     if not turns:
         return np.stack(discrete)
     continuous = np.concatenate(turns)
     return np.concatenate([continuous @ matrix for matrix in discrete])
 
 
-def _turns(entry: dict, step: float) -> np.ndarray:
+def _sample_turns(entry: dict, step: float) -> np.ndarray:
     """(N, 4, 4) turns about the axis through `offset`, the identity first."""
     axis, offset = np.asarray(entry["axis"], float), np.asarray(entry["offset"], float)
     count = int(np.ceil(np.pi / step))

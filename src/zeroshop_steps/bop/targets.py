@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from zeroshop_steps.bop.scene import Frame, read_scene, scene_folders
-from zeroshop_steps.bop.schema import read_checked
+from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
+from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
@@ -25,7 +25,7 @@ class Target:
 
 def read_targets(path: Path) -> list[Target]:
     """Read targets in the order of the file. Raises StepError for a wrong form, or an object that an image asks for twice."""
-    targets = [Target(*(entry[key] for key in ("scene_id", "im_id", "obj_id", "inst_count"))) for entry in read_checked(path, "targets")]
+    targets = [Target(*(entry[key] for key in ("scene_id", "im_id", "obj_id", "inst_count"))) for entry in read_validated(path, "targets")]
     seen = set()
     for target in targets:
         key = target.scene_id, target.im_id, target.obj_id
@@ -48,7 +48,7 @@ def read_target_frames(split: Path, targets: list[Target], targets_path: Path, t
     Raises:
         StepError: a target's scene, image or instances are not there.
     """
-    folders = scene_folders(split)
+    folders = list_scenes(split)
     scenes: dict[int, Mapping[int, Frame]] = {}
     frames: Frames = {}
     for target in targets:

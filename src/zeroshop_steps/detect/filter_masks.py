@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.detections import Detection, box_of_mask, decode_mask, encode_mask, read_detections, write_detections
-from zeroshop_steps.bop.models import listed_objects
+from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, mask_to_box, read_detections, write_detections
+from zeroshop_steps.bop.models import list_objects
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_LEFT = 0.5
@@ -30,18 +30,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Filter one result file."""
     found = read_detections(args.detections)
-    strange = sorted({one.object_id for one in found} - set(there := listed_objects(args.models)))
+    strange = sorted({one.object_id for one in found} - set(there := list_objects(args.models)))
     if strange:
         raise StepError(
             f"{args.detections} names the objects {strange}, which have no model in {args.models}; it has {there}."
             " Detect and estimate with the same models"
         )
-    kept = filtered(found, args.least_score, args.detections)
+    kept = filter_detections(found, args.least_score, args.detections)
     write_detections(args.out, kept)
     print(f"{args.out}: {len(kept)} of {len(found)} detections")
 
 
-def filtered(detections: Sequence[Detection], least_score: float, path: Path) -> list[Detection]:
+def filter_detections(detections: Sequence[Detection], least_score: float, path: Path) -> list[Detection]:
     """Detections whose masks do not overlap, image by image, surest first.
 
     Args:
@@ -56,10 +56,10 @@ def filtered(detections: Sequence[Detection], least_score: float, path: Path) ->
     for one in detections:
         if one.score >= least_score:
             images.setdefault((one.scene_id, one.image_id), []).append(one)
-    return [kept for image in images.values() for kept in _painted(image, path)]
+    return [kept for image in images.values() for kept in _paint_masks(image, path)]
 
 
-def _painted(detections: list[Detection], path: Path) -> list[Detection]:
+def _paint_masks(detections: list[Detection], path: Path) -> list[Detection]:
     """Those of one image."""
     kept, taken = [], None
     for one in sorted(detections, key=lambda one: -one.score):
@@ -75,6 +75,6 @@ def _painted(detections: list[Detection], path: Path) -> list[Detection]:
             )
         left = mask & ~taken
         if left.sum() >= max(LEAST_LEFT * mask.sum(), 1):
-            kept.append(replace(one, mask=encode_mask(left), box_px=box_of_mask(left)))
+            kept.append(replace(one, mask=encode_mask(left), box_px=mask_to_box(left)))
             taken |= left
     return kept

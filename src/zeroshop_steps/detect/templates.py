@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from zeroshop_steps.bop.models import Model, listed_objects, read_models
+from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic.rings import look_at
+from zeroshop_steps.synthetic.camera_rings import look_at
 
 CACHED = Cached(inputs=("models",))
 SUBDIVISIONS = {42: 1, 642: 3}
@@ -58,14 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Render the views of all models of a folder."""
-    models = read_models(args.models, listed_objects(args.models))
+    models = read_models(args.models, list_objects(args.models))
     with atomic_directory(args.out) as folder:
         for model in track(models.values(), "templates", len(models)):
             views = render_templates(model, args.views, args.side_px)
             np.savez(folder / f"obj_{model.object_id:06d}.npz", **vars(views))
 
 
-def render_templates(model: Model, views: int, side_px: int) -> Templates:
+def render_templates(model: ObjectModel, views: int, side_px: int) -> Templates:
     """Render one model from `views` directions, 42 or 642."""
     vertices = model.mesh.vertices
     middle = (vertices.min(0) + vertices.max(0)) / 2
@@ -75,7 +75,7 @@ def render_templates(model: Model, views: int, side_px: int) -> Templates:
     intrinsics = np.array([[focal_px, 0, side_px / 2], [0, focal_px, side_px / 2], [0, 0, 1]])
     renderer = MeshRenderer(model.mesh)
     colors, depths, poses = [], [], []
-    for direction in view_directions(views):
+    for direction in make_view_directions(views):
         pose = look_at(middle + distance_mm * direction, middle)
         camera = Camera("", side_px, side_px, intrinsics, pose)
         depth = renderer.cast_rays(camera).depth
@@ -86,7 +86,7 @@ def render_templates(model: Model, views: int, side_px: int) -> Templates:
     return Templates(np.stack(colors), np.stack(depths), np.stack(poses), intrinsics)
 
 
-def view_directions(views: int) -> np.ndarray:
+def make_view_directions(views: int) -> np.ndarray:
     """(views, 3) unit vectors from the model to its cameras; turned a little, so that none looks straight down."""
     corners = np.asarray(trimesh.creation.icosphere(SUBDIVISIONS[views], 1.0).vertices)
     turn = trimesh.transformations.rotation_matrix(0.1, [1.0, 0.3, 0.2])[:3, :3]

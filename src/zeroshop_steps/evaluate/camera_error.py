@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
         record["reason"] = status["reason"]
     model = args.cameras / ("sparse" if status["status"] == "ok" else "rejected")
     if (model / "cameras.bin").is_file():
-        error = camera_error(read_sparse_model(model).cameras, truth)
+        error = compare_cameras(read_sparse_model(model).cameras, truth)
         record |= {
             "registered": len(error.names),
             "mean_centre_error_mm": float(error.centre_mm.mean()),
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> None:
             writer.writerows([name, key, value] for key, value in values.items())
 
 
-def camera_error(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> CameraError:
+def compare_cameras(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> CameraError:
     """Align `estimated` to `truth` by the camera centres that both have (matched by image stem) and measure what is left.
 
     Raises:

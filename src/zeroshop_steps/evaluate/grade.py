@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.evaluate.grading import MEASURES, Verdict, judge
-from zeroshop_steps.evaluate.photo_measures import photo_agreement
-from zeroshop_steps.evaluate.surface_measures import largest_part_share, open_boundary, roughness_deg
-from zeroshop_steps.finish.preview import seen_from
-from zeroshop_steps.finish.underside import without_underside
+from zeroshop_steps.evaluate.grading import MEASURES, GradeResult, grade_by_worst
+from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
+from zeroshop_steps.evaluate.surface_measures import measure_largest_part_share, measure_open_boundary, measure_roughness_deg
+from zeroshop_steps.finish.preview import transform_camera
+from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
@@ -51,12 +51,12 @@ def run(args: argparse.Namespace) -> None:
     facts = notes["frame_facts"]
     views, _ = read_views(args.cameras)
     object_from_registration = np.array(facts["object_from_registration"])
-    views = [replace(view, camera=seen_from(view.camera, object_from_registration)) for view in views]
+    views = [replace(view, camera=transform_camera(view.camera, object_from_registration)) for view in views]
     record = read_json(args.cameras / "registration.json")
     mesh = read_ply(args.mesh)
-    values = measured(without_underside(mesh, notes), views, record["images"], facts["bottom_z"])
+    values = measured(drop_underside(mesh, notes), views, record["images"], facts["bottom_z"])
     if args.evidence:
-        values["assumed_share"] = compute_area_shares(without_underside(with_surface_support(mesh, args.evidence), notes))["assumed"]
+        values["assumed_share"] = compute_area_shares(drop_underside(with_surface_support(mesh, args.evidence), notes))["assumed"]
     true_values = None
     if args.quality:
         quality = read_json(args.quality)
@@ -86,20 +86,20 @@ def measured(mesh: Mesh, views: list[View], photos: int, support_z: float) -> di
     """
     cameras = [view.camera for view in views]
     below = sum(camera.centre_in_world[2] < support_z for camera in cameras)
-    agreement = asdict(photo_agreement(mesh, views))
+    agreement = asdict(measure_photo_agreement(mesh, views))
     values = agreement | {
         "registered_share": len(views) / photos,
-        "largest_part_share": largest_part_share(mesh),
-        "open_boundary_diameters": open_boundary(mesh, cameras, None if below >= SEEN_FROM_BELOW else support_z),
-        "roughness_deg": roughness_deg(mesh),
+        "largest_part_share": measure_largest_part_share(mesh),
+        "open_boundary_diameters": measure_open_boundary(mesh, cameras, None if below >= SEEN_FROM_BELOW else support_z),
+        "roughness_deg": measure_roughness_deg(mesh),
     }
     return {name: round(float(value), 5) for name, value in values.items()}
 
 
 def graded(values: dict[str, float], true_values: dict[str, float] | None, limits: dict[str, tuple[float, float]]) -> dict:
     """The content of grade.json: the grade that counts, and both judgements with their measures."""
-    photos = judge(values, limits)
-    truth = judge(true_values, limits) if true_values is not None else None
+    photos = grade_by_worst(values, limits)
+    truth = grade_by_worst(true_values, limits) if true_values is not None else None
     deciding = truth or photos
     return {
         "grade": deciding.grade,
@@ -125,5 +125,5 @@ def write_grade(path: Path, content: dict) -> None:
         writer.writerows(rows)
 
 
-def _judgement(verdict: Verdict, values: dict[str, float]) -> dict:
+def _judgement(verdict: GradeResult, values: dict[str, float]) -> dict:
     return {"grade": verdict.grade, "reasons": list(verdict.reasons), "measures": values}

@@ -53,14 +53,14 @@ MEASURES = (
 
 
 @dataclass(frozen=True)
-class Verdict:
+class GradeResult:
     """A grade, and for each measure that is not good a line that says why."""
 
     grade: str
     reasons: tuple[str, ...]
 
 
-def judge(values: Mapping[str, float], limits: Mapping[str, tuple[float, float]]) -> Verdict:
+def grade_by_worst(values: Mapping[str, float], limits: Mapping[str, tuple[float, float]]) -> GradeResult:
     """Grade by the worst of the measures in `values`, under the (good, sparse) limits of each."""
     worst, reasons = len(GRADES) - 1, []
     for measure in MEASURES:
@@ -73,4 +73,4 @@ def judge(values: Mapping[str, float], limits: Mapping[str, tuple[float, float]]
             word, limit = ("below" if measure.at_least else "above"), (good if grade == "sparse" else sparse)
             kept = "good" if grade == "sparse" else "sparse"
             reasons.append(f"{grade}: {measure.name} is {value:.4g}, {word} {limit:g}, the limit of {kept} ({measure.text})")
-    return Verdict(GRADES[worst], tuple(reason.replace("%%", "%") for reason in reasons))
+    return GradeResult(GRADES[worst], tuple(reason.replace("%%", "%") for reason in reasons))

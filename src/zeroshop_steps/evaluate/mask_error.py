@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
-class Judged:
+class FrameMasks:
     """A frame that was taken from the film.
 
     Attributes:
@@ -51,7 +51,7 @@ class Judged:
 
 def run(args: argparse.Namespace) -> None:
     """Write the CSV and the picture."""
-    frames = judged_frames(args.cameras, args.capture, args.truth)
+    frames = read_frame_masks(args.cameras, args.capture, args.truth)
     overlaps = {frame.name: frame.overlap for frame in frames}
     found = np.array([overlap for overlap in overlaps.values() if overlap is not None])
     summary = {"masks": len(found), "left_out": len(overlaps) - len(found)}
@@ -64,10 +64,10 @@ def run(args: argparse.Namespace) -> None:
         writer.writerows([name, "iou", "" if overlap is None else round(overlap, 4)] for name, overlap in overlaps.items())
     worst = sorted((frame for frame in frames if frame.found is not None), key=lambda frame: frame.overlap)[:SHEET_COLUMNS]
     images = [read_image(args.cameras / "images" / f"{frame.name}.png") for frame in worst]
-    write_image(args.out.with_suffix(".png"), picture(worst, images))
+    write_image(args.out.with_suffix(".png"), draw_mask_errors(worst, images))
 
 
-def judged_frames(cameras: Path, capture: Path, truth: Path) -> list[Judged]:
+def read_frame_masks(cameras: Path, capture: Path, truth: Path) -> list[FrameMasks]:
     """The frames of a capture with their masks.
 
     Raises:
@@ -80,12 +80,12 @@ def judged_frames(cameras: Path, capture: Path, truth: Path) -> list[Judged]:
     judged = []
     for index, number in enumerate(frames):
         path = cameras / "masks" / f"{index:06d}.png"
-        true = undistorted(read_mask(truth / "masks" / f"{number:06d}.png"), lens)
-        judged.append(Judged(path.stem, true, read_mask(path) if path.is_file() else None))
+        true = undistort_mask(read_mask(truth / "masks" / f"{number:06d}.png"), lens)
+        judged.append(FrameMasks(path.stem, true, read_mask(path) if path.is_file() else None))
     return judged
 
 
-def picture(frames: list[Judged], images: list[np.ndarray]) -> np.ndarray:
+def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.ndarray:
     """(H, W, 3) uint8: the object in each frame, red where the mask is too large, green where it lacks something."""
     tiles = []
     for frame, image in zip(frames, images, strict=True):
@@ -104,7 +104,7 @@ def picture(frames: list[Judged], images: list[np.ndarray]) -> np.ndarray:
     return rows_of(tiles) if tiles else np.zeros((TILE_WIDTH_PX, TILE_WIDTH_PX, 3), np.uint8)
 
 
-def undistorted(mask: np.ndarray, lens: dict | None) -> np.ndarray:
+def undistort_mask(mask: np.ndarray, lens: dict | None) -> np.ndarray:
     """An (H, W) bool mask of the picture as it was taken, in the undistorted one; `lens` is the registration's."""
     if not lens:
         return mask

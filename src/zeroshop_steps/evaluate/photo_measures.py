@@ -85,7 +85,7 @@ def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAg
     places = points + OFFSETS_DIAMETERS[:, None, None] * diameter * normals
     places = np.concatenate([points[None], places])
     look = _look(joined, places, normals, views, diameter)
-    weight, colors = look.weight, look.colors * exposure.gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
+    weight, colors = look.weight, look.colors * exposure.estimate_gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
     spread = np.stack([_spread(shown, weight) for shown in colors])
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)

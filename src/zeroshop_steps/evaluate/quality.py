@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.finish.preview import seen_from
-from zeroshop_steps.finish.underside import without_underside
+from zeroshop_steps.finish.preview import transform_camera
+from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
     notes = read_json(args.mesh.with_suffix(".json"))
     facts = notes["frame_facts"]
     figures = figures_of(
-        without_underside(read_ply(args.mesh), notes),
+        drop_underside(read_ply(args.mesh), notes),
         np.array(facts["object_from_registration"]),
         read_sparse_model(args.cameras / "sparse").cameras,
         Truth.read(args.capture, args.model),
@@ -139,7 +139,7 @@ def _appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View])
     renderer = MeshRenderer(mesh)
     psnr, iou = [], []
     for view in held_out:
-        mask, camera = view.mask(), seen_from(view.camera, object_from_truth)
+        mask, camera = view.mask(), transform_camera(view.camera, object_from_truth)
         rendered, silhouette = renderer.render_masked_color(camera, 3)
         photo = np.where(mask[..., None], view.image(), 0)
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.finish.clean import part_labels
+from zeroshop_steps.finish.clean import label_parts
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, face_normals, sample_surface
@@ -21,7 +21,7 @@ LEAST_NEIGHBOURS = 4
 def largest_part_share(mesh: Mesh) -> float:
     """Area of the largest connected part, as a share of the whole; vertices of equal position are joined."""
     joined, _ = weld(mesh)
-    areas = np.bincount(part_labels(joined), joined.face_areas())
+    areas = np.bincount(label_parts(joined), joined.face_areas())
     return float(areas.max() / max(areas.sum(), 1e-30))
 
 

@@ -25,10 +25,10 @@ class Texels:
     barycentric: np.ndarray
 
 
-def rasterize(mesh: Mesh, size: int) -> Texels:
+def rasterize_atlas(mesh: Mesh, size: int) -> Texels:
     """Find the face and the barycentric position of every texel of a `size` x `size` texture."""
     corners = np.stack([mesh.uv[:, 0] * size, (1.0 - mesh.uv[:, 1]) * size], 1)
-    face = _rasterize(np.ascontiguousarray(corners), mesh.faces, size)
+    face = _rasterize_faces(np.ascontiguousarray(corners), mesh.faces, size)
     row, column = np.nonzero(face >= 0)
     face = face[row, column].astype(np.int64)
     a, b, c = (corners[mesh.faces[face, corner]] for corner in range(3))
@@ -54,7 +54,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _rasterize(corners: np.ndarray, faces: np.ndarray, size: int) -> np.ndarray:
+def _rasterize_faces(corners: np.ndarray, faces: np.ndarray, size: int) -> np.ndarray:
     owner = np.full((size, size), -1, np.int32)
     for f in range(len(faces)):
         ax, ay = corners[faces[f, 0]]

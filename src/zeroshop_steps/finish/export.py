@@ -33,19 +33,19 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     if mesh.uv is None:
         raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
-    product = in_object_frame(mesh, np.array(frame["object_from_registration"]), read_image(args.texture))
+    product = move_to_object_frame(mesh, np.array(frame["object_from_registration"]), read_image(args.texture))
     stages = {_stage_name(path): read_json(path) for path in [*args.stages, args.frame]}
-    write_product(args.out, product, product_notes(product, frame, stages))
-    print(f"export: {args.out} {notes_line(product, frame)}", file=sys.stderr)
+    write_product(args.out, product, make_metadata(product, frame, stages))
+    print(f"export: {args.out} {summarize_product(product, frame)}", file=sys.stderr)
 
 
-def in_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: np.ndarray) -> Mesh:
+def move_to_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: np.ndarray) -> Mesh:
     """The textured mesh moved by a (4, 4) similarity, with fresh normals."""
     vertices = mesh.vertices @ object_from_registration[:3, :3].T + object_from_registration[:3, 3]
     return Mesh(vertices, mesh.faces, None, mesh.uv, texture).with_normals()
 
 
-def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
+def make_metadata(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
     """The content of the product's JSON."""
     seconds = {name: _seconds(content) for name, content in stages.items() if _seconds(content) is not None}
     cpu_seconds = {name: content["cpu_seconds"] for name, content in stages.items() if "cpu_seconds" in content}
@@ -69,7 +69,7 @@ def product_notes(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
     }
 
 
-def notes_line(mesh: Mesh, frame: dict) -> str:
+def summarize_product(mesh: Mesh, frame: dict) -> str:
     """One line for people: size and frame."""
     size = " x ".join(f"{extent:.1f}" for extent in np.ptp(mesh.vertices, axis=0))
     return f"{size} {'mm' if frame['scale'] == 'known' else '(scale unknown)'}, up from {frame['up_source']}"

@@ -9,7 +9,7 @@ DARKEST = 0.02
 """Brightness of 1 below which a point tells nothing of a ratio."""
 
 
-def gains(brightness: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:
+def estimate_gains(brightness: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """(V,) factors that make photos equally bright: the median ratio between what all photos and what each shows.
 
     Args:

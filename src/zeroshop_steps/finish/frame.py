@@ -35,8 +35,8 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
-    frame = object_frame(mesh, views, read_json(args.height))
-    first = first_photo(args.capture) or views[0].camera.name
+    frame = compute_object_frame(mesh, views, read_json(args.height))
+    first = find_first_photo(args.capture) or views[0].camera.name
     frame["first_photo"] = Path(first).stem
     if Path(first).stem != Path(views[0].camera.name).stem:
         frame["warnings"].append(f"the first photo {first} has no camera; x points to {views[0].camera.name} instead")
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     write_json(args.out, frame | {"seconds": round(time.monotonic() - start_s, 2)})
 
 
-def object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[str, Any]:
+def compute_object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[str, Any]:
     """The object frame as the content of frame.json.
 
     `object_from_registration` is a (4, 4) similarity to millimetres (to registration units where the scale is unknown).
@@ -57,7 +57,7 @@ def object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[
         height: content of height.json.
     """
     z, metric = np.array(height["up"]), height["scale"] == "known"
-    rotation, middle, warnings = _rotation(z, mesh, views[0])
+    rotation, middle, warnings = _compute_rotation(z, mesh, views[0])
     if height["up_source"] == "camera_roll":
         warnings.append(
             "no ground was found to stand on, so z follows how the camera was held, which may lean; print under the object helps"
@@ -78,14 +78,14 @@ def object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[
     }
 
 
-def _rotation(z: np.ndarray, mesh: Mesh, view: View) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _compute_rotation(z: np.ndarray, mesh: Mesh, view: View) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """(3, 3) rotation object_from_registration, (3,) middle of the box after it, and warnings.
 
     x leads from that middle to the camera, and the box follows x: a few rounds settle both.
     """
     centre = mesh.vertices.mean(0)
     for _ in range(ROUNDS):
-        x, warnings = _towards_camera(z, centre, view)
+        x, warnings = _point_to_camera(z, centre, view)
         rotation = np.stack([x, np.cross(z, x), z])
         turned = mesh.vertices @ rotation.T
         middle = (turned.min(0) + turned.max(0)) / 2
@@ -93,7 +93,7 @@ def _rotation(z: np.ndarray, mesh: Mesh, view: View) -> tuple[np.ndarray, np.nda
     return rotation, middle, warnings
 
 
-def _towards_camera(z: np.ndarray, centre: np.ndarray, view: View) -> tuple[np.ndarray, list[str]]:
+def _point_to_camera(z: np.ndarray, centre: np.ndarray, view: View) -> tuple[np.ndarray, list[str]]:
     """(3,) unit x: the horizontal direction from the object's centre to the first camera; from above, its image's lower side."""
     direction = view.camera.centre_in_world - centre
     horizontal = direction - z * (z @ direction)
@@ -105,7 +105,7 @@ def _towards_camera(z: np.ndarray, centre: np.ndarray, view: View) -> tuple[np.n
     return horizontal / np.linalg.norm(horizontal), warnings
 
 
-def first_photo(capture: Path) -> str | None:
+def find_first_photo(capture: Path) -> str | None:
     """The name of a capture's first picture; None without any."""
     folder = capture / "images"
     names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES) if folder.is_dir() else []

@@ -32,15 +32,15 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
     object_from_registration = np.array(read_json(args.mesh.with_suffix(".json"))["frame_facts"]["object_from_registration"])
-    write_image(args.out, draw(MeshRenderer(mesh), views, object_from_registration, args.count))
+    write_image(args.out, draw_preview(MeshRenderer(mesh), views, object_from_registration, args.count))
 
 
-def draw(renderer: MeshRenderer, views: list[View], object_from_registration: np.ndarray, count: int) -> np.ndarray:
+def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registration: np.ndarray, count: int) -> np.ndarray:
     """Three rows of tiles (photo, textured mesh, shape), one column a photo, cropped to the object."""
     chosen = [views[k] for k in np.unique(np.linspace(0, len(views) - 1, count).round().astype(int))]
     columns = []
     for view in chosen:
-        camera, left, top = cropped(seen_from(view.camera, object_from_registration), view.mask())
+        camera, left, top = crop_to_mask(transform_camera(view.camera, object_from_registration), view.mask())
         photo = np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
         image = view.image()
         x0, y0 = max(left, 0), max(top, 0)
@@ -53,7 +53,7 @@ def draw(renderer: MeshRenderer, views: list[View], object_from_registration: np
     return np.concatenate(columns, 1)
 
 
-def seen_from(camera: Camera, target_from_world: np.ndarray) -> Camera:
+def transform_camera(camera: Camera, target_from_world: np.ndarray) -> Camera:
     """The camera that sees a model moved by the (4, 4) similarity `target_from_world` as `camera` sees it unmoved (depths scale)."""
     linear = target_from_world[:3, :3]
     rotation = camera.camera_from_world[:3, :3] @ (linear / np.cbrt(np.linalg.det(linear))).T
@@ -63,7 +63,7 @@ def seen_from(camera: Camera, target_from_world: np.ndarray) -> Camera:
     return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, camera_from_target)
 
 
-def cropped(camera: Camera, mask: np.ndarray) -> tuple[Camera, int, int]:
+def crop_to_mask(camera: Camera, mask: np.ndarray) -> tuple[Camera, int, int]:
     """A square crop around the mask: its camera and its left and top pixel, which may lie outside the image."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     if len(rows) == 0:

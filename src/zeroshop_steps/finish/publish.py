@@ -27,10 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Publish one product."""
-    publish(args.mesh, args.out, args.preview, args.quality, args.grade, args.evidence)
+    publish_product(args.mesh, args.out, args.preview, args.quality, args.grade, args.evidence)
 
 
-def publish(
+def publish_product(
     mesh_path: Path, out: Path, preview: Path | None = None, quality: Path | None = None, grade: Path | None = None,
     evidence: Path | None = None,
 ) -> None:  # fmt: skip

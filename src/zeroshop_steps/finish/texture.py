@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from zeroshop_steps.finish import exposure
-from zeroshop_steps.finish.atlas import fill_gutters, rasterize
+from zeroshop_steps.finish.atlas import fill_gutters, rasterize_atlas
 from zeroshop_steps.finish.unwrap import check_texture_size
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
@@ -65,7 +65,7 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
     joined = Mesh(joined.vertices, joined.faces, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
     maps = [compute_view_maps(view, renderer.cast_rays(view.camera), extent) for view in views]
     images = [view.image().astype(np.float32) / 255.0 for view in views]
-    texels = rasterize(mesh, size)
+    texels = rasterize_atlas(mesh, size)
     if len(texels.face) == 0:
         raise StepError("the unwrapped mesh covers no texel; unwrap it again, or choose a larger --texture-size")
     count = len(texels.face)
@@ -103,7 +103,7 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
 
 def _equalised(images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps]) -> tuple[list[np.ndarray], np.ndarray]:
     """The images without differences of exposure, and the factor of each."""
-    factors = exposure.gains(_vertex_colors(images, mesh, maps).mean(2), quality, quality > 0.05)
+    factors = exposure.estimate_gains(_vertex_colors(images, mesh, maps).mean(2), quality, quality > 0.05)
     return [image * factor for image, factor in zip(images, factors, strict=True)], factors
 
 

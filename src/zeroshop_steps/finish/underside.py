@@ -67,20 +67,20 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh, height = read_ply(args.mesh), read_json(args.height)
     wanted = args.underside == "closed" and height["up_source"] == "support_plane"
-    mesh, underside = closed(mesh, np.array(height["up"]), height["bottom"]) if wanted else left_open(mesh)
+    mesh, underside = close_underside(mesh, np.array(height["up"]), height["bottom"]) if wanted else leave_open(mesh)
     write_ply(args.out, mesh)
     facts = {"underside": underside.notes(), "parameters": {"underside": args.underside}}
     write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"underside: {underside.state}, {underside.faces} faces, watertight: {underside.watertight}", file=sys.stderr)
 
 
-def left_open(mesh: Mesh) -> tuple[Mesh, Underside]:
+def leave_open(mesh: Mesh) -> tuple[Mesh, Underside]:
     """The mesh as it is; it may be closed already."""
-    borders = open_borders(mesh.faces)
+    borders = find_open_borders(mesh.faces)
     return mesh, Underside("open" if borders else "closed", len(mesh.faces), 0, 0, len(borders), watertight=not borders)
 
 
-def closed(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Underside]:
+def close_underside(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Underside]:
     """Close the borders near the plane up . x = bottom.
 
     Args:
@@ -91,36 +91,36 @@ def closed(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Underside]:
     Returns:
         The mesh with fresh normals, and what was added.
     """
-    borders = open_borders(mesh.faces)
-    chosen = _of_the_underside(borders, mesh.vertices, up, bottom)
+    borders = find_open_borders(mesh.faces)
+    chosen = _choose_borders(borders, mesh.vertices, up, bottom)
     if not chosen:
-        return left_open(mesh)
+        return leave_open(mesh)
     ring = np.concatenate(chosen)
     after = np.concatenate([np.roll(border, -1) for border in chosen])
     foot = len(mesh.vertices) + np.arange(len(ring))  # below each vertex of the borders, on the plane
     foot_after = np.concatenate([np.roll(part, -1) for part in np.split(foot, np.cumsum([len(border) for border in chosen])[:-1])])
     skirt = np.concatenate([np.stack([after, ring, foot], 1), np.stack([after, foot, foot_after], 1)])
     across = _axes_seen_from_below(up)
-    filled = _filled([mesh.vertices[border] @ across.T for border in chosen], float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
+    filled = _fill([mesh.vertices[border] @ across.T for border in chosen], float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
     if filled is None:
-        return left_open(mesh)
+        return leave_open(mesh)
     points, flat = filled
     vertices = np.concatenate([mesh.vertices, points @ across + bottom * up])
     flat = flat + len(mesh.vertices)
     faces = np.concatenate([mesh.faces, skirt, flat])
     whole = Mesh(vertices, faces).with_normals()
-    watertight = not open_borders(faces)
+    watertight = not find_open_borders(faces)
     added = len(faces) - len(mesh.faces)
     return whole, Underside("closed", len(mesh.faces), added, len(chosen), len(borders) - len(chosen), watertight)
 
 
-def without_underside(mesh: Mesh, notes: dict[str, Any]) -> Mesh:
+def drop_underside(mesh: Mesh, notes: dict[str, Any]) -> Mesh:
     """The mesh without the faces that the product's JSON marks as an unseen underside."""
     first = (notes.get("underside") or {}).get("first_face", len(mesh.faces))
     return Mesh(mesh.vertices, mesh.faces[:first], mesh.normals, mesh.uv, mesh.texture, mesh.quality).without_loose_vertices()
 
 
-def open_borders(faces: np.ndarray) -> list[np.ndarray]:
+def find_open_borders(faces: np.ndarray) -> list[np.ndarray]:
     """Closed chains of vertices along the edges of (F, 3) faces that have no partner in the other direction.
 
     At every vertex as many such edges end as begin, so that all of them belong to chains; none passes a vertex twice.
@@ -148,7 +148,7 @@ def open_borders(faces: np.ndarray) -> list[np.ndarray]:
     return borders
 
 
-def _of_the_underside(borders: list[np.ndarray], vertices: np.ndarray, up: np.ndarray, bottom: float) -> list[np.ndarray]:
+def _choose_borders(borders: list[np.ndarray], vertices: np.ndarray, up: np.ndarray, bottom: float) -> list[np.ndarray]:
     """The borders that run along the plane."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     heights = [np.abs(vertices[border] @ up - bottom) / diagonal for border in borders]
@@ -171,10 +171,10 @@ def _axes_seen_from_below(up: np.ndarray) -> np.ndarray:
     return across[::-1] if np.linalg.det(np.stack([*across, up])) > 0 else across
 
 
-def _filled(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.ndarray] | None:
+def _fill(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Vertices and faces in the plane between closed (N, 2) chains, smoothed until nothing is covered twice; None where that fails."""
     for length in SMOOTHED_DIAGONALS:
-        points, faces = _flat_part([_smoothed(border, length * diagonal) for border in borders])
+        points, faces = _triangulate_rings([_smooth_outline(border, length * diagonal) for border in borders])
         (ax, ay), (bx, by), (cx, cy) = points[faces].transpose(1, 2, 0)
         areas = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         if np.clip(-areas, 0.0, None).sum() < SIMPLE * np.abs(areas).sum():
@@ -182,7 +182,7 @@ def _filled(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.
     return None
 
 
-def _smoothed(chain: np.ndarray, length: float) -> np.ndarray:
+def _smooth_outline(chain: np.ndarray, length: float) -> np.ndarray:
     """A closed (N, 2) chain without waves shorter than `length`; longer ones stay as they are."""
     step = np.linalg.norm(chain - np.roll(chain, -1, 0), axis=1).sum() / len(chain)
     frequency = 2.0 * np.pi * np.fft.fftfreq(len(chain))
@@ -190,7 +190,7 @@ def _smoothed(chain: np.ndarray, length: float) -> np.ndarray:
     return np.fft.ifft(np.fft.fft(chain, axis=0) * kept[:, None], axis=0).real
 
 
-def _flat_part(rings: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _triangulate_rings(rings: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Fill the plane inside an outline, by rings that become coarser inwards, so that triangles stay round.
 
     Args:
@@ -206,7 +206,7 @@ def _flat_part(rings: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     while True:
         everything = np.concatenate(points)
         section = manifold3d.CrossSection([everything[ring] for ring in index]).offset(-step, manifold3d.JoinType.Round)
-        inset = [ring for ring in (_resampled(ring, step) for ring in section.to_polygons()) if len(ring) > 2]
+        inset = [ring for ring in (_resample(ring, step) for ring in section.to_polygons()) if len(ring) > 2]
         first = len(everything) + np.cumsum([0, *map(len, inset)])
         inner = [np.arange(start, start + len(ring)) for start, ring in zip(first, inset, strict=False)]
         band = [*index, *(ring[::-1] for ring in inner)]
@@ -218,7 +218,7 @@ def _flat_part(rings: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         index, step = inner, step * GROWTH
 
 
-def _resampled(ring: np.ndarray, step: float) -> np.ndarray:
+def _resample(ring: np.ndarray, step: float) -> np.ndarray:
     """A closed (N, 2) chain with points about `step` apart."""
     around = np.concatenate([ring, ring[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(around, axis=0), axis=1))])

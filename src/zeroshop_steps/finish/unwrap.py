@@ -1,4 +1,4 @@
-"""Unwrap the surface into a texture atlas: cut it into charts, pack them with xatlas; vertices are split where a seam runs."""
+"""Unwrap the surface into a texture atlas: cut_into_charts it into charts, pack them with xatlas; vertices are split where a seam runs."""
 
 import argparse
 import sys
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xatlas
 
-from zeroshop_steps.finish.charts import cut
+from zeroshop_steps.finish.charts import cut_into_charts
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.surface_fields import weld
 from zeroshop_steps.runtime.errors import StepError
@@ -49,7 +49,7 @@ def unwrap_mesh(mesh: Mesh, texture_size: int) -> tuple[Mesh, int]:
         charts: number of charts.
     """
     mesh, _ = weld(mesh)
-    chart, flat = cut(mesh)
+    chart, flat = cut_into_charts(mesh)
     # one vertex for each pair of place and chart
     keys, split = np.unique(chart[:, None] * len(mesh.vertices) + mesh.faces, return_inverse=True)
     faces, place = split.reshape(-1, 3), keys % len(mesh.vertices)

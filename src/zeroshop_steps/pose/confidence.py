@@ -10,14 +10,14 @@ WEIGHTS = np.array([-7.34, 11.13, 3.76, -0.85])
 published figure is about (the test set of the demo objects with seed 1, two images a scene, the true models)."""
 
 
-def features(explained: float, margin: float, points: int) -> np.ndarray:
+def make_features(explained: float, margin: float, points: int) -> np.ndarray:
     """(4,) what the probability is made of: 1, how well the image is explained, how much better than by another pose, the size."""
     return np.array([1.0, explained, min(margin, CLEAR_MARGIN) / CLEAR_MARGIN, np.log10(max(points, 1)) - 3.0])
 
 
-def confidence(explained: float, margin: float, points: int) -> float:
-    """0..1 of one estimate: its share of the image that is explained and margin (`Estimate`), and its measured points.
+def estimate_confidence(explained: float, margin: float, points: int) -> float:
+    """0..1 of one estimate: its share of the image that is explained and margin (`PoseEstimate`), and its measured points.
 
     The detection's own confidence adds nothing to these (its weight came out as 0.03) and means something else with every detector.
     """
-    return float(1.0 / (1.0 + np.exp(-WEIGHTS @ features(explained, margin, points))))
+    return float(1.0 / (1.0 + np.exp(-WEIGHTS @ make_features(explained, margin, points))))

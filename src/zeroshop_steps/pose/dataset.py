@@ -9,10 +9,10 @@ import numpy as np
 
 from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, read_detections
 from zeroshop_steps.bop.estimates import Estimates, write_estimates
-from zeroshop_steps.bop.models import Model, listed_objects, read_models
+from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
-from zeroshop_steps.detect.pictures import depth_of, photo_of
+from zeroshop_steps.detect.detector_io import read_depth, read_photo
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.progress import track
 
@@ -32,23 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="BOP result CSV to write")
 
 
-def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, Model]], Estimator]) -> None:
+def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, ObjectModel]], Estimator]) -> None:
     """Estimate the poses of the targets' detections and write them; `prepare` makes an estimator for these models."""
     targets = read_targets(args.targets)
     frames = read_target_frames(args.scenes, targets, args.targets, truth_needed=args.detections is None)
-    known = listed_objects(args.models)
+    known = list_objects(args.models)
     lacking = sorted({target.obj_id for target in targets} - set(known))
     if len(lacking) == len({target.obj_id for target in targets}):
         raise StepError(f"{args.targets} asks for the objects {lacking}, of which {args.models} has none; it has {known}")
     if lacking:
         warn(f"{args.models} has no model of the objects {lacking}; their poses are not estimated")
-    found = read_detections(args.detections) if args.detections else true_masks(frames)
-    found = looked_at(found, targets, known, SPARE_DETECTIONS if args.detections else 0, args.detections)
+    found = read_detections(args.detections) if args.detections else read_true_masks(frames)
+    found = choose_detections(found, targets, known, SPARE_DETECTIONS if args.detections else 0, args.detections)
     estimator = prepare(read_models(args.models, {one.object_id for one in found}))
     write_estimates(args.out, estimate_all(found, frames, estimator))
 
 
-def true_masks(frames: Frames) -> list[Detection]:
+def read_true_masks(frames: Frames) -> list[Detection]:
     """Perfect detections of everything visible, the most visible with the highest score.
 
     Raises:
@@ -63,7 +63,7 @@ def true_masks(frames: Frames) -> list[Detection]:
     return found
 
 
-def looked_at(
+def choose_detections(
     found: Sequence[Detection], targets: Sequence[Target], known: Sequence[int], spare: int, path: Path | None
 ) -> list[Detection]:
     """The detections of targets whose objects have models: as many of the surest as there are instances, and `spare` more.
@@ -92,8 +92,8 @@ def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Est
     rows: list[tuple] = []
     for image, members in track(by_image.items(), "poses", len(by_image)):
         start_s, here = time.monotonic(), []
-        photo = photo_of(frames[image])
-        depth = depth_of(frames[image], photo, "and poses are found from depth: add it")
+        photo = read_photo(frames[image])
+        depth = read_depth(frames[image], photo, "and poses are found from depth: add it")
         for detection in members:
             mask = decode_mask(detection.mask)
             if mask.shape != depth.shape:

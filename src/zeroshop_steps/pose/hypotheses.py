@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.detect.templates import view_directions
+from zeroshop_steps.detect.templates import make_view_directions
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.pose.icp import shape_costs, stepped
-from zeroshop_steps.pose.nearest import nearest_surface
+from zeroshop_steps.pose.icp import compute_shape_costs, run_icp
+from zeroshop_steps.pose.nearest_surface import build_nearest_surface
 
 VIEWS, TURNS = 42, 24
 START_SAMPLES = 2000
@@ -20,10 +20,12 @@ class PoseSearch:
     """One model, ready to be found."""
 
     def __init__(self, mesh: Mesh, diameter_mm: float) -> None:
-        self._surface = nearest_surface(mesh, diameter_mm)
+        self._surface = build_nearest_surface(mesh, diameter_mm)
         self._diameter_mm = diameter_mm
         turns = Rotation.from_euler("z", np.arange(TURNS)[:, None] * 2 * np.pi / TURNS)
-        self._rotations = np.concatenate([(turns * Rotation.from_matrix(_towards(view))).as_matrix() for view in view_directions(VIEWS)])
+        self._rotations = np.concatenate(
+            [(turns * Rotation.from_matrix(_look_from(view))).as_matrix() for view in make_view_directions(VIEWS)]
+        )
 
     @property
     def is_open(self) -> bool:
@@ -40,16 +42,16 @@ class PoseSearch:
             intrinsics: (3, 3) BOP's K.
         """
         seen = depth_mm, mask, intrinsics
-        poses = stepped(self._starts(points), points[:FIRST_POINTS], self._surface, FIRST_STEPS)
-        costs = shape_costs(poses, points[:FIRST_POINTS], self._surface, self._diameter_mm, *seen)
+        poses = run_icp(self._starts(points), points[:FIRST_POINTS], self._surface, FIRST_STEPS)
+        costs = compute_shape_costs(poses, points[:FIRST_POINTS], self._surface, self._diameter_mm, *seen)
         poses = poses[self._different(poses, costs)[:FIRST_KEPT]]
-        poses = stepped(poses, points[:LAST_POINTS], self._surface, LAST_STEPS)
-        costs = shape_costs(poses, points[:LAST_POINTS], self._surface, self._diameter_mm, *seen)
+        poses = run_icp(poses, points[:LAST_POINTS], self._surface, LAST_STEPS)
+        costs = compute_shape_costs(poses, points[:LAST_POINTS], self._surface, self._diameter_mm, *seen)
         return poses[self._different(poses, costs)[:KEPT]]
 
     def refined(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(P, 4, 4) camera_from_model after further steps on more points."""
-        return stepped(poses, points[:FINAL_POINTS], self._surface, FINAL_STEPS)
+        return run_icp(poses, points[:FINAL_POINTS], self._surface, FINAL_STEPS)
 
     def _starts(self, points: np.ndarray) -> np.ndarray:
         """Every rotation, the middle of the surface that then faces the camera put onto the middle of the measured points."""
@@ -76,7 +78,7 @@ class PoseSearch:
         return np.array(chosen, np.int64)
 
 
-def _towards(view: np.ndarray) -> np.ndarray:
+def _look_from(view: np.ndarray) -> np.ndarray:
     """(3, 3) camera_from_model of a camera that looks from the direction `view` (3,)."""
     forward = -view
     right = np.cross(forward, [0.0, 0.0, 1.0])

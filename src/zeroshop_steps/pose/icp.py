@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from zeroshop_steps.pose.nearest import NearestSurface
+from zeroshop_steps.pose.nearest_surface import NearestSurface
 
 NEAR_SHARE = 0.85
 LARGEST_TURN = 0.4
@@ -15,18 +15,18 @@ CONFLICT_MM = 12.0
 CONFLICT_DIAMETERS = 0.1
 
 
-def stepped(poses: np.ndarray, points: np.ndarray, surface: NearestSurface, steps: int) -> np.ndarray:
+def run_icp(poses: np.ndarray, points: np.ndarray, surface: NearestSurface, steps: int) -> np.ndarray:
     """(P, 4, 4) camera_from_model after `steps` steps of point-to-plane ICP (Chen and Medioni 1991) towards (N, 3) points, mm.
 
     The farthest points count for nothing, nor do those that would lie on a surface which faces away, unless the model may be hollow.
     """
     moved = np.ascontiguousarray(poses, np.float64).copy()
     tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
-    _step_all(moved, np.ascontiguousarray(points, np.float64), *tables, steps)
+    _run_icp(moved, np.ascontiguousarray(points, np.float64), *tables, steps)
     return moved
 
 
-def shape_costs(
+def compute_shape_costs(
     poses: np.ndarray, points: np.ndarray, surface: NearestSurface, diameter_mm: float, depth_mm: np.ndarray, mask: np.ndarray,
     intrinsics: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
@@ -44,11 +44,11 @@ def shape_costs(
     poses, points = np.ascontiguousarray(poses, np.float64), np.ascontiguousarray(points, np.float64)
     tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
     focal = np.array([intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]], np.float64)
-    return _judge_all(poses, points, *tables, float(diameter_mm), depth_mm, mask, focal)
+    return _compute_costs(poses, points, *tables, float(diameter_mm), depth_mm, mask, focal)
 
 
 @numba.njit(cache=True)
-def _local(pose, point, out):
+def _to_model_frame(pose, point, out):
     """The point in the model's frame."""
     for axis in range(3):
         out[axis] = 0.0
@@ -57,7 +57,7 @@ def _local(pose, point, out):
 
 
 @numba.njit(cache=True)
-def _nearest(local, low, cell_mm, table):
+def _look_up_nearest(local, low, cell_mm, table):
     """The sample nearest to a point in the model's frame, as the table knows it."""
     x = min(max(int((local[0] - low[0]) / cell_mm), 0), table.shape[0] - 1)
     y = min(max(int((local[1] - low[1]) / cell_mm), 0), table.shape[1] - 1)
@@ -66,20 +66,20 @@ def _nearest(local, low, cell_mm, table):
 
 
 @numba.njit(cache=True)
-def _turned(pose, vector, out):
+def _rotate(pose, vector, out):
     """A direction of the model's frame in the camera's."""
     for row in range(3):
         out[row] = pose[row, 0] * vector[0] + pose[row, 1] * vector[1] + pose[row, 2] * vector[2]
 
 
 @numba.njit(cache=True, parallel=True)
-def _step_all(poses, points, samples, normals, is_open, low, cell_mm, table, steps):
+def _run_icp(poses, points, samples, normals, is_open, low, cell_mm, table, steps):
     middle = np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
     for index in numba.prange(len(poses)):
         distances, faces = np.empty(len(points)), np.empty(len(points), np.bool_)
         rows, gaps = np.empty((len(points), 6)), np.empty(len(points))
         for _ in range(steps):
-            _equations(poses[index], points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps)
+            _build_equations(poses[index], points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps)
             limit = np.sort(distances)[int(np.ceil(NEAR_SHARE * (len(points) - 1)))]
             square, right = np.zeros((6, 6)), np.zeros(6)
             for point in range(len(points)):
@@ -90,18 +90,18 @@ def _step_all(poses, points, samples, normals, is_open, low, cell_mm, table, ste
                             square[i, j] += rows[point, i] * rows[point, j]
             for i in range(6):
                 square[i, i] += DAMPING * square[i, i] + 1e-6
-            _move(poses[index], np.linalg.solve(square, right), middle)
+            _apply_step(poses[index], np.linalg.solve(square, right), middle)
 
 
 @numba.njit(cache=True)
-def _equations(pose, points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps):
+def _build_equations(pose, points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps):
     """For each point: how far it is off, whether the surface there faces the camera, and its equation of the step."""
     local, normal, target = np.empty(3), np.empty(3), np.empty(3)
     for point in range(len(points)):
-        _local(pose, points[point], local)
-        sample = _nearest(local, low, cell_mm, table)
-        _turned(pose, normals[sample], normal)
-        _turned(pose, samples[sample], target)
+        _to_model_frame(pose, points[point], local)
+        sample = _look_up_nearest(local, low, cell_mm, table)
+        _rotate(pose, normals[sample], normal)
+        _rotate(pose, samples[sample], target)
         squared, towards, gap = 0.0, 0.0, 0.0
         for axis in range(3):
             squared += (local[axis] - samples[sample, axis]) ** 2
@@ -116,7 +116,7 @@ def _equations(pose, points, middle, samples, normals, is_open, low, cell_mm, ta
 
 
 @numba.njit(cache=True)
-def _move(pose, change, middle):
+def _apply_step(pose, change, middle):
     """Turn a pose about the middle by change[:3] and move it by change[3:], in place."""
     x, y, z = np.minimum(np.maximum(change[:3], -LARGEST_TURN), LARGEST_TURN)
     angle = np.sqrt(x * x + y * y + z * z)
@@ -130,16 +130,16 @@ def _move(pose, change, middle):
 
 
 @numba.njit(cache=True, parallel=True)
-def _judge_all(poses, points, samples, normals, is_open, low, cell_mm, table, diameter_mm, depth_mm, mask, focal):
+def _compute_costs(poses, points, samples, normals, is_open, low, cell_mm, table, diameter_mm, depth_mm, mask, focal):
     costs = np.empty(len(poses))
     kept = max(int(JUDGED_SHARE * len(points)), 1)
     for index in numba.prange(len(poses)):
         pose = poses[index]
         local, normal, place, off = np.empty(3), np.empty(3), np.empty(3), np.empty(len(points))
         for point in range(len(points)):
-            _local(pose, points[point], local)
-            sample = _nearest(local, low, cell_mm, table)
-            _turned(pose, normals[sample], normal)
+            _to_model_frame(pose, points[point], local)
+            sample = _look_up_nearest(local, low, cell_mm, table)
+            _rotate(pose, normals[sample], normal)
             squared, towards = 0.0, 0.0
             for axis in range(3):
                 squared += (local[axis] - samples[sample, axis]) ** 2
@@ -147,8 +147,8 @@ def _judge_all(poses, points, samples, normals, is_open, low, cell_mm, table, di
             off[point] = np.sqrt(squared) + (AWAY_DIAMETERS * diameter_mm if towards >= 0 and not is_open else 0.0)
         facing, conflicts = 0, 0
         for sample in range(SEEN_SAMPLES):
-            _turned(pose, normals[sample], normal)
-            _turned(pose, samples[sample], place)
+            _rotate(pose, normals[sample], normal)
+            _rotate(pose, samples[sample], place)
             towards = 0.0
             for axis in range(3):
                 place[axis] += pose[axis, 3]

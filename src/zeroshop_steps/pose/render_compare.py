@@ -12,13 +12,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.bop.detections import Detection
-from zeroshop_steps.bop.models import Model
+from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.pose import dataset
-from zeroshop_steps.pose.compare import COARSE_RAYS, FINE_RAYS, RAYS, Comparison, Patch, patch_of
-from zeroshop_steps.pose.confidence import SAME_DIAMETERS, confidence
+from zeroshop_steps.pose.confidence import SAME_DIAMETERS, estimate_confidence
 from zeroshop_steps.pose.hypotheses import PoseSearch
+from zeroshop_steps.pose.pose_score import COARSE_RAYS, FINE_RAYS, RAYS, ImagePatch, PoseScorer, cut_patch
 
 LEAST_POINTS = 30
 NEAR_DIAMETERS = 0.6
@@ -28,12 +28,12 @@ ROUNDS = 2
 
 
 @dataclass(frozen=True)
-class Estimate:
+class PoseEstimate:
     """One estimated pose.
 
     Attributes:
         camera_from_model: (4, 4) mm.
-        explained: 0..1, how well it explains the image (`Comparison.scores`).
+        explained: 0..1, how well it explains the image (`PoseScorer.score`).
         margin: how much better than the best pose that is clearly another one; 0..1.
         points: measured points on the detection.
     """
@@ -54,28 +54,30 @@ def run(args: argparse.Namespace) -> None:
     dataset.run_estimator(args, prepare)
 
 
-def prepare(models: dict[int, Model]) -> dataset.Estimator:
+def prepare(models: dict[int, ObjectModel]) -> dataset.Estimator:
     """The estimator for these models."""
-    ready = {number: Ready(model) for number, model in models.items()}
+    ready = {number: PreparedModel(model) for number, model in models.items()}
 
     def estimator(detection: Detection, mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, frame: Frame):
-        found = estimate(mask, photo, depth_mm, frame.intrinsics, ready[detection.object_id])
-        return found and (found.camera_from_model, confidence(found.explained, found.margin, found.points))
+        found = estimate_pose(mask, photo, depth_mm, frame.intrinsics, ready[detection.object_id])
+        return found and (found.camera_from_model, estimate_confidence(found.explained, found.margin, found.points))
 
     return estimator
 
 
-class Ready:
+class PreparedModel:
     """One model, prepared to be searched and compared."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: ObjectModel) -> None:
         self.model = model
         self.search = PoseSearch(model.mesh, model.diameter_mm)
-        self.comparison = Comparison(model.mesh)
+        self.comparison = PoseScorer(model.mesh)
         self.points = ModelPoints.of(model.mesh.vertices)
 
 
-def estimate(mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: Ready) -> Estimate | None:
+def estimate_pose(
+    mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: PreparedModel
+) -> PoseEstimate | None:
     """The pose of one detection; None where too little of it was measured.
 
     Args:
@@ -85,22 +87,22 @@ def estimate(mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsi
         intrinsics: (3, 3) BOP's K.
         ready: the model.
     """
-    points = measured_points(mask, depth_mm, intrinsics, ready.model.diameter_mm)
+    points = collect_points(mask, depth_mm, intrinsics, ready.model.diameter_mm)
     if len(points) < LEAST_POINTS:
         return None
     poses = ready.search.search(points, depth_mm, mask, intrinsics)
-    coarse = patch_of(photo, depth_mm, mask, intrinsics, COARSE_RAYS)
+    coarse = cut_patch(photo, depth_mm, mask, intrinsics, COARSE_RAYS)
     poses = poses[np.argsort(-ready.comparison.scores(poses, coarse), kind="stable")[:NUDGED]]
-    poses, _ = nudged(poses, patch_of(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model, ready.search.is_open)
+    poses, _ = nudge_poses(poses, cut_patch(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model, ready.search.is_open)
     poses = np.concatenate([poses, ready.search.refined(poses, points)])
-    scores = ready.comparison.scores(poses, patch_of(photo, depth_mm, mask, intrinsics, FINE_RAYS))
+    scores = ready.comparison.scores(poses, cut_patch(photo, depth_mm, mask, intrinsics, FINE_RAYS))
     best = int(np.argmax(np.round(scores, 9)))
     apart_mm = mssd(poses, np.repeat(poses[best][None], len(poses), 0), ready.points, ready.model.symmetries)
     others = scores[apart_mm > SAME_DIAMETERS * ready.model.diameter_mm]
-    return Estimate(poses[best], float(scores[best]), float(scores[best] - max(others, default=0.0)), len(points))
+    return PoseEstimate(poses[best], float(scores[best]), float(scores[best] - max(others, default=0.0)), len(points))
 
 
-def measured_points(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, diameter_mm: float) -> np.ndarray:
+def collect_points(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, diameter_mm: float) -> np.ndarray:
     """(N, 3) measured points of a mask in random order, without those too far off to be the object's."""
     rows, columns = np.nonzero(mask & (depth_mm > 0))
     depths = depth_mm[rows, columns].astype(float)
@@ -110,7 +112,9 @@ def measured_points(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarr
     return points[np.random.default_rng(0).permutation(len(points))]
 
 
-def nudged(poses: np.ndarray, patch: Patch, comparison: Comparison, model: Model, moved: bool) -> tuple[np.ndarray, np.ndarray]:
+def nudge_poses(
+    poses: np.ndarray, patch: ImagePatch, comparison: PoseScorer, model: ObjectModel, moved: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """(P, 4, 4) poses turned about the model's middle in ever smaller steps as long as the image is explained better; their scores.
 
     Args:

@@ -36,18 +36,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the table and its page."""
-    rows = [row for path in args.scores for row in rows_of(path, args.root)]
+    rows = [row for path in args.scores for row in read_scores(path, args.root)]
     if args.published:
-        rows += published()
+        rows += read_published()
     with atomic_write(args.out) as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="")
         writer.writeheader()
         writer.writerows(rows)
     with atomic_write(args.page) as temporary:
-        temporary.write_text(page_of(rows))
+        temporary.write_text(render_page(rows))
 
 
-def rows_of(path: Path, root: Path) -> list[dict[str, str]]:
+def read_scores(path: Path, root: Path) -> list[dict[str, str]]:
     """The measurements in results/DATASET/bop/DETECTOR-MODELS/precision.csv or .../ESTIMATOR-MASKS-MODELS/scores.csv.
 
     Raises:
@@ -63,15 +63,15 @@ def rows_of(path: Path, root: Path) -> list[dict[str, str]]:
     return [where | {key: row[key] for key in ("measure", "object", "value")} | {"source": "measured"} for row in read_rows(path)]
 
 
-def published() -> list[dict[str, str]]:
+def read_published() -> list[dict[str, str]]:
     """The thesis's Table 4.5."""
     with PUBLISHED.open(newline="") as file:
         return [{"dataset": "ycbv", **row, "object": "", "source": THESIS} for row in csv.DictReader(file)]
 
 
-def page_of(rows: Sequence[dict[str, str]]) -> str:
+def render_page(rows: Sequence[dict[str, str]]) -> str:
     """The whole Markdown text."""
-    head, *body = summary(rows)
+    head, *body = summarize_models(rows)
     lines = [[title.replace("\n", "<br>") for title in head], ["---", *["--:"] * (len(head) - 1)]]
     lines += [[f"*{name}*" if name.startswith(LOST) else name, *values] for name, *values in body]
     text = "# Detection and pose estimation\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
@@ -83,7 +83,7 @@ def page_of(rows: Sequence[dict[str, str]]) -> str:
     return text
 
 
-def summary(rows: Sequence[dict[str, str]]) -> list[list[str]]:
+def summarize_models(rows: Sequence[dict[str, str]]) -> list[list[str]]:
     """One row a set of models, one column a method and its masks, after a row of titles; below, what each set loses."""
     shown = [row for row in rows if not row["object"] and row["measure"] == SHOWN[row["task"]]]
     columns = _columns(shown)
@@ -100,7 +100,7 @@ def summary(rows: Sequence[dict[str, str]]) -> list[list[str]]:
     return table
 
 
-def by_object(rows: Sequence[dict[str, str]]) -> list[list[str]]:
+def summarize_objects(rows: Sequence[dict[str, str]]) -> list[list[str]]:
     """One row an object of BOP's number, one column a set of models, a method and its masks, after a row of titles."""
     shown = [row for row in rows if row["object"] and row["measure"] == SHOWN[row["task"]]]
     columns = [(models, column) for models in dict.fromkeys(row["models"] for row in shown) for column in _columns(shown)]

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from zeroshop_steps.report.table import cell_of, write_table
+from zeroshop_steps.report.table import parse_cell, write_table
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json
 
@@ -20,13 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the table."""
-    write_table([row_of(*pair, args.root) for pair in zip(args.heights, args.truths, strict=True)], args.out)
+    write_table([make_row(*pair, args.root) for pair in zip(args.heights, args.truths, strict=True)], args.out)
 
 
-def row_of(height: Path, truth: Path, root: Path) -> dict[str, str]:
+def make_row(height: Path, truth: Path, root: Path) -> dict[str, str]:
     """The coordinates of a film's cell, its true and its measured height, and their difference."""
     true_m = read_json(truth / "truth.json")["height_m"]
-    row = {**cell_of(height, root), "height_m": f"{true_m:.6f}"}
+    row = {**parse_cell(height, root), "height_m": f"{true_m:.6f}"}
     failure = read_failure(height)
     if failure:
         return row | {"reason": str(failure)}

@@ -7,7 +7,7 @@ import argparse
 import json
 from pathlib import Path
 
-from zeroshop_steps.report.site.html import copy_assets, url, write_page
+from zeroshop_steps.report.site.html import copy_assets, quote_path, write_page
 from zeroshop_steps.report.site.tables import write_tables
 from zeroshop_steps.runtime.files import atomic_write, read_json
 
@@ -27,17 +27,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write index.html and what all pages share; index.html comes last, so a whole one means a whole report."""
     folder = args.out.parent
-    cards = [gallery_card(read_json(page / "card.json")) for page in args.pages]
+    cards = [make_gallery_card(read_json(page / "card.json")) for page in args.pages]
     copy_assets(folder / "assets")
     with atomic_write(folder / "assets/objects.js") as temporary:
-        temporary.write_text(f"zeroshopObjects={json.dumps([[card['name'], url(card['page'])] for card in cards])};\n", encoding="ascii")
+        temporary.write_text(
+            f"zeroshopObjects={json.dumps([[card['name'], quote_path(card['page'])] for card in cards])};\n", encoding="ascii"
+        )
     counts = {name: sum(card["best"] == name for card in cards) for name in ("good", "sparse", "none", "unfinished")}
-    content = {"dataset": args.dataset, "cards": cards, "counts": counts, "summary": summary(cards), "how_to_add": HOW_TO_ADD, "root": ""}
+    content = {
+        "dataset": args.dataset,
+        "cards": cards,
+        "counts": counts,
+        "summary": summarize_cards(cards),
+        "how_to_add": HOW_TO_ADD,
+        "root": "",
+    }
     write_tables(folder, cards, args.dataset, args.tables)
     write_page(args.out, "index.html", **content)
 
 
-def gallery_card(card: dict) -> dict:
+def make_gallery_card(card: dict) -> dict:
     """What the gallery shows of an object's card.json: its chosen cells, how many others, and the best grade among the shown."""
     place = f"objects/{card['object']}"
     shown = [cell for cell in card["cells"] if cell["chosen"]] or card["cells"][:3]
@@ -58,7 +67,7 @@ def gallery_card(card: dict) -> dict:
     }
 
 
-def summary(cards: list[dict]) -> str:
+def summarize_cards(cards: list[dict]) -> str:
     """One line: how many objects, and how far their cells are."""
     cells = [cell for card in cards for cell in card["cells"]]
     states = {state: sum(cell["state"] == state for cell in cells) for state in ("done", "failed", "unfinished")}

@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from zeroshop_steps.report.table import cell_of
+from zeroshop_steps.report.table import parse_cell
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_write, read_json
@@ -47,7 +47,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Published:
+class PublishedHeight:
     """A height that the thesis estimated; `ycbv_object` is empty for objects that YCB-V lacks."""
 
     table: str
@@ -70,25 +70,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the table and the plot."""
-    published = published_heights()
-    rows = [row_of(path, args.root, published) for path in args.heights]
+    published = read_published_heights()
+    rows = [make_row(path, args.root, published) for path in args.heights]
     with atomic_write(args.out) as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, restval="")
         writer.writeheader()
         writer.writerows(rows)
-        writer.writerows(rest_of(published, rows))
-    figure = drawn(rows, published)
+        writer.writerows(list_unmatched(published, rows))
+    figure = draw_plot(rows, published)
     with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), atomic_write(args.out.with_suffix(".svg")) as temporary:
         FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
     with atomic_write(args.out.with_suffix(".png")) as temporary:
         FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
 
 
-def published_heights() -> list[Published]:
+def read_published_heights() -> list[PublishedHeight]:
     """The thesis's Tables 4.3 and 4.4."""
     with PUBLISHED.open(newline="") as file:
         return [
-            Published(
+            PublishedHeight(
                 row["table"],
                 row["name"],
                 row["ycbv_object"],
@@ -100,16 +100,16 @@ def published_heights() -> list[Published]:
         ]
 
 
-def row_of(path: Path, root: Path, published: Sequence[Published]) -> dict[str, str | float]:
+def make_row(path: Path, root: Path, published: Sequence[PublishedHeight]) -> dict[str, str | float]:
     """One row: a height measured in a cell and the true one, or why there is none; beside it what was published of the object.
 
     Raises:
         StepError: the file is missing, or the true height is not in it.
     """
-    row: dict[str, str | float] = dict(cell_of(path, root))
+    row: dict[str, str | float] = dict(parse_cell(path, root))
     if row["dataset"] == "ycbv":
         for found in (found for found in published if found.ycbv_object == row["object"]):
-            row |= _columns_of(found)
+            row |= _published_columns(found)
     row["how"] = BESIDE if row["scene"] == "su_b" else APART
     failure = read_failure(path)
     if failure:
@@ -127,13 +127,13 @@ def row_of(path: Path, root: Path, published: Sequence[Published]) -> dict[str, 
     }
 
 
-def rest_of(published: Sequence[Published], rows: Sequence[dict[str, str | float]]) -> list[dict[str, str | float]]:
+def list_unmatched(published: Sequence[PublishedHeight], rows: Sequence[dict[str, str | float]]) -> list[dict[str, str | float]]:
     """A row for each published height of an object that no other row is about."""
     named = {row.get("published_name") for row in rows}
-    return [{"how": THESIS, **_columns_of(found)} for found in published if found.name not in named]
+    return [{"how": THESIS, **_published_columns(found)} for found in published if found.name not in named]
 
 
-def _columns_of(found: Published) -> dict[str, str | float]:
+def _published_columns(found: PublishedHeight) -> dict[str, str | float]:
     return {
         "published_name": found.name,
         "published_height_m": found.height_m,
@@ -142,7 +142,7 @@ def _columns_of(found: Published) -> dict[str, str | float]:
     }
 
 
-def drawn(rows: Sequence[dict[str, str | float]], published: Sequence[Published]) -> Figure:
+def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[PublishedHeight]) -> Figure:
     """Absolute error in per cent over the true height in metres; the thesis's with its trend."""
     figure = Figure(figsize=(7.0, 4.5), dpi=150, layout="constrained")
     axes = figure.add_subplot()

@@ -7,12 +7,12 @@ import argparse
 import shlex
 from pathlib import Path
 
-from zeroshop_steps.report.site.advice import advice_for
+from zeroshop_steps.report.site.advice import advise
 from zeroshop_steps.report.site.html import write_page
-from zeroshop_steps.report.site.pictures import thumbnail, write_webp
+from zeroshop_steps.report.site.pictures import render_thumbnail, write_webp
 from zeroshop_steps.report.site.results_index import Cell, Run, find_runs
-from zeroshop_steps.report.site.sections import run_sections
-from zeroshop_steps.report.site.solids import Truth, read_truth, write_solids
+from zeroshop_steps.report.site.sections import make_run_sections
+from zeroshop_steps.report.site.viewer_meshes import TrueModel, read_true_model, write_meshes
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
@@ -35,32 +35,32 @@ def run(args: argparse.Namespace) -> None:
     """Write the page, its data and pictures, and card.json, which the gallery reads."""
     if args.faces < 100 or args.texture_px < 16:
         raise StepError(f"--faces is {args.faces}, --texture-px {args.texture_px}; at least 100 triangles and 16 pixels are needed")
-    runs = chosen_first(find_runs(args.object), args.chosen)
-    truth = read_truth(args.object / "model", args.faces, args.texture_px)
-    info = model_info(args.object)
+    runs = sort_chosen_first(find_runs(args.object), args.chosen)
+    truth = read_true_model(args.object / "model", args.faces, args.texture_px)
+    info = read_model_info(args.object)
     with atomic_directory(args.out) as folder:
-        manifest = write_solids(runs, truth, folder, args.faces, args.texture_px)
+        manifest = write_meshes(runs, truth, folder, args.faces, args.texture_px)
         card = {
             "dataset": args.object.absolute().parent.name,
             "object": args.object.name,
-            "name": object_name(args.object, info),
+            "name": choose_name(args.object, info),
             "number": info.get("obj_id"),
             "viewer": bool(manifest["runs"] or truth),
             "thumbnail": write_thumbnail(runs, truth, folder),
-            "cells": [cell_card(cell, f"{run.scene}/{run.registration}" == args.chosen) for run in runs for cell in run.cells],
+            "cells": [make_cell_card(cell, f"{run.scene}/{run.registration}" == args.chosen) for run in runs for cell in run.cells],
         }
         write_json(folder / "card.json", card)
-        command, changes = f"snakemake --cores 2 {args.object}/2dgs.ply", changes_words(args.config)
-        sections = run_sections(runs, folder, changes)
+        command, changes = f"snakemake --cores 2 {args.object}/2dgs.ply", format_changes(args.config)
+        sections = make_run_sections(runs, folder, changes)
         write_page(folder / "index.html", "object.html", card=card, sections=sections, command=command + changes, root="../../")
 
 
-def changes_words(changes: list[str]) -> str:
+def format_changes(changes: list[str]) -> str:
     """Changes of the config as the end of a command line."""
     return f" --config {' '.join(map(shlex.quote, changes))}" if changes else ""
 
 
-def model_info(folder: Path) -> dict:
+def read_model_info(folder: Path) -> dict:
     """What the true model of an object says of itself; nothing where there is none, or where it is damaged."""
     info = folder / "model/model_info.json"
     try:
@@ -70,18 +70,18 @@ def model_info(folder: Path) -> dict:
         return {}
 
 
-def object_name(folder: Path, info: dict) -> str:
+def choose_name(folder: Path, info: dict) -> str:
     """The name of an object for people: its model's, where that says more than the folder."""
     name = str(info.get("name") or "")
     return f"{name} ({folder.name})" if name and name != folder.name else folder.name
 
 
-def chosen_first(runs: list[Run], chosen: str) -> list[Run]:
+def sort_chosen_first(runs: list[Run], chosen: str) -> list[Run]:
     """The runs with the one that the config chooses at the head."""
     return sorted(runs, key=lambda run: f"{run.scene}/{run.registration}" != chosen)
 
 
-def cell_card(cell: Cell, chosen: bool) -> dict:
+def make_cell_card(cell: Cell, chosen: bool) -> dict:
     """What gallery and tables show of a cell."""
     return {
         "key": cell.key,
@@ -92,16 +92,16 @@ def cell_card(cell: Cell, chosen: bool) -> dict:
         "state": cell.state,
         "grade": cell.grade,
         "reasons": list(cell.reasons),
-        "advice": " ".join(advice_for(cell)),
+        "advice": " ".join(advise(cell)),
         "steps": [[name, done] for name, done in cell.steps],
         "steps_done": cell.steps_done,
         "figures": cell.figures,
     }
 
 
-def write_thumbnail(runs: list[Run], truth: Truth | None, folder: Path) -> str | None:
+def write_thumbnail(runs: list[Run], truth: TrueModel | None, folder: Path) -> str | None:
     """A picture of the first finished mesh, else of the true model; None where there is neither."""
-    picture = thumbnail(runs, truth)
+    picture = render_thumbnail(runs, truth)
     if picture is None:
         return None
     write_webp(folder / "thumbnail.webp", picture)

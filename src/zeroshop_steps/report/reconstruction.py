@@ -29,7 +29,7 @@ SOURCE = "ZeroShOP diploma thesis, TU Wien, January 2026"
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """One reconstruction: where it stands in the matrix, and how it went.
 
     Attributes:
@@ -68,10 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     cells = read_cells(args.table)
     with atomic_write(args.out) as temporary:
-        temporary.write_text(rendered(cells, published_cells() if args.published else []))
+        temporary.write_text(render_page(cells, read_published_cells() if args.published else []))
 
 
-def read_cells(table: Path) -> list[Cell]:
+def read_cells(table: Path) -> list[TableCell]:
     """The cells of a tidy table, in its order. Raises StepError where a cell has no grade, or one that is unknown."""
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -85,20 +85,20 @@ def read_cells(table: Path) -> list[Cell]:
             raise StepError(f"{table}: {', '.join(key)} has the grade {values.get('grade')}; expected one of {', '.join(MARKS)}")
         figures = {name: float(value) for name, value in values.items() if not name.startswith("grade")}
         reasons = {name: row["reason"] for name, row in measures.items() if row.get("reason")}
-        found.append(Cell(*key, values["grade"], figures, reasons, values.get("grade_by_photos"), values.get("grade_by_truth")))
+        found.append(TableCell(*key, values["grade"], figures, reasons, values.get("grade_by_photos"), values.get("grade_by_truth")))
     return found
 
 
-def published_cells() -> list[Cell]:
+def read_published_cells() -> list[TableCell]:
     """The thesis's grades of the YCB-V objects."""
     with PUBLISHED.open(newline="") as file:
         return [
-            Cell(row["nvs"], f"thesis: {row['registration']}", row["scene"], row["object"], row["grade"], {}, {})
+            TableCell(row["nvs"], f"thesis: {row['registration']}", row["scene"], row["object"], row["grade"], {}, {})
             for row in csv.DictReader(file)
         ]
 
 
-def rendered(cells: Sequence[Cell], published: Sequence[Cell]) -> str:
+def render_page(cells: Sequence[TableCell], published: Sequence[TableCell]) -> str:
     """The whole Markdown text."""
     title = "# Reconstruction\n\n" + ", ".join(f"{mark} {grade}" for grade, mark in MARKS.items()) + "; empty: not asked for."
     if published:
@@ -108,17 +108,17 @@ def rendered(cells: Sequence[Cell], published: Sequence[Cell]) -> str:
     parts = [title]
     for nvs in methods:
         columns = [cell for cell in [*cells, *published] if cell.nvs == nvs and cell.object in objects]
-        parts.append(f"## {nvs}\n\n{marks_table(columns, objects)}")
+        parts.append(f"## {nvs}\n\n{render_marks(columns, objects)}")
     if len(methods) > 1:
-        parts.append("## The methods against each other\n\n" + _compared(cells, methods))
-    parts.append("## Why cells are not good\n\n" + _lines(_shortcomings(cells)))
-    parts.append("## Where photos alone would have judged otherwise\n\n" + _disagreements(cells))
+        parts.append("## The methods against each other\n\n" + _compare_methods(cells, methods))
+    parts.append("## Why cells are not good\n\n" + _render_list(_list_shortcomings(cells)))
+    parts.append("## Where photos alone would have judged otherwise\n\n" + _list_disagreements(cells))
     return "\n\n".join(parts) + "\n"
 
 
-def marks_table(cells: Sequence[Cell], objects: Sequence[str]) -> str:
+def render_marks(cells: Sequence[TableCell], objects: Sequence[str]) -> str:
     """One row an object, one column a registration and scene; below, how many of each grade, and mean figures."""
-    columns: dict[tuple[str, str], dict[str, Cell]] = {}
+    columns: dict[tuple[str, str], dict[str, TableCell]] = {}
     for cell in cells:
         columns.setdefault((cell.registration, cell.scene), {})[cell.object] = cell
     registrations = list(dict.fromkeys(registration for registration, _ in columns))
@@ -130,16 +130,16 @@ def marks_table(cells: Sequence[Cell], objects: Sequence[str]) -> str:
     rows.append(["*meshes that means are over*", *(str(sum(bool(cell.figures) for cell in columns[key].values()) or "") for key in order)])
     for measure, text in AVERAGED.items():
         rows.append([f"*mean {text}*", *(_average(mean, columns[key].values(), measure) for key in order)])
-    return _table(rows)
+    return _render_table(rows)
 
 
-def _table(rows: Iterable[Sequence[str]]) -> str:
+def _render_table(rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
-def _compared(cells: Sequence[Cell], methods: Sequence[str]) -> str:
+def _compare_methods(cells: Sequence[TableCell], methods: Sequence[str]) -> str:
     """Mean and median figures over the images and cameras from which every method made a mesh."""
-    by_input: dict[tuple[str, ...], dict[str, Cell]] = {}
+    by_input: dict[tuple[str, ...], dict[str, TableCell]] = {}
     for cell in cells:
         if cell.figures:
             by_input.setdefault((cell.object, cell.scene, cell.registration), {})[cell.nvs] = cell
@@ -151,10 +151,10 @@ def _compared(cells: Sequence[Cell], methods: Sequence[str]) -> str:
         columns = [[meshes[nvs] for meshes in shared] for nvs in methods]
         for average in (mean, median):
             rows.append([f"*{average.__name__} {text}*", *(_average(average, column, measure) for column in columns)])
-    return f"Over the {len(shared)} captures and cameras from which each of them made a mesh.\n\n" + _table(rows)
+    return f"Over the {len(shared)} captures and cameras from which each of them made a mesh.\n\n" + _render_table(rows)
 
 
-def _shortcomings(cells: Sequence[Cell]) -> Iterator[str]:
+def _list_shortcomings(cells: Sequence[TableCell]) -> Iterator[str]:
     """Each reason once with the methods that it stopped: a failed registration stops all of them."""
     methods: dict[tuple[str, ...], list[str]] = {}
     for cell in cells:
@@ -165,28 +165,31 @@ def _shortcomings(cells: Sequence[Cell]) -> Iterator[str]:
         yield f"{mark} {place}, {' and '.join(names)}: {reason}"
 
 
-def _disagreements(cells: Sequence[Cell]) -> str:
+def _list_disagreements(cells: Sequence[TableCell]) -> str:
     judged = [cell for cell in cells if cell.by_photos and cell.by_truth]
     differing = [cell for cell in judged if cell.by_photos != cell.by_truth]
     if not judged:
         return "No cell has both judgements."
-    lines = (f"{cell.place}: {_side(cell, 'photos', cell.by_photos)}; {_side(cell, 'truth', cell.by_truth)}" for cell in differing)
+    lines = (
+        f"{cell.place}: {_describe_side(cell, 'photos', cell.by_photos)}; {_describe_side(cell, 'truth', cell.by_truth)}"
+        for cell in differing
+    )
     share = f"{len(judged) - len(differing)} of {len(judged)} cells are judged alike."
-    return share + ("\n\n" + _lines(lines) if differing else "")
+    return share + ("\n\n" + _render_list(lines) if differing else "")
 
 
-def _side(cell: Cell, side: str, grade: str | None) -> str:
+def _describe_side(cell: TableCell, side: str, grade: str | None) -> str:
     return f"{MARKS[grade or 'none']} by {side} ({cell.reasons.get(f'grade_by_{side}', 'nothing to object')})"
 
 
-def _lines(lines: Iterable[str]) -> str:
+def _render_list(lines: Iterable[str]) -> str:
     return "\n".join(f"- {line}" for line in lines) or "None."
 
 
-def _mark(cell: Cell | None) -> str:
+def _mark(cell: TableCell | None) -> str:
     return MARKS[cell.grade] if cell else ""
 
 
-def _average(average: Callable[[list[float]], float], cells: Iterable[Cell], measure: str) -> str:
+def _average(average: Callable[[list[float]], float], cells: Iterable[TableCell], measure: str) -> str:
     values = [cell.figures[measure] for cell in cells if measure in cell.figures]
     return f"{average(values):.3g}" if values else ""

@@ -38,7 +38,7 @@ def gather(measurements: Sequence[Path], root: Path) -> list[dict[str, str]]:
     """
     rows: list[dict[str, str]] = []
     for path in measurements:
-        where = cell_of(path, root)
+        where = parse_cell(path, root)
         failure = read_failure(path)
         if failure:
             row = {**where, "measure": "grade", "value": "none", "reason": str(failure)}
@@ -61,7 +61,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     return measured
 
 
-def cell_of(path: Path, root: Path) -> dict[str, str]:
+def parse_cell(path: Path, root: Path) -> dict[str, str]:
     """The matrix coordinates in a path below `root`; a registration's own files have no nvs."""
     try:
         folders = path.relative_to(root).parent.parts

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
     python = Path(sys.executable) if find_spec("bpy") else make_environment(args.requirements, args.folder)
     versions = {"bpy": start.BPY_VERSION, "blenderproc": start.BLENDERPROC_VERSION}
-    for _ in _told(python, check, [], f"the Python {python}"):
+    for _ in _read_messages(python, check, [], f"the Python {python}"):
         pass
     write_json(args.out, {"python": str(python), **versions})
 
@@ -73,9 +73,9 @@ def make_environment(requirements: Path, folder: Path) -> Path:
         raise StepError(f"Blender's module needs {name}, which is not on the PATH; install it, or use --sdm conda, {WITHOUT}")
     python = folder.absolute() / "bin" / "python"
     if not python.exists():
-        _call([base, "-m", "venv", str(folder)], "cannot make a virtual environment: install python3-venv")
+        _run_command([base, "-m", "venv", str(folder)], "cannot make a virtual environment: install python3-venv")
     pip = [str(python), "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar", "off", "-r", str(requirements)]
-    _call(pip, f"cannot install {requirements}: check the network (and PIP_INDEX_URL), or delete {folder} and try again, {WITHOUT}")
+    _run_command(pip, f"cannot install {requirements}: check the network (and PIP_INDEX_URL), or delete {folder} and try again, {WITHOUT}")
     return python
 
 
@@ -90,10 +90,10 @@ def run_script(environment: Path, script: ModuleType, arguments: Sequence[str]) 
     remedy = f"delete {environment} and run again to set it up"
     if not python.exists():
         raise StepError(f"the Python {python} of BlenderProc's environment is gone; {remedy}")
-    yield from _told(python, script, arguments, f"the Python {python} that {environment} names")
+    yield from _read_messages(python, script, arguments, f"the Python {python} that {environment} names")
 
 
-def _told(python: Path, script: ModuleType, arguments: Sequence[str], where: str) -> Iterator[tuple[str, str]]:
+def _read_messages(python: Path, script: ModuleType, arguments: Sequence[str], where: str) -> Iterator[tuple[str, str]]:
     """Yield the lines that a module of `blender/` tells; the process never outlives this."""
     last: deque[str] = deque(maxlen=KEPT_LINES)
     command = [str(python), "-I", "-c", LAUNCH, str(SOURCES), script.__name__, *arguments]
@@ -103,7 +103,7 @@ def _told(python: Path, script: ModuleType, arguments: Sequence[str], where: str
         for line in process.stdout:
             kind, _, text = line.rstrip().partition(" ")
             if kind == "@fault":
-                raise StepError(fault(text, where))
+                raise StepError(explain_fault(text, where))
             ready |= kind == "@ready"
             if kind.startswith("@"):
                 yield kind[1:], text
@@ -123,7 +123,7 @@ def _told(python: Path, script: ModuleType, arguments: Sequence[str], where: str
         raise StepError(f"Blender ended with {reason}. Its last words:\n" + "\n".join(last))
 
 
-def fault(reason: str, where: str) -> str:
+def explain_fault(reason: str, where: str) -> str:
     """Why BlenderProc does not start, with the remedy.
 
     Args:
@@ -142,7 +142,7 @@ def fault(reason: str, where: str) -> str:
     return f"{where} does not run BlenderProc: {reason}; set the environment up again (workflow/envs/blenderproc.txt), {WITHOUT}"
 
 
-def _call(command: Sequence[str], failure: str) -> None:
+def _run_command(command: Sequence[str], failure: str) -> None:
     """Run a command, its output to the log."""
     if subprocess.run(command, stdout=sys.stderr, check=False).returncode != 0:
         raise StepError(failure)

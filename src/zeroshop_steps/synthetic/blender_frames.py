@@ -21,8 +21,8 @@ from zeroshop_steps.synthetic import lighting
 from zeroshop_steps.synthetic.blender import render as render_script
 from zeroshop_steps.synthetic.blender import world
 from zeroshop_steps.synthetic.blender_environment import run_script
-from zeroshop_steps.synthetic.renderer import BACKGROUND, Picture
-from zeroshop_steps.synthetic.scenes import Part
+from zeroshop_steps.synthetic.renderer import BACKGROUND, RenderedView
+from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 
 OBJECT_ROUGHNESS, SURFACE_ROUGHNESS = 0.4, 0.8
 BACKGROUND_GREYS = (0.85 * BACKGROUND, 0.3 * BACKGROUND)  # the ray caster's: level, and what it gains towards the zenith
@@ -31,7 +31,7 @@ CODE = (render_script, world)  # frames of another version of these do not go wi
 
 
 @dataclass(frozen=True)
-class Thing:
+class SceneObject:
     """A textured surface in the scene.
 
     Attributes:
@@ -40,18 +40,18 @@ class Thing:
         roughness: of its material, 0 a mirror, 1 matt.
     """
 
-    part: Part
+    part: SceneMesh
     world_from_thing: np.ndarray
     roughness: float
 
 
-def scene_things(parts: Sequence[Part]) -> list[Thing]:
+def make_scene_objects(parts: Sequence[SceneMesh]) -> list[SceneObject]:
     """The object and, if there is one, the surface of a capture."""
-    return [Thing(part, np.eye(4), roughness) for part, roughness in zip(parts, (OBJECT_ROUGHNESS, SURFACE_ROUGHNESS), strict=False)]
+    return [SceneObject(part, np.eye(4), roughness) for part, roughness in zip(parts, (OBJECT_ROUGHNESS, SURFACE_ROUGHNESS), strict=False)]
 
 
 def render_frames(
-    folder: Path, environment: Path, title: str, things: Sequence[Thing], lights: lighting.Lights, cameras: Sequence[Camera],
+    folder: Path, environment: Path, title: str, things: Sequence[SceneObject], lights: lighting.Lights, cameras: Sequence[Camera],
     samples: int, seed: int, threads: int,
 ) -> None:  # fmt: skip
     """Render what is missing of the frames of a scene into `folder`.
@@ -70,8 +70,8 @@ def render_frames(
     Raises:
         StepError: the environment is not usable, or the renderer failed or was killed.
     """
-    _describe(folder, things, lights, cameras, samples, seed)
-    missing = [frame for frame in range(len(cameras)) if _frame(folder, frame) is None]
+    _write_description(folder, things, lights, cameras, samples, seed)
+    missing = [frame for frame in range(len(cameras)) if _read_frame(folder, frame) is None]
     if not missing:
         return
     there = len(cameras) - len(missing)
@@ -82,15 +82,17 @@ def render_frames(
                 report.advance()
 
 
-def pictures(folder: Path, cameras: Sequence[Camera]) -> Iterator[Picture]:
+def read_frames(folder: Path, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
     """The rendered frames of these cameras, in their order."""
     for index in range(len(cameras)):
-        frame = _frame(folder, index)
+        frame = _read_frame(folder, index)
         assert frame is not None, f"frame {index} of {folder} was rendered a moment ago"
-        yield Picture(frame["linear"].astype(np.float32), frame["thing"] == 1, frame["depth_mm"])
+        yield RenderedView(frame["linear"].astype(np.float32), frame["thing"] == 1, frame["depth_mm"])
 
 
-def _describe(folder: Path, things: Sequence[Thing], lights: lighting.Lights, cameras: Sequence[Camera], samples: int, seed: int) -> None:
+def _write_description(
+    folder: Path, things: Sequence[SceneObject], lights: lighting.Lights, cameras: Sequence[Camera], samples: int, seed: int
+) -> None:
     """Write scene.json and its meshes and textures, unless they are there already."""
     meshes = [_mesh_arrays(thing.part) for thing in things]
     textures = [_texture(thing.part) for thing in things]
@@ -134,7 +136,7 @@ def _describe(folder: Path, things: Sequence[Thing], lights: lighting.Lights, ca
     write_json(description, scene)
 
 
-def _mesh_arrays(part: Part) -> dict[str, np.ndarray]:
+def _mesh_arrays(part: SceneMesh) -> dict[str, np.ndarray]:
     """Without faces that name a vertex twice, which Blender cannot hold."""
     faces = part.faces
     whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -146,18 +148,18 @@ def _mesh_arrays(part: Part) -> dict[str, np.ndarray]:
     }
 
 
-def _texture(part: Part) -> np.ndarray:
+def _texture(part: SceneMesh) -> np.ndarray:
     """(height, width, 3) uint8: the finest level, with which the ray caster works, too."""
     _, width, height = part.pyramid.levels[0]
     return part.pyramid.texels[: width * height].reshape(height, width, 3)
 
 
-def _middle(thing: Thing) -> np.ndarray:
+def _middle(thing: SceneObject) -> np.ndarray:
     middle = (thing.part.vertices.min(0) + thing.part.vertices.max(0)) / 2
     return thing.world_from_thing[:3, :3] @ middle + thing.world_from_thing[:3, 3]
 
 
-def _frame(folder: Path, index: int) -> dict[str, np.ndarray] | None:
+def _read_frame(folder: Path, index: int) -> dict[str, np.ndarray] | None:
     """A finished frame; None where there is none. A damaged one is removed."""
     path = folder / f"frame_{index:06d}.npz"
     try:

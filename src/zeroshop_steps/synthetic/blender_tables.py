@@ -13,10 +13,10 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.synthetic.blender import settle as settle_script
 from zeroshop_steps.synthetic.blender_environment import run_script
-from zeroshop_steps.synthetic.blender_frames import pictures as finished_pictures
-from zeroshop_steps.synthetic.blender_frames import render_frames, scene_things
-from zeroshop_steps.synthetic.clutter import Body, dropped
-from zeroshop_steps.synthetic.scenes import object_part
+from zeroshop_steps.synthetic.blender_frames import make_scene_objects, render_frames
+from zeroshop_steps.synthetic.blender_frames import read_frames as finished_pictures
+from zeroshop_steps.synthetic.clutter import RigidBody, drop_bodies
+from zeroshop_steps.synthetic.scene_meshes import make_object_mesh
 from zeroshop_steps.synthetic.table_scene import TableScene
 
 MOVED_MM = 0.5
@@ -24,7 +24,7 @@ BELOW_MM = 1.0
 ATTEMPTS = 5
 
 
-def settled(folder: Path, environment: Path, bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
+def settle_bodies(folder: Path, environment: Path, bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[np.ndarray]:
     """(4, 4) table_from_model of bodies that fell onto the table and came to rest, in mm, z up, the table at 0.
 
     Args:
@@ -37,7 +37,7 @@ def settled(folder: Path, environment: Path, bodies: Sequence[Body], rng: np.ran
         StepError: the environment is not usable, or nothing came to rest in several attempts.
     """
     for attempt in range(ATTEMPTS):
-        outcome = _fall(folder / str(attempt), environment, bodies, dropped(bodies, rng))
+        outcome = _simulate_fall(folder / str(attempt), environment, bodies, drop_bodies(bodies, rng))
         transforms = [np.array(transform) for transform in outcome["world_from_things"]]
         pairs = zip(bodies, transforms, strict=True)
         lowest_mm = min(float((body.hull @ pose[2, :3] + pose[2, 3]).min()) for body, pose in pairs)
@@ -46,17 +46,17 @@ def settled(folder: Path, environment: Path, bodies: Sequence[Body], rng: np.ran
     raise StepError(f"what fell onto the table did not come to rest in {ATTEMPTS} attempts; ask for fewer objects or for another --seed")
 
 
-def pictures(
+def render_table(
     folder: Path, environment: Path, title: str, scene: TableScene, cameras: Sequence[Camera], samples: int, threads: int
 ) -> Iterator[tuple[Camera, np.ndarray]]:
     """Each camera and its (height, width, 3) linear light; arguments as of `render_frames`."""
-    things = scene_things([object_part(scene.world), scene.table])
+    things = make_scene_objects([make_object_mesh(scene.world), scene.table])
     render_frames(folder, environment, title, things, scene.lights, cameras, samples, scene.seed, threads)
     for camera, picture in zip(cameras, finished_pictures(folder, cameras), strict=True):
         yield camera, picture.linear
 
 
-def _fall(folder: Path, environment: Path, bodies: Sequence[Body], starts: Sequence[np.ndarray]) -> dict:
+def _simulate_fall(folder: Path, environment: Path, bodies: Sequence[RigidBody], starts: Sequence[np.ndarray]) -> dict:
     """What settle.py says of this fall, now or in an earlier run."""
     things = []
     for body, start in zip(bodies, starts, strict=True):

@@ -12,19 +12,19 @@ from pathlib import Path
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic import virtual
-from zeroshop_steps.synthetic.blender_frames import pictures, render_frames, scene_things
+from zeroshop_steps.synthetic import virtual_capture
+from zeroshop_steps.synthetic.blender_frames import make_scene_objects, read_frames, render_frames
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.lighting import place_lights
-from zeroshop_steps.synthetic.renderer import Picture
-from zeroshop_steps.synthetic.rings import Subject
-from zeroshop_steps.synthetic.scenes import Part
+from zeroshop_steps.synthetic.renderer import RenderedView
+from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 
 CACHED = Cached(inputs=("model",), ignored=("threads", "environment"))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
-    virtual.add_scene_arguments(parser)
+    virtual_capture.add_scene_arguments(parser)
     add_blender_arguments(parser)
 
 
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
 def capture(
     model: Path, scene: str, width_px: int, height_px: int, seed: int, samples: int, environment: Path, threads: int, out: Path
 ) -> None:
-    """Render all views of one scene into the capture folder `out`; see `virtual.capture`.
+    """Render all views of one scene into the capture folder `out`; see `virtual_capture.render_capture`.
 
     Args:
         samples: light paths a pixel.
@@ -50,19 +50,19 @@ def capture(
         threads: of the renderer, 0 for all.
 
     Raises:
-        StepError: as `virtual.capture`; or BlenderProc cannot start, failed or was killed.
+        StepError: as `virtual_capture.render_capture`; or BlenderProc cannot start, failed or was killed.
     """
     check_options(samples, environment)
     frames = frames_folder(out)
 
-    def render(parts: list[Part], subject: Subject, cameras: Sequence[Camera]) -> Iterator[Picture]:
+    def render(parts: list[SceneMesh], subject: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
         lights = place_lights(subject, on_surface=len(parts) > 1)
         title = f"render {scene} with BlenderProc"
-        render_frames(frames, environment, title, scene_things(parts), lights, cameras, samples, seed, threads)
-        return pictures(frames, cameras)
+        render_frames(frames, environment, title, make_scene_objects(parts), lights, cameras, samples, seed, threads)
+        return read_frames(frames, cameras)
 
     facts = {"renderer": "blenderproc", "samples": samples}
-    virtual.capture(render, model, scene, width_px, height_px, seed, out, facts=facts)
+    virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, facts=facts)
     shutil.rmtree(frames, ignore_errors=True)
 
 

@@ -17,10 +17,10 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.printed_board import BOARDS, Board, draw_board
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, write_json
-from zeroshop_steps.synthetic import raycast, virtual
-from zeroshop_steps.synthetic.renderer import Renderer, expose
-from zeroshop_steps.synthetic.rings import LENS_MM, SENSOR_WIDTH_MM, Subject, look_at
-from zeroshop_steps.synthetic.scenes import SCENES, SURFACE_SIDE_IN_SIZES, object_part, surface_part
+from zeroshop_steps.synthetic import raycast, virtual_capture
+from zeroshop_steps.synthetic.camera_rings import LENS_MM, SENSOR_WIDTH_MM, ObjectBounds, look_at
+from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
+from zeroshop_steps.synthetic.scene_meshes import SCENES, SURFACE_SIDE_IN_SIZES, make_object_mesh, make_surface_mesh
 from zeroshop_steps.synthetic.shading import use_threads
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--model", type=Path, required=True, help="textured PLY in mm, upright, z up")
     parser.add_argument("--view", choices=VIEWS, required=True, help="the object beside the board, or the empty scene with the board")
-    virtual.add_image_arguments(parser)
+    virtual_capture.add_image_arguments(parser)
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write; for the empty scene it has images and truth only")
 
 
@@ -48,22 +48,22 @@ def run(args: argparse.Namespace) -> None:
     use_threads(args.threads)
     if args.view == "object":
         facts = {"scene": "su_b", "board": BOARD.name}
-        raycast.capture(args.model, SCENE, args.width, args.height, args.seed, args.out, board_beside, facts)
+        raycast.capture(args.model, SCENE, args.width, args.height, args.seed, args.out, paint_board_beside, facts)
     else:
         capture_empty(args.model, args.width, args.height, args.seed, args.out)
 
 
-def board_beside(mesh: Mesh, subject: Subject):
+def paint_board_beside(mesh: Mesh, subject: ObjectBounds):
     """What paints the board beside the object onto the surface's texture."""
-    return lambda texture: paint(texture, BOARD, surface_from_board(mesh, subject, BOARD), subject)
+    return lambda texture: paint_board(texture, BOARD, compute_surface_from_board(mesh, subject, BOARD), subject)
 
 
 def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Path) -> None:
-    """Photograph the surface with the board where the object would stand beside it. Raises StepError as `virtual.capture` does."""
-    mesh, subject, _ = virtual.read_subject(model, width_px, height_px, seed)
-    surface = surface_part(SCENE, subject, seed, board_beside(mesh, subject))
-    renderer = Renderer([object_part(_hidden(subject)), surface], subject, seed)
-    cameras = empty_cameras(mesh, subject, width_px, height_px)
+    """Photograph the surface with the board where the object would stand beside it. Raises StepError as `virtual_capture.render_capture` does."""
+    mesh, subject, _ = virtual_capture.read_object(model, width_px, height_px, seed)
+    surface = make_surface_mesh(SCENE, subject, seed, paint_board_beside(mesh, subject))
+    renderer = SceneRenderer([make_object_mesh(_make_hidden_object(subject)), surface], subject, seed)
+    cameras = place_empty_cameras(mesh, subject, width_px, height_px)
     with atomic_directory(out) as folder:
         for number, camera in enumerate(cameras):
             picture = renderer.render(camera)
@@ -72,11 +72,13 @@ def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Pa
         write_json(folder / "capture.json", {"scene": "empty", "virtual": True, "seed": seed, "images": len(cameras), "board": BOARD.name})
 
 
-def empty_cameras(
-    mesh: Mesh, subject: Subject, width_px: int, height_px: int, lens_mm: float = LENS_MM, gap_mm: float = GAP_MM
+def place_empty_cameras(
+    mesh: Mesh, subject: ObjectBounds, width_px: int, height_px: int, lens_mm: float = LENS_MM, gap_mm: float = GAP_MM
 ) -> tuple[Camera, ...]:
     """Cameras around the middle between the object's place and the board, in the model's frame."""
-    middle = (surface_from_board(mesh, subject, BOARD, gap_mm) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[:3]
+    middle = (compute_surface_from_board(mesh, subject, BOARD, gap_mm) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[
+        :3
+    ]
     target = (middle + [subject.centre_mm[0], subject.centre_mm[1], subject.bottom_mm]) / 2
     focal_px = width_px * lens_mm / SENSOR_WIDTH_MM
     intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
@@ -90,7 +92,7 @@ def empty_cameras(
     return tuple(cameras)
 
 
-def surface_from_board(mesh: Mesh, subject: Subject, board: Board, gap_mm: float = GAP_MM) -> np.ndarray:
+def compute_surface_from_board(mesh: Mesh, subject: ObjectBounds, board: Board, gap_mm: float = GAP_MM) -> np.ndarray:
     """(4, 4) model frame from the board's (x right, y down, as print is read from above): a long side faces the object, `gap_mm` away."""
     azimuth = np.radians(AZIMUTH_DEG + subject.front_azimuth_deg)
     outwards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
@@ -103,7 +105,7 @@ def surface_from_board(mesh: Mesh, subject: Subject, board: Board, gap_mm: float
     return matrix
 
 
-def paint(texture: np.ndarray, board: Board, surface_from_board: np.ndarray, subject: Subject) -> None:
+def paint_board(texture: np.ndarray, board: Board, surface_from_board: np.ndarray, subject: ObjectBounds) -> None:
     """Paint the board onto the (T, T, 3) uint8 texture of the surface, edges as shares of a texel."""
     texels = len(texture)
     side_mm = SURFACE_SIDE_IN_SIZES * subject.largest_mm
@@ -128,7 +130,7 @@ def paint(texture: np.ndarray, board: Board, surface_from_board: np.ndarray, sub
     texture[:] = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
 
 
-def _hidden(subject: Subject) -> Mesh:
+def _make_hidden_object(subject: ObjectBounds) -> Mesh:
     """A small tetrahedron under the surface: the renderer wants an object, the empty scene has none."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + [*subject.centre_mm[:2], subject.bottom_mm - 50.0]
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import checked_diameter_mm
+from zeroshop_steps.bop.models import check_diameter_mm
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, read_texture_name, write_ply
 from zeroshop_steps.runtime.downloads import download, locked
 from zeroshop_steps.runtime.errors import StepError
@@ -94,7 +94,7 @@ def model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
     object_id = int(digits) if digits.isdigit() else 0
     listed = read_json(models / "models_info.json").get(str(object_id), {}) if (models / "models_info.json").exists() else {}
     low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
-    measured_mm = checked_diameter_mm(path, mesh, listed.get("diameter"))
+    measured_mm = check_diameter_mm(path, mesh, listed.get("diameter"))
     info = {"name": path.stem, "diameter": measured_mm}
     info |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
     info |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}

@@ -19,7 +19,7 @@ DROP_RADIUS_MM, DROP_STEP_MM = 110.0, 10.0
 
 
 @dataclass(frozen=True)
-class Body:
+class RigidBody:
     """A thing's shape for placing it.
 
     Attributes:
@@ -35,7 +35,7 @@ class Body:
     likely: np.ndarray
 
 
-def body_of(vertices: np.ndarray) -> Body:
+def make_body(vertices: np.ndarray) -> RigidBody:
     """From (V, 3) vertices in mm."""
     outer = vertices[ConvexHull(vertices).vertices]
     index = np.arange(HULL_DIRECTIONS) + 0.5
@@ -43,10 +43,10 @@ def body_of(vertices: np.ndarray) -> Body:
     directions = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], 1)
     hull = outer[np.unique((outer @ np.concatenate([directions, np.eye(3), -np.eye(3)]).T).argmax(0))]
     transforms, likely = trimesh.poses.compute_stable_poses(trimesh.convex.convex_hull(hull))
-    return Body(hull, outer, transforms[:, :3, :3], likely)
+    return RigidBody(hull, outer, transforms[:, :3, :3], likely)
 
 
-def lie_down(body: Body, rng: np.random.Generator) -> np.ndarray:
+def choose_rest(body: RigidBody, rng: np.random.Generator) -> np.ndarray:
     """(4, 4) table_from_model: at rest above the origin, turned at random about z; half of those that can stand upright do."""
     upright = np.flatnonzero(body.rests[:, 2, 2] > 0.999)
     if len(upright) and rng.uniform() < UPRIGHT_SHARE:
@@ -61,7 +61,7 @@ def lie_down(body: Body, rng: np.random.Generator) -> np.ndarray:
     return transform
 
 
-def place(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
+def place_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[np.ndarray]:
     """(4, 4) table_from_model of each body, in mm, z up, the table at 0: as near to the middle as a few tries find room.
 
     Convex hulls keep `GAP_MM` from each other, so meshes never intersect.
@@ -73,7 +73,7 @@ def place(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
     transforms = []
     for body in bodies:
         for attempt in range(ATTEMPTS):
-            transform = lie_down(body, rng)
+            transform = choose_rest(body, rng)
             radius_mm, angle = (FIRST_RADIUS_MM + RADIUS_STEP_MM * attempt) * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
             transform[:2, 3] += radius_mm * np.array([np.cos(angle), np.sin(angle)])
             shape = manifold3d.Manifold.hull_points(body.hull @ transform[:3, :3].T + transform[:3, 3])
@@ -86,7 +86,7 @@ def place(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
     return transforms
 
 
-def dropped(bodies: Sequence[Body], rng: np.random.Generator) -> list[np.ndarray]:
+def drop_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[np.ndarray]:
     """(4, 4) table_from_model of each body, in mm: above the table and turned at random, none touching another, to fall from there."""
     placed: list[manifold3d.Manifold] = []
     transforms = []

@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
-from zeroshop_steps.synthetic.products.assemble import Product, model_info, textured_mesh
+from zeroshop_steps.synthetic.products.assemble import Product, make_model_info, make_textured_mesh
 from zeroshop_steps.synthetic.products.cans import tomato_can, tuna_can
 from zeroshop_steps.synthetic.products.cartons import cracker_carton, gelatin_carton
 from zeroshop_steps.synthetic.products.mustard import mustard_bottle
@@ -35,7 +35,7 @@ CATALOGUE: tuple[Callable[[], Product], ...] = (
 """In the order of their object identifiers, which start at 1."""
 
 
-def demo_object_names() -> list[str]:
+def list_demo_objects() -> list[str]:
     """Names of all demo objects, in the order of their identifiers."""
     return [product.__name__ for product in CATALOGUE]
 
@@ -45,21 +45,21 @@ def write_demo_object(name: str, out: Path) -> None:
 
     Raises StepError for a name that is not in the catalogue.
     """
-    names = demo_object_names()
+    names = list_demo_objects()
     if name not in names:
         raise StepError(f"there is no demo object {name!r}; there are {', '.join(names)}")
     number = names.index(name)
     product = CATALOGUE[number]()
-    mesh = textured_mesh(product)
+    mesh = make_textured_mesh(product)
     out = Path(out)
     write_image(out / "model.png", mesh.texture)
     write_ply(out / "model.ply", mesh, "model.png")
-    write_json(out / "model_info.json", model_info(mesh, product, name, number + 1))
+    write_json(out / "model_info.json", make_model_info(mesh, product, name, number + 1))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the method's options."""
-    parser.add_argument("--object", required=True, help=f"one of {', '.join(demo_object_names())}")
+    parser.add_argument("--object", required=True, help=f"one of {', '.join(list_demo_objects())}")
     parser.add_argument("--out", type=Path, required=True, help="folder for model.ply, model.png and model_info.json")
 
 

@@ -17,7 +17,7 @@ LOST_SHARE = 0.002
 FARTHEST_MM = 3500.0
 
 
-def measured_depth(
+def simulate_depth(
     depth_mm: np.ndarray, normals: np.ndarray, rays: np.ndarray, scene: o3d.t.geometry.RaycastingScene, camera_from_world: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:  # fmt: skip

@@ -10,7 +10,7 @@ TEXTURE_PX = 256
 BORDER = 0.02
 
 
-def distractor(rng: np.random.Generator) -> Mesh:
+def make_distractor(rng: np.random.Generator) -> Mesh:
     """A textured solid of 30 to 160 mm, its middle at the origin."""
     kind = rng.integers(3)
     if kind == 0:
@@ -25,10 +25,10 @@ def distractor(rng: np.random.Generator) -> Mesh:
     axes = np.array([[1, 2], [0, 2], [0, 1]])[flat]
     uv = np.take_along_axis(shares, np.repeat(axes[:, None], 3, 1), 2)
     faces = np.arange(corners.size // 3).reshape(-1, 3)
-    return Mesh(corners.reshape(-1, 3), faces, np.repeat(normals, 3, 0), uv.reshape(-1, 2), _print(rng))
+    return Mesh(corners.reshape(-1, 3), faces, np.repeat(normals, 3, 0), uv.reshape(-1, 2), _draw_texture(rng))
 
 
-def _print(rng: np.random.Generator) -> np.ndarray:
+def _draw_texture(rng: np.random.Generator) -> np.ndarray:
     """(TEXTURE_PX, TEXTURE_PX, 3) uint8: patches, stripes and letters on a plain colour."""
     image = np.tile(rng.integers(30, 230, 3).astype(np.uint8), (TEXTURE_PX, TEXTURE_PX, 1))
     for _ in range(int(rng.integers(4, 20))):

@@ -21,12 +21,12 @@ from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic import virtual
-from zeroshop_steps.synthetic.board_scene import empty_cameras
-from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, Table, TableView, laid
-from zeroshop_steps.synthetic.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, Hand, Lens, Sines
+from zeroshop_steps.synthetic import virtual_capture
+from zeroshop_steps.synthetic.board_scene import place_empty_cameras
+from zeroshop_steps.synthetic.camera_rings import SENSOR_WIDTH_MM
+from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, FilmRenderer, FilmTable, lay_table
+from zeroshop_steps.synthetic.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, HandheldCamera, Lens, SmoothNoise
 from zeroshop_steps.synthetic.renderer import expose
-from zeroshop_steps.synthetic.rings import SENSOR_WIDTH_MM
 from zeroshop_steps.synthetic.shading import use_threads
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
@@ -54,41 +54,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
     use_threads(args.threads)
-    film(args.model, args.board == "beside", args.seed, args.out)
+    render_film(args.model, args.board == "beside", args.seed, args.out)
 
 
-def film(model: Path, board_beside: bool, seed: int, out: Path, size_px: tuple[int, int] = SIZE_PX, frames: int = FRAMES) -> None:
+def render_film(model: Path, board_beside: bool, seed: int, out: Path, size_px: tuple[int, int] = SIZE_PX, frames: int = FRAMES) -> None:
     """Write the film, the photos of the empty scene and the truth into the folder `out`.
 
     Raises:
-        StepError: as `virtual.capture` does.
+        StepError: as `virtual_capture.render_capture` does.
     """
-    mesh, subject, info = virtual.read_subject(model, *size_px, seed)
+    mesh, subject, info = virtual_capture.read_object(model, *size_px, seed)
     rng = np.random.default_rng([seed, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
     if mesh.uv is None or mesh.texture is None:
         raise StepError(f"{model} has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
-    table = laid(mesh, subject, seed, rng)
+    table = lay_table(mesh, subject, seed, rng)
     lens = Lens(*size_px)
-    hand = Hand(subject, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
-    drift = Sines(rng, DRIFT_HZ, 4)
+    hand = HandheldCamera(subject, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
+    drift = SmoothNoise(rng, DRIFT_HZ, 4)
     with atomic_directory(out) as folder:
-        view = TableView(table, with_object=True, with_board=board_beside)
-        cameras = _shoot(view, hand, drift, rng, folder, frames)
+        view = FilmRenderer(table, with_object=True, with_board=board_beside)
+        cameras = _record(view, hand, drift, rng, folder, frames)
         write_cameras(folder / "truth" / "cameras", cameras)
         height_mm = float(np.ptp(mesh.vertices[:, 2]))
         write_json(folder / "truth" / "truth.json", {"height_m": round(height_mm / 1000, 6), "frames": frames, "duration_s": DURATION_S})
-        for name, image in _empty_scene(table, mesh, size_px, rng):
+        for name, image in _photograph_empty_scene(table, mesh, size_px, rng):
             write_image(folder / "empty_scene" / name, image)
 
 
-def _shoot(view: TableView, hand: Hand, drift: Sines, rng: np.random.Generator, folder: Path, frames: int) -> list[Camera]:
+def _record(
+    view: FilmRenderer, hand: HandheldCamera, drift: SmoothNoise, rng: np.random.Generator, folder: Path, frames: int
+) -> list[Camera]:
     """Write the video and the true masks; the cameras at the middle of each exposure come back."""
     cameras = []
-    with _video(folder / "film.mp4", hand.lens, frames / DURATION_S) as video:
+    with _open_video(folder / "film.mp4", hand.lens, frames / DURATION_S) as video:
         for number in track(range(frames), "film", frames):
             time_s = number / frames * DURATION_S
             camera = hand.camera(time_s + SHUTTER_S / 2, f"{number:06d}.png")
-            steps = _steps(hand, time_s, view.landmarks_mm)
+            steps = _count_steps(hand, time_s, view.landmarks_mm)
             linear = sum(view.linear(hand.camera(time_s + SHUTTER_S * (step + 0.5) / steps, camera.name)) for step in range(steps)) / steps
             brightness, *tint = drift.at(time_s)
             gains = np.exp(EXPOSURE_DRIFT * brightness + TINT_DRIFT * np.array(tint)).astype(np.float32)
@@ -98,14 +100,14 @@ def _shoot(view: TableView, hand: Hand, drift: Sines, rng: np.random.Generator, 
     return cameras
 
 
-def _steps(hand: Hand, time_s: float, points_mm: np.ndarray) -> int:
+def _count_steps(hand: HandheldCamera, time_s: float, points_mm: np.ndarray) -> int:
     """How many pictures make up one exposure: none is farther than `STEP_PX` from the next."""
     opened, closed = (hand.camera(moment, "").project(points_mm)[0] for moment in (time_s, time_s + SHUTTER_S))
     return int(np.clip(np.ceil(np.linalg.norm(closed - opened, axis=1).max() / STEP_PX), 1, MOST_STEPS))
 
 
 @contextlib.contextmanager
-def _video(path: Path, lens: Lens, frames_a_second: float) -> Iterator[cv2.VideoWriter]:
+def _open_video(path: Path, lens: Lens, frames_a_second: float) -> Iterator[cv2.VideoWriter]:
     # One thread: how a frame is cut into slices would depend on their number.
     os.environ.setdefault("OPENCV_FFMPEG_WRITER_OPTIONS", "threads;1")
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*CODEC), frames_a_second, (lens.width_px, lens.height_px))
@@ -117,8 +119,10 @@ def _video(path: Path, lens: Lens, frames_a_second: float) -> Iterator[cv2.Video
         writer.release()
 
 
-def _empty_scene(table: Table, mesh: Mesh, size_px: tuple[int, int], rng: np.random.Generator) -> Iterator[tuple[str, np.ndarray]]:
+def _photograph_empty_scene(
+    table: FilmTable, mesh: Mesh, size_px: tuple[int, int], rng: np.random.Generator
+) -> Iterator[tuple[str, np.ndarray]]:
     """Name and (height, width, 3) uint8 of each photo of the table with the board and without the object."""
-    view = TableView(table, with_object=False, with_board=True)
-    for camera in empty_cameras(mesh, table.subject, *size_px, FOCAL_IN_WIDTHS * SENSOR_WIDTH_MM, BOARD_GAP_MM):
+    view = FilmRenderer(table, with_object=False, with_board=True)
+    for camera in place_empty_cameras(mesh, table.subject, *size_px, FOCAL_IN_WIDTHS * SENSOR_WIDTH_MM, BOARD_GAP_MM):
         yield camera.name, expose(view.linear(camera), rng)

@@ -9,14 +9,14 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.synthetic import shading
-from zeroshop_steps.synthetic.board_scene import BOARD, paint, surface_from_board
-from zeroshop_steps.synthetic.clutter import Body, body_of, lie_down
-from zeroshop_steps.synthetic.distractors import distractor
+from zeroshop_steps.synthetic.board_scene import BOARD, compute_surface_from_board, paint_board
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.clutter import RigidBody, choose_rest, make_body
+from zeroshop_steps.synthetic.distractors import make_distractor
 from zeroshop_steps.synthetic.lighting import Lights
-from zeroshop_steps.synthetic.renderer import Renderer
-from zeroshop_steps.synthetic.rings import Subject
-from zeroshop_steps.synthetic.scenes import object_part, surface_part
-from zeroshop_steps.synthetic.table_scene import MERGED_MM, changed_lights, merged, moved
+from zeroshop_steps.synthetic.renderer import SceneRenderer
+from zeroshop_steps.synthetic.scene_meshes import make_object_mesh, make_surface_mesh
+from zeroshop_steps.synthetic.table_scene import MERGED_MM, merge_meshes, transform_mesh, vary_lights
 
 DISTRACTORS = 6
 LEAST_GAP_MM, GAP_BETWEEN_MM = 50.0, 12.0
@@ -30,7 +30,7 @@ SCENE = "su_h"
 
 
 @dataclass(frozen=True)
-class Table:
+class FilmTable:
     """What stands and lies on the table.
 
     Attributes:
@@ -44,23 +44,23 @@ class Table:
 
     mesh: Mesh
     clutter: list[Mesh]
-    subject: Subject
+    subject: ObjectBounds
     board_pose: np.ndarray
     lights: Lights
     seed: int
 
 
-def laid(mesh: Mesh, subject: Subject, seed: int, rng: np.random.Generator) -> Table:
+def lay_table(mesh: Mesh, subject: ObjectBounds, seed: int, rng: np.random.Generator) -> FilmTable:
     """Lay a table around an object: `subject` is its middle, its size and its front."""
-    wide = Subject(subject.centre_mm, max(subject.largest_mm, LEAST_LARGEST_MM), subject.bottom_mm, subject.front_azimuth_deg)
-    pose = surface_from_board(mesh, subject, BOARD, BOARD_GAP_MM)
-    clutter = strewn(mesh, subject, pose, rng)
-    return Table(mesh, clutter, wide, pose, changed_lights(wide, rng), seed)
+    wide = ObjectBounds(subject.centre_mm, max(subject.largest_mm, LEAST_LARGEST_MM), subject.bottom_mm, subject.front_azimuth_deg)
+    pose = compute_surface_from_board(mesh, subject, BOARD, BOARD_GAP_MM)
+    clutter = scatter_distractors(mesh, subject, pose, rng)
+    return FilmTable(mesh, clutter, wide, pose, vary_lights(wide, rng), seed)
 
 
-def strewn(mesh: Mesh, subject: Subject, board_pose: np.ndarray, rng: np.random.Generator) -> list[Mesh]:
+def scatter_distractors(mesh: Mesh, subject: ObjectBounds, board_pose: np.ndarray, rng: np.random.Generator) -> list[Mesh]:
     """Distractors that lie apart from the object, from the board's place and from each other, and hide nothing of the object."""
-    thing = manifold3d.Manifold.hull_points(body_of(mesh.vertices).hull)
+    thing = manifold3d.Manifold.hull_points(make_body(mesh.vertices).hull)
     width, height = BOARD.size_mm
     corners = np.array([[x, y, z, 1.0] for x in (0, width) for y in (0, height) for z in (-1, 1)])
     placed = [manifold3d.Manifold.hull_points((corners @ board_pose.T)[:, :3])]
@@ -68,38 +68,40 @@ def strewn(mesh: Mesh, subject: Subject, board_pose: np.ndarray, rng: np.random.
     reach_mm = float(np.linalg.norm((mesh.vertices - foot)[:, :2], axis=1).max())
     found = []
     for _ in range(DISTRACTORS):
-        other = distractor(rng)
-        body = body_of(other.vertices)
+        other = make_distractor(rng)
+        body = make_body(other.vertices)
         for _ in range(ATTEMPTS):
-            pose = _dropped(body, foot, reach_mm, rng)
+            pose = _choose_pose(body, foot, reach_mm, rng)
             shape = manifold3d.Manifold.hull_points(body.hull @ pose[:3, :3].T + pose[:3, 3])
             tall_mm = float((body.vertices @ pose[2, :3] + pose[2, 3]).max() - foot[2])
             gap_mm = max(LEAST_GAP_MM, tall_mm / np.tan(np.radians(CLEAR_VIEW_DEG)))
             if shape.min_gap(thing, gap_mm) >= gap_mm and all(shape.min_gap(one, GAP_BETWEEN_MM) >= GAP_BETWEEN_MM for one in placed):
                 placed.append(shape)
-                found.append(moved(other, pose))
+                found.append(transform_mesh(other, pose))
                 break
     return found
 
 
-def _dropped(body: Body, foot: np.ndarray, reach_mm: float, rng: np.random.Generator) -> np.ndarray:
+def _choose_pose(body: RigidBody, foot: np.ndarray, reach_mm: float, rng: np.random.Generator) -> np.ndarray:
     """(4, 4) model_from_distractor: at rest somewhere around the object."""
-    pose = lie_down(body, rng)
+    pose = choose_rest(body, rng)
     radius_mm, angle = reach_mm + LEAST_GAP_MM + SPREAD_MM * rng.uniform(), rng.uniform(0, 2 * np.pi)
     pose[:3, 3] += foot + [radius_mm * np.cos(angle), radius_mm * np.sin(angle), 0.0]
     return pose
 
 
-class TableView:
+class FilmRenderer:
     """Renders a table, with or without the object and the board."""
 
-    def __init__(self, table: Table, with_object: bool, with_board: bool) -> None:
+    def __init__(self, table: FilmTable, with_object: bool, with_board: bool) -> None:
         def lay(texture: np.ndarray) -> None:
-            paint(texture, BOARD, table.board_pose, table.subject)
+            paint_board(texture, BOARD, table.board_pose, table.subject)
 
         things = [table.mesh, *table.clutter] if with_object else table.clutter
-        surface = surface_part(SCENE, table.subject, table.seed, lay if with_board else None)
-        self._renderer = Renderer([object_part(merged(things)), surface], table.subject, table.seed, table.lights, MERGED_MM)
+        surface = make_surface_mesh(SCENE, table.subject, table.seed, lay if with_board else None)
+        self._renderer = SceneRenderer(
+            [make_object_mesh(merge_meshes(things)), surface], table.subject, table.seed, table.lights, MERGED_MM
+        )
         self._object_faces = len(table.mesh.faces) if with_object else 0
         self._vertices = table.mesh.vertices
         low, high = self._vertices.min(0), self._vertices.max(0)
@@ -119,7 +121,7 @@ class TableView:
         if (high <= low).any():
             return mask
         grid = np.stack(np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5), -1)
-        rays = shading.camera_rays(grid.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
+        rays = shading.make_camera_rays(grid.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
         hits = self._renderer.scene.cast_rays(o3d.core.Tensor(rays))
         own = (hits["geometry_ids"].numpy() == 0) & (hits["primitive_ids"].numpy() < self._object_faces)
         mask[low[1] : high[1], low[0] : high[0]] = own.reshape(grid.shape[:2])

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.synthetic.rings import Subject, look_at
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds, look_at
 
 DURATION_S = 40.0
 TURNS = 2.0
@@ -25,7 +25,7 @@ ELEVATION_WANDER_DEG, ROLL_WANDER_DEG, DISTANCE_WANDER, AIM_WANDER = 2.5, 2.0, 0
 TREMOR_DEG = 0.22
 
 
-class Sines:
+class SmoothNoise:
     """A smooth random course of mean 0 and standard deviation about 1 in `dimensions` components."""
 
     def __init__(self, rng: np.random.Generator, hertz: tuple[float, float], dimensions: int) -> None:
@@ -51,16 +51,16 @@ class Lens:
         return np.array([[focal_px, 0, self.width_px / 2], [0, focal_px, self.height_px / 2], [0, 0, 1.0]])
 
 
-class Hand:
+class HandheldCamera:
     """The way of the camera around `subject`, in its frame (mm, z up); it begins at the object's front."""
 
-    def __init__(self, subject: Subject, diagonal_mm: float, lens: Lens, rng: np.random.Generator) -> None:
+    def __init__(self, subject: ObjectBounds, diagonal_mm: float, lens: Lens, rng: np.random.Generator) -> None:
         """`diagonal_mm` is that of the object's box."""
         self._subject, self.lens = subject, lens
         framed_mm = diagonal_mm * lens.intrinsics[0, 0] / (FRAMED_SHARE * lens.height_px)
         self.distance_mm = max(framed_mm, LEAST_DISTANCE_MM)
-        self._way = Sines(rng, WANDER_HZ, 7)
-        self._tremor = Sines(rng, TREMOR_HZ, 3)
+        self._way = SmoothNoise(rng, WANDER_HZ, 7)
+        self._tremor = SmoothNoise(rng, TREMOR_HZ, 3)
 
     def camera(self, time_s: float, name: str) -> Camera:
         """The camera at a moment of the film."""

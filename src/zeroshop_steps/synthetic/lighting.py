@@ -12,8 +12,8 @@ import numba
 import numpy as np
 
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.synthetic.rings import Subject
-from zeroshop_steps.synthetic.scenes import Part
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 
 LIGHT_DISTANCE_IN_SIZES, LIGHT_HALF_SIDE_IN_SIZES = 8.0, 3.0
 LIGHT_STRENGTHS = (0.60, 0.40, 0.50, 0.35, 1.00, 0.40)  # towards +x, -x, +y, -y, +z, -z
@@ -67,7 +67,7 @@ class BakedLight:
     surface_side_mm: float
 
 
-def place_lights(subject: Subject, on_surface: bool) -> Lights:
+def place_lights(subject: ObjectBounds, on_surface: bool) -> Lights:
     """Lights around the object, their strength chosen for the exposure. On a surface the four at the sides stand on it."""
     directions = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
     angle = np.radians(subject.front_azimuth_deg)
@@ -85,8 +85,13 @@ def place_lights(subject: Subject, on_surface: bool) -> Lights:
     return Lights(centres, axes, half_side_mm, lights.radiances * exposure, SKY * exposure)
 
 
-def bake(
-    scene: o3d.t.geometry.RaycastingScene, parts: list[Part], subject: Subject, lights: Lights, seed: int, merged_mm: float | None = None
+def bake_light(
+    scene: o3d.t.geometry.RaycastingScene,
+    parts: list[SceneMesh],
+    subject: ObjectBounds,
+    lights: Lights,
+    seed: int,
+    merged_mm: float | None = None,
 ) -> BakedLight:
     """Compute the light at all samples. `parts[0]` is the object (geometry 0), `parts[1]`, if any, the surface.
 
@@ -99,7 +104,7 @@ def bake(
     first = np.concatenate([[0], np.cumsum((steps + 1) * (steps + 2) // 2)])
     points, normals = _lattice(corners, part.corner_normals, first, steps, 2e-4 * subject.largest_mm)
     bounce = SURFACE_BOUNCE if len(parts) > 1 else 0.0
-    chosen, share = _merged(points, normals, merged_mm) if merged_mm else (slice(None), slice(None))
+    chosen, share = _merge_samples(points, normals, merged_mm) if merged_mm else (slice(None), slice(None))
     object_light = _bake_points(scene, points[chosen], normals[chosen], lights, bounce, seed)[share]
     cells = SURFACE_CELLS if len(parts) > 1 else 2
     side_mm = 2 * SURFACE_BAKED_IN_SIZES * subject.largest_mm
@@ -116,7 +121,7 @@ def bake(
     return BakedLight(first[:-1], steps, object_light, surface_light, origin_mm, side_mm)
 
 
-def _merged(points: np.ndarray, normals: np.ndarray, merged_mm: float) -> tuple[np.ndarray, np.ndarray]:
+def _merge_samples(points: np.ndarray, normals: np.ndarray, merged_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """(M,) samples that stand for all, and (S,) which of them stands for each."""
     cells = np.concatenate([np.rint(points / merged_mm), np.rint(4.0 * normals)], 1).astype(np.int16)
     keys = np.ascontiguousarray(cells).view(np.dtype((np.void, cells.shape[1] * cells.itemsize))).ravel()

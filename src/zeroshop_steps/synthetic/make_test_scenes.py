@@ -16,7 +16,7 @@ import numpy as np
 
 from zeroshop_steps.bop.annotate import annotate
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.models import listed_objects, read_models
+from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, write_targets
 from zeroshop_steps.geometry.cameras import Camera
@@ -26,10 +26,10 @@ from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic import blender_tables
 from zeroshop_steps.synthetic.blenderproc import add_blender_arguments, check_options, frames_folder
-from zeroshop_steps.synthetic.clutter import Body, body_of, place
-from zeroshop_steps.synthetic.distractors import distractor
+from zeroshop_steps.synthetic.clutter import RigidBody, make_body, place_bodies
+from zeroshop_steps.synthetic.distractors import make_distractor
 from zeroshop_steps.synthetic.shading import use_threads
-from zeroshop_steps.synthetic.table_scene import Shot, TableScene, cast_pictures
+from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene, render_raycast
 
 OBJECTS = (5, 8)
 DISTRACTORS = (1, 3)
@@ -39,7 +39,7 @@ RENDERERS = ("raycast", "blenderproc")
 
 
 @dataclass(frozen=True)
-class Studio:
+class SceneBackend:
     """What may differ between renderers.
 
     Attributes:
@@ -47,7 +47,7 @@ class Studio:
         pictures: gives each camera of the table `scene_id` its linear light.
     """
 
-    rest: Callable[[int, Sequence[Body], np.random.Generator], list[np.ndarray]]
+    rest: Callable[[int, Sequence[RigidBody], np.random.Generator], list[np.ndarray]]
     pictures: Callable[[int, TableScene, Iterable[Camera]], Iterator[tuple[Camera, np.ndarray]]]
 
 
@@ -70,30 +70,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write one test set."""
     use_threads(args.threads)
-    models = read_models(args.models, listed_objects(args.models))
+    models = read_models(args.models, list_objects(args.models))
     for model in models.values():
         if model.mesh.uv is None or model.mesh.texture is None:
             raise StepError(f"object {model.object_id} in {args.models} has no texture; a test set needs textured models")
-    bodies = {number: body_of(model.mesh.vertices) for number, model in models.items()}
+    bodies = {number: make_body(model.mesh.vertices) for number, model in models.items()}
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
-    studio = studio_of(args)
+    studio = choose_backend(args)
     targets: list[Target] = []
     with atomic_directory(args.out) as out:
         for scene_id in track(range(1, args.scenes + 1), "tables", args.scenes):
             rng = np.random.default_rng([args.seed, scene_id])
-            chosen = chosen_objects(list(models), scene_id, args.seed)
-            extras = [distractor(rng) for _ in range(rng.integers(DISTRACTORS[0], DISTRACTORS[1] + 1))]
+            chosen = choose_objects(list(models), scene_id, args.seed)
+            extras = [make_distractor(rng) for _ in range(rng.integers(DISTRACTORS[0], DISTRACTORS[1] + 1))]
             things = [models[number].mesh for number in chosen] + extras
-            shapes = [bodies[number] for number in chosen] + [body_of(extra.vertices) for extra in extras]
+            shapes = [bodies[number] for number in chosen] + [make_body(extra.vertices) for extra in extras]
             order = rng.permutation(len(things))
             world_from_models = studio.rest(scene_id, [shapes[i] for i in order], rng)
             scene = TableScene([things[i] for i in order], world_from_models, rng, plain=scene_id % 2 == 1)
             poses = {int(i): pose for i, pose in zip(order, world_from_models, strict=True)}
             folder, frames = out / f"{scene_id:06d}", []
-            cameras = table_cameras(scene, args, rng)
+            cameras = sample_cameras(scene, args, rng)
             for image, (camera, linear) in enumerate(studio.pictures(scene_id, scene, cameras)):
                 shot = scene.shoot(camera, linear, rng)
-                frame = write_shot(folder, scene_id, image, shot, chosen, poses, renderers)
+                frame = write_frame(folder, scene_id, image, shot, chosen, poses, renderers)
                 frames.append(frame)
                 targets += [
                     Target(scene_id, image, instance.object_id, 1)
@@ -103,32 +103,33 @@ def run(args: argparse.Namespace) -> None:
             write_scene(folder, frames)
     shutil.rmtree(frames_folder(args.out), ignore_errors=True)
     write_targets(args.targets, sorted(targets, key=lambda target: (target.scene_id, target.im_id, target.obj_id)))
-    write_json(args.camera, camera_notes(frames[0].intrinsics, args.width_px, args.height_px))
+    write_json(args.camera, make_camera_record(frames[0].intrinsics, args.width_px, args.height_px))
     print(f"{args.out}: {args.scenes} scenes, {args.scenes * args.images} images, {len(targets)} targets")
 
 
-def studio_of(args: argparse.Namespace) -> Studio:
+def choose_backend(args: argparse.Namespace) -> SceneBackend:
     """The renderer that was asked for."""
     if args.renderer == "raycast":
-        return Studio(lambda _, bodies, rng: place(bodies, rng), lambda _, scene, cameras: cast_pictures(scene, cameras))
+        return SceneBackend(lambda _, bodies, rng: place_bodies(bodies, rng), lambda _, scene, cameras: render_raycast(scene, cameras))
     check_options(args.samples, args.environment)
     frames = frames_folder(args.out)
 
     def pictures(scene_id: int, scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
         folder, title = frames / f"{scene_id:06d}", f"table {scene_id} of {args.scenes}"
-        return blender_tables.pictures(folder, args.environment, title, scene, list(cameras), args.samples, args.threads)
+        return blender_tables.render_table(folder, args.environment, title, scene, list(cameras), args.samples, args.threads)
 
-    return Studio(
-        lambda scene_id, bodies, rng: blender_tables.settled(frames / f"settled_{scene_id:06d}", args.environment, bodies, rng), pictures
+    return SceneBackend(
+        lambda scene_id, bodies, rng: blender_tables.settle_bodies(frames / f"settled_{scene_id:06d}", args.environment, bodies, rng),
+        pictures,
     )
 
 
-def table_cameras(scene: TableScene, args: argparse.Namespace, rng: np.random.Generator) -> Iterator[Camera]:
+def sample_cameras(scene: TableScene, args: argparse.Namespace, rng: np.random.Generator) -> Iterator[Camera]:
     """The cameras of a table, each drawn when it is due."""
     return (scene.camera(args.width_px, args.height_px, f"{image:06d}.png", rng) for image in range(args.images))
 
 
-def chosen_objects(numbers: list[int], scene_id: int, seed: int) -> list[int]:
+def choose_objects(numbers: list[int], scene_id: int, seed: int) -> list[int]:
     """Five to eight objects of a scene, each at most once; from scene to scene all take turns."""
     rng = np.random.default_rng([seed, 0])
     queue: list[int] = []
@@ -141,11 +142,11 @@ def chosen_objects(numbers: list[int], scene_id: int, seed: int) -> list[int]:
     return sorted(chosen)
 
 
-def write_shot(
+def write_frame(
     folder: Path,
     scene_id: int,
     image: int,
-    shot: Shot,
+    shot: RgbdImage,
     chosen: list[int],
     poses: dict[int, np.ndarray],
     renderers: dict[int, DepthRenderer],
@@ -167,7 +168,7 @@ def write_shot(
     return Frame(scene_id, image, intrinsics, DEPTH_SCALE, shot.camera.camera_from_world, tuple(instances), folder)
 
 
-def camera_notes(intrinsics: np.ndarray, width_px: int, height_px: int) -> dict:
+def make_camera_record(intrinsics: np.ndarray, width_px: int, height_px: int) -> dict:
     """The content of camera.json."""
     k = intrinsics
     return {

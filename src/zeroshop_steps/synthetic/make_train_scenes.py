@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic.make_test_scenes import DEPTH_SCALE, camera_notes
+from zeroshop_steps.synthetic.make_test_scenes import DEPTH_SCALE, make_camera_record
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # BOP counts pixels from their centres
 
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
                 raise StepError(f"{capture} and {numbers[number]} show the same object, {number}; a training set takes one capture of each")
             numbers[number] = capture
             camera = write_training_scene(out / f"{number:06d}", number, capture, model)
-    write_json(args.camera, camera_notes(camera.intrinsics - HALF_PX, camera.width_px, camera.height_px))
+    write_json(args.camera, make_camera_record(camera.intrinsics - HALF_PX, camera.width_px, camera.height_px))
 
 
 def write_training_scene(folder: Path, number: int, capture: Path, model: Path) -> Camera:

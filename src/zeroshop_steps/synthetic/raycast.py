@@ -10,10 +10,10 @@ from pathlib import Path
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.synthetic import virtual
-from zeroshop_steps.synthetic.renderer import Picture, Renderer
-from zeroshop_steps.synthetic.rings import Subject
-from zeroshop_steps.synthetic.scenes import Part
+from zeroshop_steps.synthetic import virtual_capture
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.renderer import RenderedView, SceneRenderer
+from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 from zeroshop_steps.synthetic.shading import use_threads
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
@@ -21,7 +21,7 @@ CACHED = Cached(inputs=("model",), ignored=("threads",))
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
-    virtual.add_scene_arguments(parser)
+    virtual_capture.add_scene_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -37,13 +37,13 @@ def capture(
     height_px: int,
     seed: int,
     out: Path,
-    lay: virtual.Lay | None = None,
+    lay: virtual_capture.Lay | None = None,
     facts: dict | None = None,
 ) -> None:
-    """Render all views of one scene into the capture folder `out`; see `virtual.capture`."""
+    """Render all views of one scene into the capture folder `out`; see `virtual_capture.render_capture`."""
 
-    def render(parts: list[Part], subject: Subject, cameras: Sequence[Camera]) -> Iterator[Picture]:
-        renderer = Renderer(parts, subject, seed)
+    def render(parts: list[SceneMesh], subject: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
+        renderer = SceneRenderer(parts, subject, seed)
         return (renderer.render(camera) for camera in cameras)
 
-    virtual.capture(render, model, scene, width_px, height_px, seed, out, lay, facts)
+    virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, lay, facts)

@@ -8,9 +8,9 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.synthetic import lighting, shading
-from zeroshop_steps.synthetic.rings import Subject
-from zeroshop_steps.synthetic.scenes import Part
-from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, encode
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.scene_meshes import SceneMesh
+from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, encode_srgb
 
 EDGE_SAMPLES_A_SIDE = 4
 BACKGROUND = 0.45
@@ -19,7 +19,7 @@ READ_NOISE = 6e-4
 
 
 @dataclass(frozen=True)
-class Picture:
+class RenderedView:
     """One rendered view.
 
     Attributes:
@@ -33,20 +33,25 @@ class Picture:
     depth_mm: np.ndarray
 
 
-class Renderer:
+class SceneRenderer:
     """Renders a scene of an object (`parts[0]`) and perhaps a surface (`parts[1]`); the light is baked once, here.
 
-    `lights` are those of the captures by default; for `merged_mm` see `lighting.bake`.
+    `lights` are those of the captures by default; for `merged_mm` see `lighting.bake_light`.
     """
 
     def __init__(
-        self, parts: list[Part], subject: Subject, seed: int, lights: lighting.Lights | None = None, merged_mm: float | None = None
+        self,
+        parts: list[SceneMesh],
+        subject: ObjectBounds,
+        seed: int,
+        lights: lighting.Lights | None = None,
+        merged_mm: float | None = None,
     ) -> None:
         self.scene = ray_caster(*((part.vertices, part.faces) for part in parts))
         lights = lights or lighting.place_lights(subject, on_surface=len(parts) > 1)
-        light = lighting.bake(self.scene, parts, subject, lights, seed, merged_mm)
+        light = lighting.bake_light(self.scene, parts, subject, lights, seed, merged_mm)
         self._arrays = [
-            shading.PartArrays(
+            shading.SceneMeshArrays(
                 part.vertices[part.faces], part.corner_normals, part.corner_uv, part.pyramid.texels, part.pyramid.levels, part.pyramid.wrap
             )
             for part in (parts[0], parts[-1])
@@ -57,13 +62,13 @@ class Renderer:
             light.surface_light, light.surface_origin_mm, light.surface_side_mm,
         )  # fmt: skip
 
-    def render(self, camera: Camera) -> Picture:
+    def render(self, camera: Camera) -> RenderedView:
         """Render one view: one filtered sample a pixel, and sixteen where geometry changes within a pixel's reach."""
         height, width = camera.height_px, camera.width_px
         pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1).reshape(-1, 2)
         color, part, depth, normals = self._trace(camera, pixels, 1.0)
         object_share = (part == 0).astype(np.float32)
-        edges = np.flatnonzero(_edges(part.reshape(height, width), depth.reshape(height, width), normals.reshape(height, width, 3)))
+        edges = np.flatnonzero(_find_edges(part.reshape(height, width), depth.reshape(height, width), normals.reshape(height, width, 3)))
         count = EDGE_SAMPLES_A_SIDE
         offsets = np.stack(np.meshgrid(*2 * [(np.arange(count) + 0.5) / count - 0.5]), -1).reshape(-1, 2)
         if len(edges):
@@ -79,11 +84,11 @@ class Renderer:
             agrees = (part[edges] == 0) == (object_share[edges] >= 0.5)
             depth[edges] = np.where(agrees, depth[edges], np.where(wanted.any(1), pick, 0.0))
         mask = (object_share >= 0.5).reshape(height, width)
-        return Picture(color.reshape(height, width, 3), mask, depth.reshape(height, width))
+        return RenderedView(color.reshape(height, width, 3), mask, depth.reshape(height, width))
 
     def _trace(self, camera: Camera, pixels: np.ndarray, footprint: float):
         world_from_camera = np.linalg.inv(camera.camera_from_world)
-        rays = shading.camera_rays(pixels, camera.intrinsics, world_from_camera)
+        rays = shading.make_camera_rays(pixels, camera.intrinsics, world_from_camera)
         hits = self.scene.cast_rays(o3d.core.Tensor(rays))
         depth, part = hits["t_hit"].numpy(), hits["geometry_ids"].numpy()
         step_x = world_from_camera[:3, 0] / camera.intrinsics[0, 0]
@@ -95,7 +100,7 @@ class Renderer:
         return color, part, np.where(part == shading.MISS, 0.0, depth).astype(np.float32), hits["primitive_normals"].numpy()
 
 
-def _edges(part: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def _find_edges(part: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(height, width) bool: pixels that differ from a neighbour in part or normal, or leap in depth."""
     found = np.zeros(part.shape, bool)
     for axis in (0, 1):
@@ -116,4 +121,4 @@ def expose(linear: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     light = np.clip(linear, 0.0, None)
     deviation = np.sqrt(light / FULL_WELL_ELECTRONS + READ_NOISE**2, dtype=np.float32)
     noisy = light + deviation * rng.standard_normal(light.shape, dtype=np.float32)
-    return encode(noisy)
+    return encode_srgb(noisy)

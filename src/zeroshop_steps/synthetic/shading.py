@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from zeroshop_steps.synthetic.textures import sample
+from zeroshop_steps.synthetic.textures import sample_mip_levels
 
 NORMAL_REFLECTANCE = 0.03
 GRAZING_REFLECTANCE = 0.3
@@ -22,8 +22,8 @@ def use_threads(threads: int) -> None:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
 
 
-class PartArrays(NamedTuple):
-    """A `Part` for the kernel: corners, normals (F, 3, 3) and uv (F, 3, 2) by face, and its pyramid's fields."""
+class SceneMeshArrays(NamedTuple):
+    """A `SceneMesh` for the kernel: corners, normals (F, 3, 3) and uv (F, 3, 2) by face, and its pyramid's fields."""
 
     corners: np.ndarray
     normals: np.ndarray
@@ -51,7 +51,7 @@ class LightArrays(NamedTuple):
 
 
 @numba.njit(cache=True, parallel=True)
-def camera_rays(pixels, intrinsics, world_from_camera):
+def make_camera_rays(pixels, intrinsics, world_from_camera):
     """(N, 6) float32 rays (origin, direction of unit z in the camera) through (N, 2) pixel positions, so that t is the z depth."""
     rays = np.empty((pixels.shape[0], 6), np.float32)
     for index in numba.prange(pixels.shape[0]):
@@ -170,11 +170,11 @@ def shade(rays, depths, geometry, faces, barycentric, step_x, step_y, footprint,
     """Linear RGB (N, 3) of N hits.
 
     Args:
-        rays: (N, 6) origins and directions, see `camera_rays`.
+        rays: (N, 6) origins and directions, see `make_camera_rays`.
         depths, geometry, faces, barycentric: what the ray cast returned (geometry 0 the object, 1 the surface, else a miss).
         step_x, step_y: (3,) change of the ray direction over one pixel to the right and one down.
         footprint: side of the filtered footprint in pixels.
-        thing, surface: `PartArrays` of the object and of the surface it stands on.
+        thing, surface: `SceneMeshArrays` of the object and of the surface it stands on.
         lights: `LightArrays`.
         linear_of_byte: (256,) decoding table of the textures.
     """
@@ -196,7 +196,7 @@ def shade(rays, depths, geometry, faces, barycentric, step_x, step_y, footprint,
                 normal[k] = (1.0 - bu - bv) * shape.normals[face, 0, k] + bu * shape.normals[face, 1, k] + bv * shape.normals[face, 2, k]
             reach = depths[index] * footprint
             u, v, ux, vx, uy, vy = _footprint(shape.corners[face], shape.uv[face], bu, bv, direction, reach, step_x, step_y)
-            red, green, blue = sample(shape.texels, shape.levels, shape.wrap, linear_of_byte, u, v, ux, vx, uy, vy)
+            red, green, blue = sample_mip_levels(shape.texels, shape.levels, shape.wrap, linear_of_byte, u, v, ux, vx, uy, vy)
             size = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
             for k in range(3):
                 normal[k] /= size

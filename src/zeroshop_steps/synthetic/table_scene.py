@@ -10,11 +10,11 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.synthetic import shading
-from zeroshop_steps.synthetic.depth_sensor import measured_depth
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds, look_at
+from zeroshop_steps.synthetic.depth_sensor import simulate_depth
 from zeroshop_steps.synthetic.lighting import Lights, place_lights
-from zeroshop_steps.synthetic.renderer import Renderer, expose
-from zeroshop_steps.synthetic.rings import Subject, look_at
-from zeroshop_steps.synthetic.scenes import object_part, surface_part
+from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
+from zeroshop_steps.synthetic.scene_meshes import make_object_mesh, make_surface_mesh
 
 TILE_PX, MARGIN_PX = 768, 8
 MERGED_MM = 1.5
@@ -25,7 +25,7 @@ LIGHT_CHANGES, TINTS, BRIGHT_LEVELS = (0.25, 1.75), (0.9, 1.1), (0.55, 0.85)
 
 
 @dataclass(frozen=True)
-class Shot:
+class RgbdImage:
     """One image of a scene.
 
     Attributes:
@@ -54,29 +54,29 @@ class TableScene:
 
     def __init__(self, things: Sequence[Mesh], world_from_models: Sequence[np.ndarray], rng: np.random.Generator, plain: bool) -> None:
         """`plain` chooses a nearly uniform table, else it is richly textured."""
-        self.world = merged([moved(mesh, pose) for mesh, pose in zip(things, world_from_models, strict=True)])
+        self.world = merge_meshes([transform_mesh(mesh, pose) for mesh, pose in zip(things, world_from_models, strict=True)])
         low, high = self.world.vertices.min(0), self.world.vertices.max(0)
         self._radius_mm = float(np.linalg.norm(self.world.vertices[:, :2], axis=1).max())
         self._middle = np.array([0.0, 0.0, (low[2] + high[2]) / 3])
-        self.subject = Subject((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
+        self.subject = ObjectBounds((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
         self.seed = int(rng.integers(2**31))
-        self.table = surface_part("su_l" if plain else "su_h", self.subject, self.seed)
-        self.lights = changed_lights(self.subject, rng)
+        self.table = make_surface_mesh("su_l" if plain else "su_h", self.subject, self.seed)
+        self.lights = vary_lights(self.subject, rng)
         self._scene = ray_caster((self.world.vertices, self.world.faces), (self.table.vertices, self.table.faces))
 
-    def shoot(self, camera: Camera, linear: np.ndarray, rng: np.random.Generator) -> Shot:
+    def shoot(self, camera: Camera, linear: np.ndarray, rng: np.random.Generator) -> RgbdImage:
         """The photo of (height, width, 3) linear light, its exposure and white balance off a little, and the depth."""
         width_px, height_px = camera.width_px, camera.height_px
         linear = linear * rng.uniform(*TINTS, 3).astype(np.float32)
         linear *= rng.uniform(*BRIGHT_LEVELS) / max(float(np.percentile(linear, 90)), 1e-6)
         pixels = np.stack(np.meshgrid(np.arange(width_px) + 0.5, np.arange(height_px) + 0.5), -1)
-        rays = shading.camera_rays(pixels.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
+        rays = shading.make_camera_rays(pixels.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
         rays = rays.reshape(height_px, width_px, 6)
         hits = self._scene.cast_rays(o3d.core.Tensor(rays))
         depth, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
         depth = np.where(np.isfinite(depth), depth, 0.0)
-        measured = measured_depth(depth, normals, rays, self._scene, camera.camera_from_world, rng)
-        return Shot(camera, expose(linear, rng), depth, measured)
+        measured = simulate_depth(depth, normals, rays, self._scene, camera.camera_from_world, rng)
+        return RgbdImage(camera, expose(linear, rng), depth, measured)
 
     def camera(self, width_px: int, height_px: int, name: str, rng: np.random.Generator) -> Camera:
         """A camera on a random side."""
@@ -92,27 +92,27 @@ class TableScene:
         return Camera(name, width_px, height_px, intrinsics, roll @ look_at(target + distance_mm * direction, target))
 
 
-def cast_pictures(scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
+def render_raycast(scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
     """Each camera and the (height, width, 3) linear light that the embedded ray caster gives it; a camera is taken when it is due."""
-    renderer = Renderer([object_part(scene.world), scene.table], scene.subject, scene.seed, scene.lights, MERGED_MM)
+    renderer = SceneRenderer([make_object_mesh(scene.world), scene.table], scene.subject, scene.seed, scene.lights, MERGED_MM)
     for camera in cameras:
         yield camera, renderer.render(camera).linear
 
 
-def changed_lights(subject: Subject, rng: np.random.Generator) -> Lights:
+def vary_lights(subject: ObjectBounds, rng: np.random.Generator) -> Lights:
     """The captures' six area lights, each stronger or weaker at random, and so the sky."""
     lights = place_lights(subject, on_surface=True)
     factors = rng.uniform(*LIGHT_CHANGES, 7)
     return replace(lights, radiances=lights.radiances * factors[:6], sky=lights.sky * float(factors[6]))
 
 
-def moved(mesh: Mesh, pose: np.ndarray) -> Mesh:
+def transform_mesh(mesh: Mesh, pose: np.ndarray) -> Mesh:
     """A mesh moved by a rigid (4, 4) transform."""
     normals = mesh.with_normals().normals if mesh.normals is None else mesh.normals
     return replace(mesh, vertices=mesh.vertices @ pose[:3, :3].T + pose[:3, 3], normals=normals @ pose[:3, :3].T)
 
 
-def merged(meshes: Sequence[Mesh]) -> Mesh:
+def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Textured meshes as one, their textures on the tiles of one picture."""
     columns = int(np.ceil(np.sqrt(len(meshes))))
     rows = int(np.ceil(len(meshes) / columns))

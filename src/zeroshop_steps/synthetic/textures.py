@@ -23,13 +23,13 @@ LINEAR_OF_BYTE = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
 _BYTE_OF_LINEAR = np.rint(linear_to_srgb(np.linspace(0.0, 1.0, 16385)) * 255).astype(np.uint8)
 
 
-def encode(linear: np.ndarray) -> np.ndarray:
+def encode_srgb(linear: np.ndarray) -> np.ndarray:
     """Linear light to uint8 sRGB, clipped, by table."""
     return _BYTE_OF_LINEAR[(np.clip(linear, 0.0, 1.0) * (len(_BYTE_OF_LINEAR) - 1) + 0.5).astype(np.int32)]
 
 
 @dataclass(frozen=True)
-class Pyramid:
+class MipPyramid:
     """A mip pyramid in one flat array.
 
     Attributes:
@@ -43,7 +43,7 @@ class Pyramid:
     wrap: bool
 
 
-def build_pyramid(image: np.ndarray, coverage: np.ndarray | None = None, wrap: bool = False) -> Pyramid:
+def build_pyramid(image: np.ndarray, coverage: np.ndarray | None = None, wrap: bool = False) -> MipPyramid:
     """Average an image down level by level in linear light.
 
     Args:
@@ -61,14 +61,14 @@ def build_pyramid(image: np.ndarray, coverage: np.ndarray | None = None, wrap: b
         size = (max(width // 2, 1), max(height // 2, 1))
         sums.append(cv2.resize(sums[-1], size, interpolation=cv2.INTER_AREA))
         weights.append(None if whole else cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
-    filled = list(sums) if whole else _filled(sums, weights)
-    encoded = [encode(level) for level in filled]
+    filled = list(sums) if whole else _fill_levels(sums, weights)
+    encoded = [encode_srgb(level) for level in filled]
     sizes = np.array([[0, level.shape[1], level.shape[0]] for level in encoded], np.int64)
     sizes[1:, 0] = np.cumsum(sizes[:-1, 1] * sizes[:-1, 2])
-    return Pyramid(np.concatenate([level.reshape(-1, 3) for level in encoded]), sizes, wrap)
+    return MipPyramid(np.concatenate([level.reshape(-1, 3) for level in encoded]), sizes, wrap)
 
 
-def _filled(sums: list[np.ndarray], weights: list[np.ndarray]) -> list[np.ndarray]:
+def _fill_levels(sums: list[np.ndarray], weights: list[np.ndarray]) -> list[np.ndarray]:
     """Mean colours of all levels, finest first; where a level has no covered texel, those of the next coarser one."""
     filled = [sums[-1] / max(float(weights[-1].max()), 1e-6)]
     for total, weight in zip(reversed(sums[:-1]), reversed(weights[:-1]), strict=True):
@@ -78,7 +78,7 @@ def _filled(sums: list[np.ndarray], weights: list[np.ndarray]) -> list[np.ndarra
     return filled[::-1]
 
 
-def texture_coverage(uv: np.ndarray, faces: np.ndarray, width: int, height: int) -> np.ndarray:
+def find_texture_coverage(uv: np.ndarray, faces: np.ndarray, width: int, height: int) -> np.ndarray:
     """(height, width) bool: texels that some triangle uses. uv (V, 2) has its origin at the lower left."""
     coverage = np.zeros((height, width), np.uint8)
     corners = np.stack([uv[:, 0] * width - 0.5, (1.0 - uv[:, 1]) * height - 0.5], 1)[faces]
@@ -117,11 +117,11 @@ def _bilinear(texels, linear_of_byte, offset, width, height, wrap, u, v):
 
 
 @numba.njit(cache=True, fastmath=True)
-def sample(texels, levels, wrap, linear_of_byte, u, v, ux, vx, uy, vy):
+def sample_mip_levels(texels, levels, wrap, linear_of_byte, u, v, ux, vx, uy, vy):
     """Mean linear colour of a pixel's footprint, a parallelogram in texture space (after Heckbert 1989, probes along its long side).
 
     Args:
-        texels, levels, wrap: a `Pyramid`'s fields.
+        texels, levels, wrap: a `MipPyramid`'s fields.
         linear_of_byte: (256,) decoding table.
         u, v: centre, origin at the lower left.
         ux, vx, uy, vy: change of u and v over one pixel to the right and one down.

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import box_of_mask
-from zeroshop_steps.bop.models import listed_objects, read_models
+from zeroshop_steps.bop.detections import mask_to_box
+from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.detect.cnos.crops import CropDescriber
-from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, without_small
-from zeroshop_steps.detect.pictures import Found, add_image_arguments, frames_of, photo_of, suppressed_boxes, write_found
+from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_small_masks
+from zeroshop_steps.detect.detector_io import ObjectMask, add_image_arguments, read_frames, read_photo, run_detector, suppress_boxes
 from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.networks.devices import chosen_device
 from zeroshop_steps.networks.pretrained import require_model
@@ -43,45 +43,45 @@ def run(args: argparse.Namespace) -> None:
     """Detect the models of a folder in the images of a split."""
     folders = [require_model(name, FILES) for name in (SEGMENTER, DESCRIBER)]
     device = torch.device(chosen_device(args.device))
-    frames = frames_of(args.scenes, args.targets)
+    frames = read_frames(args.scenes, args.targets)
     segmenter, describer = SegmentAnything(folders[0], device), CropDescriber(folders[1], device)
-    views = described_views(args.models, args.templates, describer)
+    views = describe_views(args.models, args.templates, describer)
     options = {"points_per_side": args.points_per_side, "least_iou": args.least_iou, "least_stability": args.least_stability}
 
-    def detect(frame: Frame) -> list[Found]:
-        photo = photo_of(frame)
-        masks = without_small(segmenter.masks(_scaled(photo, args.width_px), **options))
-        return named([_resized(mask, photo.shape[:2]) for mask in masks], photo, describer, views)
+    def detect(frame: Frame) -> list[ObjectMask]:
+        photo = read_photo(frame)
+        masks = drop_small_masks(segmenter.masks(_scale_photo(photo, args.width_px), **options))
+        return assign_objects([_resize_mask(mask, photo.shape[:2]) for mask in masks], photo, describer, views)
 
-    write_found(args.out, frames, detect)
+    run_detector(args.out, frames, detect)
 
 
-def described_views(models: Path, templates: Path, describer: CropDescriber) -> dict[int, np.ndarray]:
+def describe_views(models: Path, templates: Path, describer: CropDescriber) -> dict[int, np.ndarray]:
     """(views, D) unit vectors of each model's views, by object."""
     views = {}
-    for number in read_models(models, listed_objects(models)):
+    for number in read_models(models, list_objects(models)):
         one = read_templates(templates, number)
         views[number] = describer.describe([(color, mask) for color, mask in zip(one.colors, one.masks, strict=True)])
     return views
 
 
-def named(masks: list[np.ndarray], photo: np.ndarray, describer: CropDescriber, views: dict[int, np.ndarray]) -> list[Found]:
+def assign_objects(masks: list[np.ndarray], photo: np.ndarray, describer: CropDescriber, views: dict[int, np.ndarray]) -> list[ObjectMask]:
     """Each mask as the object that it resembles most, without doubles of an object (by their boxes' IoU)."""
     masks = [mask for mask in masks if mask.any()]
     if not masks:
         return []
-    scores = object_scores(describer.describe([(photo, mask) for mask in masks]), list(views.values()))
+    scores = score_objects(describer.describe([(photo, mask) for mask in masks]), list(views.values()))
     numbers, best = np.array(list(views))[scores.argmax(1)], scores.max(1)
-    boxes = np.array([box_of_mask(mask) for mask in masks], float)
+    boxes = np.array([mask_to_box(mask) for mask in masks], float)
     found = []
     for number in views:
         mine = np.flatnonzero((numbers == number) & (best > LEAST_SCORE))
-        kept = mine[suppressed_boxes(boxes[mine], best[mine], MOST_IOU)]
-        found += [Found(number, float(best[index]), masks[index]) for index in kept]
+        kept = mine[suppress_boxes(boxes[mine], best[mine], MOST_IOU)]
+        found += [ObjectMask(number, float(best[index]), masks[index]) for index in kept]
     return found
 
 
-def object_scores(regions: np.ndarray, views: list[np.ndarray]) -> np.ndarray:
+def score_objects(regions: np.ndarray, views: list[np.ndarray]) -> np.ndarray:
     """(regions, objects): the mean cosine with the five nearest views of each object, 0..1."""
     scores = []
     for vectors in views:
@@ -90,13 +90,13 @@ def object_scores(regions: np.ndarray, views: list[np.ndarray]) -> np.ndarray:
     return np.stack(scores, 1)
 
 
-def _scaled(photo: np.ndarray, width_px: int) -> np.ndarray:
+def _scale_photo(photo: np.ndarray, width_px: int) -> np.ndarray:
     height = round(photo.shape[0] * width_px / photo.shape[1])
     smaller = width_px < photo.shape[1]
     return cv2.resize(photo, (width_px, height), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
 
 
-def _resized(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _resize_mask(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     if mask.shape == shape:
         return mask
     return cv2.resize(mask.astype(np.uint8) * 255, shape[::-1], interpolation=cv2.INTER_LINEAR) >= 128

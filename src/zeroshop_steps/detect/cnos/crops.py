@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import torch
 
-from zeroshop_steps.bop.detections import box_of_mask
+from zeroshop_steps.bop.detections import mask_to_box
 from zeroshop_steps.networks.pretrained import load_pretrained
 
 SIDE_PX, CROPS_AT_ONCE = 224, 16
@@ -28,15 +28,15 @@ class CropDescriber:
         """(N, D) float32 unit vectors of regions, each an image (height, width, 3) uint8 and a mask that is not empty."""
         vectors = []
         for start in range(0, len(regions), CROPS_AT_ONCE):
-            crops = np.stack([masked_crop(image, mask) for image, mask in regions[start : start + CROPS_AT_ONCE]])
+            crops = np.stack([crop_masked(image, mask) for image, mask in regions[start : start + CROPS_AT_ONCE]])
             tokens = self._model(torch.from_numpy(crops).to(self._device)).last_hidden_state[:, 0]
             vectors.append(torch.nn.functional.normalize(tokens, dim=1).cpu().numpy())
         return np.concatenate(vectors).astype(np.float32)
 
 
-def masked_crop(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def crop_masked(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """(3, SIDE_PX, SIDE_PX) float32: what the mask's box holds, black beside the mask, in the middle of a square, normalised."""
-    left, top, width, height = box_of_mask(mask)
+    left, top, width, height = mask_to_box(mask)
     window = np.s_[top : top + height, left : left + width]
     crop = image[window] * mask[window][..., None]
     scale = SIDE_PX / max(width, height)

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from zeroshop_steps.bop.detections import box_of_mask
-from zeroshop_steps.detect.pictures import suppressed_boxes
+from zeroshop_steps.bop.detections import mask_to_box
+from zeroshop_steps.detect.detector_io import suppress_boxes
 from zeroshop_steps.networks.pretrained import load_pretrained
 
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])  # ImageNet's, of 0..255
@@ -58,10 +58,10 @@ class SegmentAnything:
             if not len(logits):
                 continue
             logits = self._in_image(logits, inner, (height, width))
-            kept = stability(logits) >= least_stability
+            kept = measure_stability(logits) >= least_stability
             found += list((logits[kept] > 0).cpu().numpy())
             surety += predicted[likely][kept].tolist()
-        return distinct(found, np.array(surety))
+        return drop_duplicate_masks(found, np.array(surety))
 
     def _in_image(self, logits: torch.Tensor, inner: tuple[int, int], size: tuple[int, int]) -> torch.Tensor:
         """Logits of the padded square as those of the image's pixels, (N, height, width)."""
@@ -69,26 +69,26 @@ class SegmentAnything:
         return functional.interpolate(square[..., : inner[1], : inner[0]], size, mode="bilinear", align_corners=False)[:, 0]
 
 
-def stability(logits: torch.Tensor) -> torch.Tensor:
+def measure_stability(logits: torch.Tensor) -> torch.Tensor:
     """(N,) IoU of the masks cut one logit above and one below 0; 0 for empty ones."""
     inside, outside = (logits > STABILITY_OFFSET).sum((-1, -2)), (logits > -STABILITY_OFFSET).sum((-1, -2))
     return inside / outside.clamp(min=1)
 
 
-def distinct(masks: list[np.ndarray], surety: np.ndarray) -> list[np.ndarray]:
+def drop_duplicate_masks(masks: list[np.ndarray], surety: np.ndarray) -> list[np.ndarray]:
     """Masks that are not empty, surest first, without those whose box is nearly that of a surer one."""
     full = [index for index, mask in enumerate(masks) if mask.any()]
     if not full:
         return []
-    boxes = np.array([box_of_mask(masks[index]) for index in full], float)
-    return [masks[full[index]] for index in suppressed_boxes(boxes, surety[full], MOST_BOX_IOU)]
+    boxes = np.array([mask_to_box(masks[index]) for index in full], float)
+    return [masks[full[index]] for index in suppress_boxes(boxes, surety[full], MOST_BOX_IOU)]
 
 
-def without_small(masks: list[np.ndarray]) -> list[np.ndarray]:
+def drop_small_masks(masks: list[np.ndarray]) -> list[np.ndarray]:
     """Without masks of few pixels, or with a box that is smaller than a square of a twentieth of the image's sides."""
     kept = []
     for mask in masks:
-        _, _, width, height = box_of_mask(mask)
+        _, _, width, height = mask_to_box(mask)
         if width * height > SMALLEST_BOX_SIDE**2 * mask.size and mask.mean() > SMALLEST_MASK:
             kept.append(mask)
     return kept

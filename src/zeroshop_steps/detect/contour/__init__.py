@@ -11,14 +11,22 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.models import listed_objects, read_models
+from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.detect.contour.compare import Reference, confidences, reference_of
-from zeroshop_steps.detect.contour.descriptors import linear_rgb, patch_of
-from zeroshop_steps.detect.contour.edges import edges_of
-from zeroshop_steps.detect.contour.regions import Proposal, proposals_of
-from zeroshop_steps.detect.contour.surface import surface_of
-from zeroshop_steps.detect.pictures import Found, add_image_arguments, depth_of, frames_of, photo_of, suppressed, write_found
+from zeroshop_steps.detect.contour.depth_surface import prepare_surface
+from zeroshop_steps.detect.contour.descriptors import linear_rgb, make_region_patch
+from zeroshop_steps.detect.contour.edges import detect_edges
+from zeroshop_steps.detect.contour.regions import RegionProposal, propose_regions
+from zeroshop_steps.detect.contour.template_matching import ReferenceViews, describe_reference, estimate_confidences
+from zeroshop_steps.detect.detector_io import (
+    ObjectMask,
+    add_image_arguments,
+    read_depth,
+    read_frames,
+    read_photo,
+    run_detector,
+    suppress_masks,
+)
 from zeroshop_steps.detect.templates import read_templates
 
 NO_DEPTH = "and this detector needs depth: add depth images, or take --method cnos, which looks at colour alone"
@@ -35,31 +43,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Detect the models of a folder in the images of a split."""
-    frames = frames_of(args.scenes, args.targets)
-    models = read_models(args.models, listed_objects(args.models))
-    references = {number: reference_of(read_templates(args.templates, number), model.diameter_mm) for number, model in models.items()}
-    write_found(args.out, frames, lambda frame: detect(frame, references))
+    frames = read_frames(args.scenes, args.targets)
+    models = read_models(args.models, list_objects(args.models))
+    references = {number: describe_reference(read_templates(args.templates, number), model.diameter_mm) for number, model in models.items()}
+    run_detector(args.out, frames, lambda frame: detect_objects(frame, references))
 
 
-def detect(frame: Frame, references: dict[int, Reference]) -> list[Found]:
+def detect_objects(frame: Frame, references: dict[int, ReferenceViews]) -> list[ObjectMask]:
     """Everything in one image that looks like one of the objects."""
-    photo = photo_of(frame)
+    photo = read_photo(frame)
     largest_mm = max(reference.diameter_mm for reference in references.values())
-    surface = surface_of(depth_of(frame, photo, NO_DEPTH), frame.intrinsics, largest_mm, frame.name)
+    surface = prepare_surface(read_depth(frame, photo, NO_DEPTH), frame.intrinsics, largest_mm, frame.name)
     lab = cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
-    proposals = proposals_of(surface, edges_of(surface, lab))
+    proposals = propose_regions(surface, detect_edges(surface, lab))
     linear, focal_px = linear_rgb(photo), float(np.sqrt(frame.intrinsics[0, 0] * frame.intrinsics[1, 1]))
-    patches = [patch_of(one.mask, linear[one.window], surface.depth_mm[one.window], focal_px) for one in proposals]
-    scores = confidences(patches, np.array([(one.border, one.inside) for one in proposals]).reshape(-1, 2), references)
+    patches = [make_region_patch(one.mask, linear[one.window], surface.depth_mm[one.window], focal_px) for one in proposals]
+    scores = estimate_confidences(patches, np.array([(one.border, one.inside) for one in proposals]).reshape(-1, 2), references)
     found = []
     for number, mine in zip(references, scores.T, strict=True):
         best = [index for index in np.argsort(-mine, kind="stable")[:MOST_CANDIDATES] if mine[index] >= LEAST_CONFIDENCE]
-        masks = [_whole(proposals[index], photo.shape[:2]) for index in best]
-        found += [Found(number, float(mine[best[kept]]), masks[kept]) for kept in suppressed(masks, mine[best], MOST_IOU)]
-    return explained(found)
+        masks = [_paste_mask(proposals[index], photo.shape[:2]) for index in best]
+        found += [ObjectMask(number, float(mine[best[kept]]), masks[kept]) for kept in suppress_masks(masks, mine[best], MOST_IOU)]
+    return discount_explained(found)
 
 
-def explained(found: list[Found]) -> list[Found]:
+def discount_explained(found: list[ObjectMask]) -> list[ObjectMask]:
     """With less confidence in what surer detections explain: what they leave of a mask counts."""
     found = sorted(found, key=lambda one: -one.score)
     if not found:
@@ -72,7 +80,7 @@ def explained(found: list[Found]) -> list[Found]:
     return [replace(one, score=float(score)) for one, score in zip(found, scores, strict=True)]
 
 
-def _whole(proposal: Proposal, shape: tuple[int, int]) -> np.ndarray:
+def _paste_mask(proposal: RegionProposal, shape: tuple[int, int]) -> np.ndarray:
     """A proposal's mask in the whole image."""
     mask = np.zeros(shape, bool)
     mask[proposal.window] = proposal.mask

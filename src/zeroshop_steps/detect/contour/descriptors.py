@@ -20,7 +20,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 @dataclass(frozen=True)
-class Patch:
+class RegionPatch:
     """A region of an image or of a view, (rows, columns) around it.
 
     Attributes:
@@ -63,13 +63,13 @@ class Descriptors:
     histogram: np.ndarray
 
 
-def patch_of(mask: np.ndarray, linear: np.ndarray, depth_mm: np.ndarray, focal_px: float) -> Patch:
+def make_region_patch(mask: np.ndarray, linear: np.ndarray, depth_mm: np.ndarray, focal_px: float) -> RegionPatch:
     """From (rows, columns) bool, linear RGB 0..1 and depth; the mask must not be empty."""
     middle_mm = float(np.median(depth_mm[mask]))
     relief = np.clip(depth_mm - middle_mm, -1000, 1000)
     layers = np.concatenate([np.ones_like(relief)[..., None], linear, relief[..., None]], -1) * mask[..., None]
     rows, columns = np.nonzero(mask)
-    return Patch(layers.astype(np.float32), (float(columns.mean()), float(rows.mean())), middle_mm / focal_px, middle_mm)
+    return RegionPatch(layers.astype(np.float32), (float(columns.mean()), float(rows.mean())), middle_mm / focal_px, middle_mm)
 
 
 def linear_rgb(image: np.ndarray) -> np.ndarray:
@@ -79,16 +79,16 @@ def linear_rgb(image: np.ndarray) -> np.ndarray:
     return table[image]
 
 
-def describe(patches: Sequence[Patch], diameter_mm: float, turns: int = 1) -> Descriptors:
+def describe_patches(patches: Sequence[RegionPatch], diameter_mm: float, turns: int = 1) -> Descriptors:
     """Descriptors of patches for an object of this diameter: of each, `turns` even turns in the image one after the other."""
     side_mm = CROP_DIAMETERS * diameter_mm
-    crops = np.concatenate([_crops(patch, side_mm, turns) for patch in patches])
+    crops = np.concatenate([_cut_crops(patch, side_mm, turns) for patch in patches])
     # In parts that stay in the processor's cache.
-    parts = [_described(crops[start : start + PART], diameter_mm) for start in range(0, len(crops), PART)]
+    parts = [_describe_crops(crops[start : start + PART], diameter_mm) for start in range(0, len(crops), PART)]
     return Descriptors(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def _described(crops: np.ndarray, diameter_mm: float) -> tuple[np.ndarray, ...]:
+def _describe_crops(crops: np.ndarray, diameter_mm: float) -> tuple[np.ndarray, ...]:
     """The fields of Descriptors."""
     masks = crops[..., 0]
     weight = np.maximum(masks, np.float32(1e-3))
@@ -98,14 +98,14 @@ def _described(crops: np.ndarray, diameter_mm: float) -> tuple[np.ndarray, ...]:
     lab = cv2.cvtColor(scaled.reshape(-1, CROP_PX, 3), cv2.COLOR_LRGB2LAB).reshape(scaled.shape)
     relief = np.clip(crops[..., 4] / diameter_mm, -1, 1)
     return (
-        _cells(masks),
-        _cells(relief),
-        _gradients(lab[..., 0], masks),
-        _histograms(lab, masks),
+        _average_cells(masks),
+        _average_cells(relief),
+        _gradient_histograms(lab[..., 0], masks),
+        _color_histograms(lab, masks),
     )
 
 
-def _crops(patch: Patch, side_mm: float, turns: int) -> np.ndarray:
+def _cut_crops(patch: RegionPatch, side_mm: float, turns: int) -> np.ndarray:
     """(turns, CROP_PX, CROP_PX, 5): the patch around its centroid."""
     px_per_px = side_mm / CROP_PX / patch.mm_per_px  # of the patch, by one of the crop
     layers, (x, y) = patch.layers, patch.middle_px
@@ -122,13 +122,13 @@ def _crops(patch: Patch, side_mm: float, turns: int) -> np.ndarray:
     return crops
 
 
-def _cells(values: np.ndarray) -> np.ndarray:
+def _average_cells(values: np.ndarray) -> np.ndarray:
     """Mean of every cell: (N, CROP_PX, CROP_PX) to (N, cells)."""
     size = CROP_PX // CELLS
     return values.reshape(len(values), CELLS, size, CELLS, size).mean((2, 4)).reshape(len(values), -1).astype(np.float32)
 
 
-def _gradients(light: np.ndarray, masks: np.ndarray) -> np.ndarray:
+def _gradient_histograms(light: np.ndarray, masks: np.ndarray) -> np.ndarray:
     """Histograms of edge orientations in a grid of blocks, from inside the masks only."""
     inside = np.minimum.reduce([np.roll(masks, shift, axis) for axis in (1, 2) for shift in (-1, 0, 1)]) > 0.98
     down, right = (np.roll(light, -1, axis) - np.roll(light, 1, axis) for axis in (1, 2))
@@ -146,7 +146,7 @@ def _gradients(light: np.ndarray, masks: np.ndarray) -> np.ndarray:
     return (vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-6)).astype(np.float32)
 
 
-def _histograms(lab: np.ndarray, masks: np.ndarray) -> np.ndarray:
+def _color_histograms(lab: np.ndarray, masks: np.ndarray) -> np.ndarray:
     """Joint histograms of lightness and chroma, blurred a little so that near colours are alike."""
     light = np.clip(lab[..., 0] / 100 * LIGHT_BINS, 0, LIGHT_BINS - 1e-3).astype(int)
     chroma = np.clip((lab[..., 1:] / CHROMA_RANGE + 1) / 2 * CHROMA_BINS, 0, CHROMA_BINS - 1e-3).astype(int)

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.ndimage import find_objects
 from skimage.segmentation import watershed
 
+from zeroshop_steps.detect.contour.depth_surface import DepthSurface
 from zeroshop_steps.detect.contour.edges import Edges
-from zeroshop_steps.detect.contour.surface import Surface
 
 MARKER_SPACING_PX = 9
 TRUSTS = ((1.0, 0.0), (1.0, 0.35), (1.0, 0.7), (0.4, 1.0))  # of each hierarchy: in shape's and in colour's edges
@@ -28,7 +28,7 @@ SAME_IOU = 0.92
 
 
 @dataclass(frozen=True)
-class Proposal:
+class RegionProposal:
     """A region.
 
     Attributes:
@@ -49,26 +49,26 @@ class Proposal:
         return np.s_[self.top : self.top + self.mask.shape[0], self.left : self.left + self.mask.shape[1]]
 
 
-def proposals_of(surface: Surface, edges: Edges) -> list[Proposal]:
+def propose_regions(surface: DepthSurface, edges: Edges) -> list[RegionProposal]:
     """The regions of one image that do not belong to the ground, none nearly equal to another."""
-    labels = _basins(surface, edges)
+    labels = _label_basins(surface, edges)
     count = int(labels.max()) + 1
     sizes = np.bincount(labels.ravel(), minlength=count)
     unknown = np.bincount(labels[surface.measured], minlength=count) < UNKNOWN_SHARE * sizes
-    pairs, strengths, lengths = _borders(labels, surface, edges)
+    pairs, strengths, lengths = _measure_borders(labels, surface, edges)
     members: dict[bytes, np.ndarray] = {}
     for index in range(len(TRUSTS)):
-        for region in _hierarchy(pairs, strengths[:, index], lengths, sizes, unknown):
+        for region in _merge_basins(pairs, strengths[:, index], lengths, sizes, unknown):
             if sizes[region].sum() >= SMALLEST_PX and not unknown[region].all():
                 members.setdefault(np.sort(region).tobytes(), np.sort(region))
     groups = list(members.values())
-    border, inside = _strengths(groups, count, pairs, strengths[:, JUDGING] * lengths, lengths)
+    border, inside = _mean_strengths(groups, count, pairs, strengths[:, JUDGING] * lengths, lengths)
     kept = np.flatnonzero(border >= LEAST_BORDER)
-    kept = kept[_distinct([groups[index] for index in kept], sizes)]
-    return _cut_out([groups[index] for index in kept], labels, border[kept], inside[kept])
+    kept = kept[_drop_near_duplicates([groups[index] for index in kept], sizes)]
+    return _cut_out_masks([groups[index] for index in kept], labels, border[kept], inside[kept])
 
 
-def _basins(surface: Surface, edges: Edges) -> np.ndarray:
+def _label_basins(surface: DepthSurface, edges: Edges) -> np.ndarray:
     """(height, width) int labels of the watershed of all edges, 0 on the ground; where nothing was measured, of colour's alone."""
     ground = cv2.morphologyEx(surface.ground.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
     shape = np.maximum(np.maximum(edges.jump, edges.concave / STEEPEST), 0.5 * edges.convex / STEEPEST)
@@ -79,7 +79,7 @@ def _basins(surface: Surface, edges: Edges) -> np.ndarray:
     return watershed(relief, markers, mask=~ground)
 
 
-def _borders(labels: np.ndarray, surface: Surface, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _measure_borders(labels: np.ndarray, surface: DepthSurface, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(N, 2) neighbouring basins, (N, hierarchies) mean strengths of what lies between them, (N,) lengths in px."""
     depth_tells = np.maximum(edges.jump, np.minimum(np.maximum(edges.concave, CONVEX_TRUST * edges.convex) / CREASE, 1))
     codes, values = [], []
@@ -109,7 +109,9 @@ def _borders(labels: np.ndarray, surface: Surface, edges: Edges) -> tuple[np.nda
     return np.stack(np.divmod(unique, count), 1), sums / lengths[:, None], lengths
 
 
-def _hierarchy(pairs: np.ndarray, strengths: np.ndarray, lengths: np.ndarray, sizes: np.ndarray, unknown: np.ndarray) -> list[np.ndarray]:
+def _merge_basins(
+    pairs: np.ndarray, strengths: np.ndarray, lengths: np.ndarray, sizes: np.ndarray, unknown: np.ndarray
+) -> list[np.ndarray]:
     """The basins of every region that arises when the weakest border is opened first.
 
     Ground takes in `unknown` basins alone, those where hardly anything was measured, if their border with it opens first.
@@ -159,7 +161,7 @@ def _hierarchy(pairs: np.ndarray, strengths: np.ndarray, lengths: np.ndarray, si
     return found
 
 
-def _distinct(groups: list[np.ndarray], sizes: np.ndarray) -> list[int]:
+def _drop_near_duplicates(groups: list[np.ndarray], sizes: np.ndarray) -> list[int]:
     """Indices of the groups that are not nearly an earlier one (IoU)."""
     kept: list[int] = []
     inside, areas = np.zeros((len(groups), len(sizes)), bool), np.zeros(len(groups))
@@ -172,7 +174,7 @@ def _distinct(groups: list[np.ndarray], sizes: np.ndarray) -> list[int]:
     return kept
 
 
-def _strengths(
+def _mean_strengths(
     groups: list[np.ndarray], count: int, pairs: np.ndarray, totals: np.ndarray, lengths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean strength of the edges around each group of basins, and within it (0 for a single basin)."""
@@ -184,7 +186,7 @@ def _strengths(
     return tuple((edges @ totals) / np.maximum(edges @ lengths, 1) for edges in (around, within))
 
 
-def _cut_out(groups: list[np.ndarray], labels: np.ndarray, border: np.ndarray, inside: np.ndarray) -> list[Proposal]:
+def _cut_out_masks(groups: list[np.ndarray], labels: np.ndarray, border: np.ndarray, inside: np.ndarray) -> list[RegionProposal]:
     """Their masks."""
     boxes = find_objects(labels)
     found = []
@@ -195,5 +197,5 @@ def _cut_out(groups: list[np.ndarray], labels: np.ndarray, border: np.ndarray, i
         right = max(boxes[basin - 1][1].stop for basin in group)
         chosen = np.zeros(int(labels.max()) + 1, bool)
         chosen[group] = True
-        found.append(Proposal(left, top, chosen[labels[top:bottom, left:right]], *strengths))
+        found.append(RegionProposal(left, top, chosen[labels[top:bottom, left:right]], *strengths))
     return found

@@ -53,10 +53,10 @@ UNKNOWN_SCALE = "The mesh has no true size: give the object's height (height_m i
 UNFINISHED = "Not finished: the last step done is {last}. Run the same command again; it goes on there."
 
 
-def advice_for(cell: Cell) -> list[str]:
+def advise(cell: Cell) -> list[str]:
     """Sentences, the most helpful first; none for a good mesh of known scale."""
     if cell.failure:
-        return [advice_on_failure(cell.failure.step, cell.failure.reason)]
+        return [advise_on_failure(cell.failure.step, cell.failure.reason)]
     if cell.state == "unfinished":
         done = [name for name, made in cell.steps if made]
         return [UNFINISHED.format(last=done[-1] if done else "none")]
@@ -68,7 +68,7 @@ def advice_for(cell: Cell) -> list[str]:
     return faults[1:] if faults and faults[0] is BY_MEASURE["f_score_1_percent"] and len(faults) > 1 else faults
 
 
-def advice_on_failure(step: str, reason: str) -> str:
+def advise_on_failure(step: str, reason: str) -> str:
     """What helps where a step has failed."""
     for start, words, text in BY_FAILURE:
         if step.startswith(start) and words in reason:

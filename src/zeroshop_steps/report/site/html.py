@@ -16,7 +16,7 @@ SCENES = {"su_l": "plain ground", "su_h": "textured ground", "se": "no ground", 
 
 
 @functools.cache
-def environment() -> jinja2.Environment:
+def make_environment() -> jinja2.Environment:
     """The templates beside this package; whatever a page shows is escaped, and an unknown name is an error."""
     found = jinja2.Environment(
         loader=jinja2.FileSystemLoader(PACKAGE / "templates"),
@@ -25,14 +25,14 @@ def environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters |= {"url": url, "number": number, "named": named}
+    found.filters |= {"url": quote_path, "number": format_number, "named": format_method}
     found.globals |= {"MARKS": MARKS, "SCENES": SCENES}
     return found
 
 
 def write_page(path: Path, template: str, **content) -> None:
     """Render a template into a file."""
-    text = environment().get_template(template).render(**content)
+    text = make_environment().get_template(template).render(**content)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -44,22 +44,22 @@ def copy_assets(folder: Path) -> None:
             shutil.copyfile(source, temporary)
 
 
-def url(path: str) -> str:
+def quote_path(path: str) -> str:
     """A relative path as a link: spaces, umlauts, # and ? percent-encoded."""
     return quote(str(path), safe="/")
 
 
-def link(page: str, place: str) -> str:
+def make_link(page: str, place: str) -> str:
     """A link to a place in a page."""
-    return f"{url(page)}#{quote(place, safe='')}"
+    return f"{quote_path(page)}#{quote(place, safe='')}"
 
 
-def named(name: str) -> str:
+def format_method(name: str) -> str:
     """A method's name as it is written in papers."""
     return NAMES.get(name, name)
 
 
-def number(value: object, digits: int = 3) -> str:
+def format_number(value: object, digits: int = 3) -> str:
     """A figure with `digits` significant digits; a dash where there is none."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return "–" if value is None else str(value)

@@ -9,7 +9,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.report.site.results_index import Run
-from zeroshop_steps.report.site.solids import Truth
+from zeroshop_steps.report.site.viewer_meshes import TrueModel
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
@@ -41,7 +41,7 @@ def camera_on(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = 
     return Camera("view", size_px, size_px, intrinsics, camera_from_world)
 
 
-def thumbnail(runs: list[Run], truth: Truth | None) -> np.ndarray | None:
+def thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | None:
     """(320, 320, 4) uint8 RGBA: the first finished mesh, else the true model; None where there is neither."""
     mesh = _first_whole([cell.folder / "mesh.ply" for run in runs for cell in run.cells if cell.state == "done"])
     mesh = mesh or (truth.mesh if truth else None)

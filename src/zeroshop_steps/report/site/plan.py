@@ -3,7 +3,7 @@
 import numpy as np
 from markupsafe import Markup, escape
 
-from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.geometry.cameras import SparseModel
 
 SIZE = 300
@@ -12,7 +12,7 @@ MARGIN = 24
 
 def camera_plan(model: SparseModel, object_from_registration: np.ndarray, unit: str) -> Markup:
     """Centres and view directions of the registered cameras around the object: from above (x to the right) and from the side."""
-    moved = [seen_from(camera, object_from_registration) for camera in model.cameras]
+    moved = [transform_camera(camera, object_from_registration) for camera in model.cameras]
     centres = np.array([camera.centre_in_world for camera in moved])
     forward = np.array([camera.camera_from_world[2, :3] for camera in moved])
     names = [camera.name for camera in model.cameras]

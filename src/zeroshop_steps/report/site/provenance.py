@@ -15,7 +15,7 @@ ORDER = (
 """The steps behind a cell as they follow each other."""
 
 
-def costs(cell: Cell, run: Run) -> list[dict]:
+def list_costs(cell: Cell, run: Run) -> list[dict]:
     """Seconds, CPU seconds and largest memory of every step behind a cell, as Snakemake measured them.
 
     A step that left no measurement comes with the seconds of its own record, if it has one.
@@ -23,7 +23,7 @@ def costs(cell: Cell, run: Run) -> list[dict]:
     folders = (run.folder.parent, run.folder, run.folder / "stereo", cell.folder)
     measured = {path.stem: read_tsv(path) for folder in folders for path in sorted((folder / "benchmarks").glob("*.tsv"))}
     rows = [
-        {"step": step, "seconds": number(record, "s"), "cpu": number(record, "cpu_time"), "mb": number(record, "max_rss")}
+        {"step": step, "seconds": parse_number(record, "s"), "cpu": parse_number(record, "cpu_time"), "mb": parse_number(record, "max_rss")}
         for step, record in measured.items()
         if record
     ]
@@ -38,7 +38,7 @@ def read_tsv(path: Path) -> dict[str, str]:
     return dict(zip(lines[0].split("\t"), lines[-1].split("\t"), strict=False)) if len(lines) > 1 else {}
 
 
-def number(record: dict[str, str], name: str) -> float | None:
+def parse_number(record: dict[str, str], name: str) -> float | None:
     """A figure of a benchmark; None where Snakemake could not measure it."""
     try:
         return float(record[name])
@@ -46,7 +46,7 @@ def number(record: dict[str, str], name: str) -> float | None:
         return None
 
 
-def measures(cell: Cell) -> list[dict]:
+def list_measures(cell: Cell) -> list[dict]:
     """The measurements behind a cell's grade with their limits and what each alone would allow."""
     judged, limits = cell.facts["grade"], cell.facts["grade"].get("limits", {})
     rows = []
@@ -62,7 +62,7 @@ def measures(cell: Cell) -> list[dict]:
     return sorted(rows, key=lambda row: not row["counts"])
 
 
-def training_curves(cell: Cell) -> dict[str, list[tuple[float, float]]]:
+def read_training_curves(cell: Cell) -> dict[str, list[tuple[float, float]]]:
     """The losses of a training over its iterations."""
     path = next((path for path in (cell.folder / "splats/training.csv", cell.folder / "voxels/training.csv") if path.is_file()), None)
     rows = read_csv(path) if path else []
@@ -71,7 +71,7 @@ def training_curves(cell: Cell) -> dict[str, list[tuple[float, float]]]:
     }
 
 
-def provenance(cell: Cell, run: Run) -> list[tuple[str, str]]:
+def list_provenance(cell: Cell, run: Run) -> list[tuple[str, str]]:
     """Named texts: parameters and records of every step behind a cell."""
     mesh, training = cell.facts["mesh"], cell.facts["training"]
     records = {

@@ -102,7 +102,7 @@ class Run:
     @property
     def captured(self) -> dict:
         """The record of its pictures; empty where there is none yet."""
-        return _facts(self.capture / "capture.json")
+        return _read_facts(self.capture / "capture.json")
 
     @property
     def failed(self) -> str | None:
@@ -115,10 +115,10 @@ class Run:
 def find_runs(folder: Path) -> list[Run]:
     """The runs of an object's folder, in the order of their names; none where the folder is missing."""
     runs = []
-    for scene in _folders(folder, NO_SCENE):
-        for registration in _folders(scene, NO_REGISTRATION):
-            registered = _facts(registration / "cameras/registration.json")
-            cells = tuple(read_cell(path, registered) for path in _folders(registration, NO_CELL) if _is_cell(path))
+    for scene in _list_folders(folder, NO_SCENE):
+        for registration in _list_folders(scene, NO_REGISTRATION):
+            registered = _read_facts(registration / "cameras/registration.json")
+            cells = tuple(read_cell(path, registered) for path in _list_folders(registration, NO_CELL) if _is_cell(path))
             if registered or cells or (registration / "cameras").exists():
                 runs.append(Run(scene.name, registration.name, registration, registered, cells))
     return runs
@@ -126,12 +126,12 @@ def find_runs(folder: Path) -> list[Run]:
 
 def read_cell(folder: Path, registered: dict) -> Cell:
     """What there is of one cell."""
-    failure = _failure_in(folder)
+    failure = _find_failure(folder)
     if failure is None and registered.get("status", "ok") != "ok":
         failure = Failure("register", registered.get("reason") or "the cameras were not found")
     names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "underside")
-    facts = {name: _facts(folder / f"{name}.json") for name in names}
-    facts["training"] = next((found for name in TRAINED if (found := _facts(folder / name))), {})
+    facts = {name: _read_facts(folder / f"{name}.json") for name in names}
+    facts["training"] = next((found for name in TRAINED if (found := _read_facts(folder / name))), {})
     grade = facts["grade"].get("grade")
     done = (folder / "mesh.ply").is_file() and read_failure(folder / "mesh.ply") is None
     if not grade and (failure or not done):
@@ -140,7 +140,7 @@ def read_cell(folder: Path, registered: dict) -> Cell:
     for side in ("photos", "truth"):
         figures |= (facts["grade"].get(side) or {}).get("measures", {})
     state = "failed" if failure else "done" if done and grade else "unfinished"
-    steps = tuple((name, any(_made(folder / file) for file in files)) for name, files in STEPS)
+    steps = tuple((name, any(_is_made(folder / file) for file in files)) for name, files in STEPS)
     return Cell(folder.parents[1].name, folder.parent.name, folder.name, folder, state, failure, steps, grade, figures, facts)
 
 
@@ -156,16 +156,16 @@ def _is_cell(folder: Path) -> bool:
     return folder.name in NVS or any((folder / name).exists() for name in CELL_FILES)
 
 
-def _failure_in(folder: Path) -> Failure | None:
+def _find_failure(folder: Path) -> Failure | None:
     files = [folder / "outcome.json", *(folder / name for _, names in STEPS for name in names)]
     return next((failure for path in files if (failure := read_failure(path))), None)
 
 
-def _made(path: Path) -> bool:
+def _is_made(path: Path) -> bool:
     return path.exists() and read_failure(path) is None
 
 
-def _facts(path: Path) -> dict[str, Any]:
+def _read_facts(path: Path) -> dict[str, Any]:
     """The JSON object in a file; empty where it is missing, damaged (a step is writing it elsewhere) or records a failure."""
     if not path.is_file() or read_failure(path):
         return {}
@@ -176,6 +176,6 @@ def _facts(path: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
-def _folders(folder: Path, but: set[str]) -> Iterator[Path]:
+def _list_folders(folder: Path, but: set[str]) -> Iterator[Path]:
     if folder.is_dir():
         yield from sorted(path for path in folder.iterdir() if path.is_dir() and path.name not in but and not path.name.startswith("."))

@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.report.site.advice import advice_for, advice_on_failure
+from zeroshop_steps.report.site.advice import advise, advise_on_failure
 from zeroshop_steps.report.site.charts import line_chart
 from zeroshop_steps.report.site.plan import camera_plan
-from zeroshop_steps.report.site.provenance import costs, measures, provenance, training_curves
+from zeroshop_steps.report.site.provenance import list_costs, list_measures, list_provenance, read_training_curves
 from zeroshop_steps.report.site.results_index import Cell, Run, read_csv
-from zeroshop_steps.report.site.solids import object_frame
+from zeroshop_steps.report.site.viewer_meshes import read_object_frame
 from zeroshop_steps.report.site.views import write_sheets, write_views
 from zeroshop_steps.runtime.errors import StepError, warn
 
 
-def run_sections(runs: list[Run], folder: Path, changes: str = "") -> list[dict]:
+def make_run_sections(runs: list[Run], folder: Path, changes: str = "") -> list[dict]:
     """What the page's template needs of every run; pictures are written into `folder`.
 
     Args:
@@ -25,34 +25,36 @@ def run_sections(runs: list[Run], folder: Path, changes: str = "") -> list[dict]
         {
             "run": run,
             "failed": run.failed,
-            "advice": advice_on_failure("register", run.failed) if run.failed else None,
-            "sheets": _careful(write_sheets, run, folder),
-            "plan": _plan(run),
-            "camera_errors": _camera_errors(run),
+            "advice": advise_on_failure("register", run.failed) if run.failed else None,
+            "sheets": _skip_damaged(write_sheets, run, folder),
+            "plan": _draw_plan(run),
+            "camera_errors": _read_camera_errors(run),
             "warnings": run.captured.get("warnings") or [],
-            "cells": [cell_section(cell, run, folder, changes) for cell in run.cells],
+            "cells": [make_cell_section(cell, run, folder, changes) for cell in run.cells],
         }
         for run in runs
     ]
 
 
-def cell_section(cell: Cell, run: Run, folder: Path, changes: str) -> dict:
+def make_cell_section(cell: Cell, run: Run, folder: Path, changes: str) -> dict:
     """What the page's template needs of a cell."""
     return {
         "cell": cell,
-        "advice": advice_for(cell),
-        "pictures": _careful(write_views, cell, run, folder) if cell.state != "failed" and (cell.folder / "mesh.ply").is_file() else {},
+        "advice": advise(cell),
+        "pictures": _skip_damaged(write_views, cell, run, folder)
+        if cell.state != "failed" and (cell.folder / "mesh.ply").is_file()
+        else {},
         "held_out": (run.capture / "held_out/truth").is_dir(),
-        "measures": measures(cell),
-        "curves": line_chart(training_curves(cell), "iteration", "loss", log_y=True),
-        "costs": costs(cell, run),
-        "provenance": provenance(cell, run),
+        "measures": list_measures(cell),
+        "curves": line_chart(read_training_curves(cell), "iteration", "loss", log_y=True),
+        "costs": list_costs(cell, run),
+        "provenance": list_provenance(cell, run),
         "command": f"snakemake --cores 2 results/{cell.folder.parents[3].name}/{cell.folder.parents[2].name}/"
         f"{cell.scene}/{cell.registration}/{cell.nvs}/mesh.ply{changes}",
     }
 
 
-def _plan(run: Run):
+def _draw_plan(run: Run):
     if run.failed or not (run.folder / "cameras/sparse").is_dir():
         return None
     finished = next((cell for cell in run.cells if cell.facts["mesh"].get("frame_facts")), None)
@@ -63,18 +65,18 @@ def _plan(run: Run):
     if not model.cameras:
         return None
     if finished:
-        return camera_plan(model, object_frame(finished), "mm" if finished.facts["mesh"].get("scale") == "known" else "units")
+        return camera_plan(model, read_object_frame(finished), "mm" if finished.facts["mesh"].get("scale") == "known" else "units")
     centred = np.eye(4)
     centred[:3, 3] = -np.mean([camera.centre_in_world for camera in model.cameras], axis=0)
     return camera_plan(model, centred, "units of the registration, axes as they came")
 
 
-def _camera_errors(run: Run) -> dict[str, str]:
+def _read_camera_errors(run: Run) -> dict[str, str]:
     path = run.folder / "camera_error.csv"
     return {row["measure"]: row["value"] for row in read_csv(path) if row.get("camera") == "all"}
 
 
-def _careful(write, *arguments) -> dict[str, str]:
+def _skip_damaged(write, *arguments) -> dict[str, str]:
     """Pictures, or none with a warning where a file behind them is damaged or missing."""
     try:
         return write(*arguments)

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from zeroshop_steps.report import bop
-from zeroshop_steps.report.heights import THESIS, published_heights
-from zeroshop_steps.report.reconstruction import published_cells
+from zeroshop_steps.report.heights import THESIS, read_published_heights
+from zeroshop_steps.report.reconstruction import read_published_cells
 from zeroshop_steps.report.site.charts import scatter
-from zeroshop_steps.report.site.html import link, write_page
+from zeroshop_steps.report.site.html import make_link, write_page
 from zeroshop_steps.report.site.results_index import read_csv
 from zeroshop_steps.runtime.files import atomic_directory, atomic_write
 
@@ -37,22 +37,22 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
         tables: the dataset's tables; those that are missing are left out.
     """
     found = {path.stem: read_csv(path) for path in sorted(tables.glob("*.csv"))} if tables and tables.is_dir() else {}
-    thesis = published_cells() if dataset == "ycbv" else []
+    thesis = read_published_cells() if dataset == "ycbv" else []
     content = {
-        "grades": grade_tables(cards, thesis),
-        "figures": figure_rows(cards),
-        "columns": used_columns(cards),
-        "heights": height_rows(found.get("height", [])),
-        "height_columns": used_height_columns(found.get("height", [])),
-        "figure_4_8": height_plot(found.get("height", [])),
-        "plots": plots(cards),
-        "bop": bop.summary([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
-        "bop_objects": bop.by_object([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
+        "grades": make_grade_tables(cards, thesis),
+        "figures": make_figure_rows(cards),
+        "columns": list_used_columns(cards),
+        "heights": make_height_rows(found.get("height", [])),
+        "height_columns": list_used_height_columns(found.get("height", [])),
+        "figure_4_8": draw_height_plot(found.get("height", [])),
+        "plots": draw_plots(cards),
+        "bop": bop.summarize_models([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
+        "bop_objects": bop.summarize_objects([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
         "bop_links": {str(card["number"]): {"name": card["name"], "link": card["page"]} for card in cards if card["number"]},
-        "published_bop": bop.summary(bop.published()),
+        "published_bop": bop.summarize_models(bop.read_published()),
     }
-    rows = {"grades": grade_csv(cards, thesis), "figures": figure_csv(cards), "heights": content["heights"]}
-    rows |= {name: table for name, table in found.items() if name not in rows} | {"published_bop": bop.published()}
+    rows = {"grades": make_grade_csv(cards, thesis), "figures": make_figure_csv(cards), "heights": content["heights"]}
+    rows |= {name: table for name, table in found.items() if name not in rows} | {"published_bop": bop.read_published()}
     rows = {name: table for name, table in rows.items() if table}
     with atomic_directory(folder / "downloads") as downloads:
         for name, table in rows.items():
@@ -61,7 +61,7 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
     write_page(folder / "tables.html", "tables.html", dataset=dataset, cards=cards, names=names, downloads=set(rows), root="", **content)
 
 
-def grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
+def make_grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
     """For each surface method the rows (registration and scene, ours and published) with a cell an object, as in Tables 4.1 and 4.2."""
     objects = [card["object"] for card in cards]
     ours = [(cell["nvs"], cell["registration"], cell["scene"], card, cell) for card in cards for cell in card["cells"]]
@@ -70,7 +70,7 @@ def grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
         rows: dict[tuple[str, str], dict] = {}
         for _, registration, scene, card, cell in (row for row in ours if row[0] == nvs):
             row = rows.setdefault((registration, scene), {"registration": registration, "scene": scene, "thesis": False, "cells": {}})
-            row["cells"][card["object"]] = cell | {"link": link(card["page"], cell["key"])}
+            row["cells"][card["object"]] = cell | {"link": make_link(card["page"], cell["key"])}
         for cell in (cell for cell in thesis if cell.nvs == nvs and cell.object in objects):
             key = (cell.registration, cell.scene)
             row = rows.setdefault(key, {"registration": cell.registration, "scene": cell.scene, "thesis": True, "cells": {}})
@@ -82,18 +82,18 @@ def grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
     return found
 
 
-def figure_rows(cards: Sequence[dict]) -> list[dict]:
+def make_figure_rows(cards: Sequence[dict]) -> list[dict]:
     """One row a cell."""
-    return [{"card": card, "cell": cell, "link": link(card["page"], cell["key"])} for card in cards for cell in card["cells"]]
+    return [{"card": card, "cell": cell, "link": make_link(card["page"], cell["key"])} for card in cards for cell in card["cells"]]
 
 
-def used_columns(cards: Sequence[dict]) -> list[tuple[str, str]]:
+def list_used_columns(cards: Sequence[dict]) -> list[tuple[str, str]]:
     """The figures that at least one cell has."""
     there = {name for card in cards for cell in card["cells"] for name in cell["figures"]}
     return [column for column in FIGURES if column[0] in there]
 
 
-def height_rows(measured: Sequence[dict]) -> list[dict]:
+def make_height_rows(measured: Sequence[dict]) -> list[dict]:
     """The measured heights with published ones beside; the published ones alone where none were measured."""
     if measured:
         return list(measured)
@@ -102,11 +102,11 @@ def height_rows(measured: Sequence[dict]) -> list[dict]:
     return [
         {"how": THESIS, "object": found.ycbv_object, "published_name": found.name}
         | {to: getattr(found, name) for to, name in columns.items()}
-        for found in published_heights()
+        for found in read_published_heights()
     ]
 
 
-def used_height_columns(measured: Sequence[dict]) -> list[tuple[str, str]]:
+def list_used_height_columns(measured: Sequence[dict]) -> list[tuple[str, str]]:
     """The columns of the table of heights: our own only where something was measured."""
     own = [("height_m", "true height m"), ("measured_height_m", "measured m"), ("difference_percent", "difference %")]
     published = [("published_name", "published name"), ("published_height_m", "published height m")]
@@ -114,9 +114,9 @@ def used_height_columns(measured: Sequence[dict]) -> list[tuple[str, str]]:
     return (own if measured else []) + published
 
 
-def height_plot(measured: Sequence[dict]):
+def draw_height_plot(measured: Sequence[dict]):
     """Figure 4.8: error in per cent over the true height, the thesis's and ours."""
-    series = {THESIS: [(found.height_m, abs(found.difference_percent), found.name) for found in published_heights()]}
+    series = {THESIS: [(found.height_m, abs(found.difference_percent), found.name) for found in read_published_heights()]}
     for row in measured:
         if row.get("difference_percent"):
             point = (float(row["height_m"]), abs(float(row["difference_percent"])), row["object"])
@@ -124,7 +124,7 @@ def height_plot(measured: Sequence[dict]):
     return scatter(series, "true height in m", "error of the measured height in %", trend=True)
 
 
-def plots(cards: Sequence[dict]) -> list[dict]:
+def draw_plots(cards: Sequence[dict]) -> list[dict]:
     """What the tables suggest: how exact against how complete, and how alike against how exact."""
     wanted = (
         ("Exact and complete", "accuracy_mm", "completeness_mm", "accuracy in mm", "completeness in mm"),
@@ -142,7 +142,7 @@ def plots(cards: Sequence[dict]) -> list[dict]:
     return found
 
 
-def grade_csv(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
+def make_grade_csv(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
     """Every grade, ours and published, in one tidy table."""
     rows = [
         {"source": "this run", "object": card["object"], **{axis: cell[axis] for axis in ("scene", "registration", "nvs", "state")}}
@@ -156,7 +156,7 @@ def grade_csv(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
     return rows
 
 
-def figure_csv(cards: Sequence[dict]) -> list[dict]:
+def make_figure_csv(cards: Sequence[dict]) -> list[dict]:
     """Every measurement, one row each."""
     return [
         {"object": card["object"], **{axis: cell[axis] for axis in ("scene", "registration", "nvs")}, "measure": name, "value": value}

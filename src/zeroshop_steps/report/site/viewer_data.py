@@ -11,9 +11,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.finish.preview import seen_from
+from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.report.site.reduced import Reduced
+from zeroshop_steps.report.site.mesh_reduction import ReducedMesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
@@ -30,7 +30,7 @@ def write_data(path: Path, content: dict) -> None:
         temporary.write_text(f"zeroshop.data({text});\n", encoding="ascii")
 
 
-def mesh_content(reduced: Reduced, distances: np.ndarray | None = None, limit_mm: float = 0.0) -> dict:
+def encode_mesh(reduced: ReducedMesh, distances: np.ndarray | None = None, limit_mm: float = 0.0) -> dict:
     """A mesh as the viewer reads it.
 
     Args:
@@ -49,31 +49,31 @@ def mesh_content(reduced: Reduced, distances: np.ndarray | None = None, limit_mm
         "faces": len(mesh.faces),
         "original_faces": reduced.faces,
         "wide": wide,
-        "positions": encoded(np.rint((mesh.vertices - low) / size * 65535).astype("<u2")),
-        "normals": encoded(np.rint(mesh.normals * 127).astype("i1")),
-        "index": encoded(mesh.faces.astype("<u4" if wide else "<u2")),
+        "positions": encode_array(np.rint((mesh.vertices - low) / size * 65535).astype("<u2")),
+        "normals": encode_array(np.rint(mesh.normals * 127).astype("i1")),
+        "index": encode_array(mesh.faces.astype("<u4" if wide else "<u2")),
     }
     if mesh.uv is not None and mesh.texture is not None:
-        content["uv"] = encoded(np.rint(np.clip(mesh.uv, 0, 1) * 65535).astype("<u2"))
-        content["texture"] = data_url(mesh.texture)
+        content["uv"] = encode_array(np.rint(np.clip(mesh.uv, 0, 1) * 65535).astype("<u2"))
+        content["texture"] = encode_texture(mesh.texture)
     if reduced.colors is not None:
-        content["colors"] = encoded(reduced.colors)
+        content["colors"] = encode_array(reduced.colors)
     if distances is not None:
-        content |= {"distances": encoded(levels(distances, limit_mm)), "limit_mm": round(limit_mm, 4)}
+        content |= {"distances": encode_array(quantize_distances(distances, limit_mm)), "limit_mm": round(limit_mm, 4)}
     return content
 
 
-def levels(distances: np.ndarray, limit_mm: float) -> np.ndarray:
+def quantize_distances(distances: np.ndarray, limit_mm: float) -> np.ndarray:
     """(V,) uint8: 0 to 254 from no distance to the limit, 255 where it does not count."""
     counted = np.clip(np.rint(np.nan_to_num(distances) / limit_mm * LARGEST), 0, LARGEST)
     return np.where(np.isfinite(distances), counted, UNSEEN).astype(np.uint8)
 
 
-def scene_content(model: SparseModel, object_from_registration: np.ndarray) -> dict:
+def encode_scene(model: SparseModel, object_from_registration: np.ndarray) -> dict:
     """Cameras as centre, right, down and forward in the object's frame (mm), and the sparse points with colours."""
     cameras = []
     for camera in model.cameras:
-        moved = seen_from(camera, object_from_registration)
+        moved = transform_camera(camera, object_from_registration)
         axes = moved.camera_from_world[:3, :3]
         half = np.array([camera.width_px, camera.height_px]) / (2 * camera.intrinsics[[0, 1], [0, 1]])
         rows = [moved.centre_in_world, axes[0] * half[0], axes[1] * half[1], axes[2]]
@@ -83,18 +83,18 @@ def scene_content(model: SparseModel, object_from_registration: np.ndarray) -> d
     points = model.points[order] @ object_from_registration[:3, :3].T + object_from_registration[:3, 3]
     return {
         "cameras": cameras,
-        "points": encoded(points.astype("<f4")),
-        "point_colors": encoded(model.colors[order]),
+        "points": encode_array(points.astype("<f4")),
+        "point_colors": encode_array(model.colors[order]),
         "all_points": len(model.points),
     }
 
 
-def encoded(values: np.ndarray) -> str:
+def encode_array(values: np.ndarray) -> str:
     """The bytes of an array in base64."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
-def data_url(image: np.ndarray) -> str:
+def encode_texture(image: np.ndarray) -> str:
     """(height, width, 3) uint8 RGB as a WebP picture inside a URL."""
     made, data = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, 82])
     if not made:

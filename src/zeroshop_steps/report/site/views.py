@@ -5,15 +5,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.finish.preview import cropped, seen_from
+from zeroshop_steps.finish.preview import crop_to_mask, transform_camera
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.report.site.pictures import fitted, write_webp
+from zeroshop_steps.report.site.pictures import fit_width, write_webp
 from zeroshop_steps.report.site.results_index import Cell, Run
-from zeroshop_steps.report.site.solids import object_frame, truth_from_object
+from zeroshop_steps.report.site.viewer_meshes import read_object_frame, compute_truth_from_object
 from zeroshop_steps.runtime.errors import StepError
 
 TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
@@ -81,18 +81,18 @@ def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
         views, _ = read_views(run.folder / "cameras")
     except StepError:
         return {}
-    renderer, frame = MeshRenderer(mesh), object_frame(cell)
+    renderer, frame = MeshRenderer(mesh), read_object_frame(cell)
     names = {"shape": f"shape-{cell.key}.webp", "compared": f"compared-{cell.key}.webp"}
     write_webp(folder / names["shape"], shape_strip(renderer, views[0], frame))
     if (run.capture / "held_out/truth").is_dir():
         held_out, _ = read_views(run.capture / "held_out", sparse="truth")
-        strips = [compared_strip(renderer, view, np.linalg.inv(truth_from_object(cell, run))) for view in held_out[:2]]
+        strips = [compared_strip(renderer, view, np.linalg.inv(compute_truth_from_object(cell, run))) for view in held_out[:2]]
     else:
         strips = [compared_strip(renderer, view, frame) for view in (views[0], views[len(views) // 2])]
     write_webp(folder / names["compared"], np.concatenate(strips))
     if mesh.texture is not None:
         names["atlas"] = f"atlas-{cell.key}.webp"
-        write_webp(folder / names["atlas"], fitted(mesh.texture, 2 * VIEW_PX))
+        write_webp(folder / names["atlas"], fit_width(mesh.texture, 2 * VIEW_PX))
     return names
 
 
@@ -125,7 +125,7 @@ def compared_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.
 def tile_of(view: View, frame: np.ndarray) -> tuple[Camera, np.ndarray, np.ndarray]:
     """A camera in the object's frame that sees a square around the object, its (300, 300, 3) photo and (300, 300) mask."""
     mask = view.mask()
-    camera, left, top = cropped(seen_from(view.camera, frame), mask)
+    camera, left, top = crop_to_mask(transform_camera(view.camera, frame), mask)
     rows = np.clip(np.arange(top, top + camera.height_px), 0, mask.shape[0] - 1)
     columns = np.clip(np.arange(left, left + camera.width_px), 0, mask.shape[1] - 1)
     photo = cv2.resize(view.image()[np.ix_(rows, columns)], (VIEW_PX, VIEW_PX), interpolation=cv2.INTER_AREA)

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.synthetic.products.atlas import Panel, pack, print_texture, texture_coordinates
+from zeroshop_steps.synthetic.products.atlas import Panel, map_to_texture, pack_panels, print_texture
 from zeroshop_steps.synthetic.products.solids import Solid
 
 TEXTURE_PX = 2048
@@ -32,27 +32,27 @@ class Product:
     turns_about_z: bool = False
 
 
-def textured_mesh(product: Product, texture_px: int = TEXTURE_PX) -> Mesh:
+def make_textured_mesh(product: Product, texture_px: int = TEXTURE_PX) -> Mesh:
     """Join the solids, print their texture, centre the bounding box at the origin; vertices in mm."""
-    places, px_per_mm = pack(product.panels, texture_px)
+    places, px_per_mm = pack_panels(product.panels, texture_px)
     panels = {panel.name: panel for panel in product.panels}
     parts = []
     for solid in product.solids:
         vertices = np.concatenate([patch.vertices for patch in solid])
         starts = np.cumsum([0] + [len(patch.vertices) for patch in solid])
         faces = np.concatenate([patch.faces + start for patch, start in zip(solid, starts[:-1], strict=True)])
-        uv = [texture_coordinates(patch.uv_mm, panels[patch.panel], places[patch.panel], texture_px) for patch in solid]
-        parts.append((_on_grid(vertices), faces, np.concatenate(uv)))
-    vertices, faces, uv = parts[0] if len(parts) == 1 else _union(parts)
+        uv = [map_to_texture(patch.uv_mm, panels[patch.panel], places[patch.panel], texture_px) for patch in solid]
+        parts.append((_round_to_grid(vertices), faces, np.concatenate(uv)))
+    vertices, faces, uv = parts[0] if len(parts) == 1 else _unite(parts)
     vertices = vertices - (vertices.min(0) + vertices.max(0)) / 2
-    vertices, faces, uv = _without_slivers(_on_grid(vertices), faces, uv)
-    vertices, faces, uv, normals = _with_creases(vertices, faces, uv)
+    vertices, faces, uv = _drop_slivers(_round_to_grid(vertices), faces, uv)
+    vertices, faces, uv, normals = _split_at_creases(vertices, faces, uv)
     mesh = Mesh(vertices, faces, normals, uv, print_texture(product.panels, places, px_per_mm, texture_px))
     _check_closed(mesh)
     return mesh
 
 
-def model_info(mesh: Mesh, product: Product, name: str, obj_id: int) -> dict:
+def make_model_info(mesh: Mesh, product: Product, name: str, obj_id: int) -> dict:
     """The object's entry of BOP's models_info: lengths in mm; diameter is the largest distance between two vertices.
 
     Symmetries count print as well as shape, as BOP does, so only unprinted products have one.
@@ -68,12 +68,12 @@ def model_info(mesh: Mesh, product: Product, name: str, obj_id: int) -> dict:
     return info
 
 
-def _on_grid(vertices: np.ndarray) -> np.ndarray:
+def _round_to_grid(vertices: np.ndarray) -> np.ndarray:
     """Rounded, so that positions which are equal up to arithmetic become equal."""
     return np.round(vertices / GRID_MM) * GRID_MM + 0.0
 
 
-def _union(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _unite(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The union of closed bodies (vertices, faces, uv); texture coordinates are interpolated along the new edges."""
     whole = manifold3d.Manifold()
     for vertices, faces, uv in parts:
@@ -97,7 +97,7 @@ def _union(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[
     return columns[:, :3], np.asarray(joined.tri_verts).astype(np.int64), columns[:, 3:5]
 
 
-def _without_slivers(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _drop_slivers(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Drop faces that the rounding closed up, and vertices that no face uses."""
     _, position = np.unique(vertices, axis=0, return_inverse=True)
     corner = position.reshape(-1)[faces]
@@ -106,7 +106,7 @@ def _without_slivers(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray) ->
     return vertices[used], faces.reshape(-1, 3), uv[used]
 
 
-def _with_creases(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _split_at_creases(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Area-weighted vertex normals that are smooth over edges flatter than CREASE_DEG; vertices on sharper ones are doubled."""
     corners = vertices[faces]
     area_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -30,13 +30,13 @@ class Panel:
     density: float = 1.0
 
 
-def plain(name: str, width_mm: float, height_mm: float, colour: str) -> Panel:
+def make_plain_panel(name: str, width_mm: float, height_mm: float, colour: str) -> Panel:
     """A panel of one colour."""
     return Panel(name, width_mm, height_mm, lambda canvas: canvas.fill(colour), density=0.12)
 
 
 @dataclass(frozen=True)
-class Place:
+class PanelPlace:
     """Where a panel lies in the texture: pixel rectangle, origin at the upper left."""
 
     left: int
@@ -45,7 +45,7 @@ class Place:
     height: int
 
 
-def pack(panels: Sequence[Panel], size_px: int) -> tuple[dict[str, Place], float]:
+def pack_panels(panels: Sequence[Panel], size_px: int) -> tuple[dict[str, PanelPlace], float]:
     """Place the panels on shelves at the largest common density that fits.
 
     Returns the places by panel name and the density in px per mm (of panels with density 1).
@@ -53,14 +53,14 @@ def pack(panels: Sequence[Panel], size_px: int) -> tuple[dict[str, Place], float
     low, high = 0.5, 60.0
     for _ in range(24):
         middle = (low + high) / 2
-        low, high = (middle, high) if _shelves(panels, size_px, middle) is not None else (low, middle)
-    places = _shelves(panels, size_px, low)
+        low, high = (middle, high) if _pack_shelves(panels, size_px, middle) is not None else (low, middle)
+    places = _pack_shelves(panels, size_px, low)
     if places is None:
         raise ValueError(f"the panels {[panel.name for panel in panels]} do not fit into {size_px} px")
     return places, low
 
 
-def print_texture(panels: Sequence[Panel], places: dict[str, Place], px_per_mm: float, size_px: int) -> np.ndarray:
+def print_texture(panels: Sequence[Panel], places: dict[str, PanelPlace], px_per_mm: float, size_px: int) -> np.ndarray:
     """Draw every panel, supersampled, into one (size_px, size_px, 3) uint8 RGB texture.
 
     Texels between the panels take the colour of the nearest one, so that filtering never mixes in a foreign colour.
@@ -81,7 +81,7 @@ def print_texture(panels: Sequence[Panel], places: dict[str, Place], px_per_mm: 
     return source[label]
 
 
-def texture_coordinates(uv_mm: np.ndarray, panel: Panel, place: Place, size_px: int) -> np.ndarray:
+def map_to_texture(uv_mm: np.ndarray, panel: Panel, place: PanelPlace, size_px: int) -> np.ndarray:
     """Texture coordinates (V, 2), origin at the texture's lower left, of points (V, 2) in mm on a panel."""
     fraction = np.clip(uv_mm / (panel.width_mm, panel.height_mm), 0.0, 1.0)
     u = place.left + fraction[:, 0] * place.width
@@ -89,12 +89,12 @@ def texture_coordinates(uv_mm: np.ndarray, panel: Panel, place: Place, size_px: 
     return np.stack([u, v], 1) / size_px
 
 
-def _shelves(panels: Sequence[Panel], size_px: int, px_per_mm: float) -> dict[str, Place] | None:
+def _pack_shelves(panels: Sequence[Panel], size_px: int, px_per_mm: float) -> dict[str, PanelPlace] | None:
     sizes = {
         panel.name: tuple(max(int(round(side * px_per_mm * panel.density)), 8) for side in (panel.width_mm, panel.height_mm))
         for panel in panels
     }
-    places: dict[str, Place] = {}
+    places: dict[str, PanelPlace] = {}
     shelves: list[list[int]] = []  # top, height, next free x
     for name, (width, height) in sorted(sizes.items(), key=lambda item: (-item[1][1], -item[1][0], item[0])):
         outer_width, outer_height = width + GUTTER_PX, height + GUTTER_PX
@@ -105,6 +105,6 @@ def _shelves(panels: Sequence[Panel], size_px: int, px_per_mm: float) -> dict[st
                 return None
             shelf = [top, outer_height, 0]
             shelves.append(shelf)
-        places[name] = Place(shelf[2] + GUTTER_PX // 2, shelf[0] + GUTTER_PX // 2, width, height)
+        places[name] = PanelPlace(shelf[2] + GUTTER_PX // 2, shelf[0] + GUTTER_PX // 2, width, height)
         shelf[2] += outer_width
     return places

@@ -27,7 +27,7 @@ CAP_HEIGHT_PER_EM = 0.729  # of the DejaVu family
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearGradient:
     """A gradient over a shape's bounding box, from `start` (top) to `end` (bottom), or left to right."""
 
     start: str
@@ -36,7 +36,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Radial:
+class RadialGradient:
     """A gradient from `inner` at `centre` (fractions of the bounding box) to `outer` at `reach` bounding-box halves."""
 
     inner: str
@@ -45,10 +45,10 @@ class Radial:
     reach: float = 1.3
 
 
-Fill = str | Linear | Radial
+Fill = str | LinearGradient | RadialGradient
 
 
-def rgb(colour: str) -> np.ndarray:
+def parse_color(colour: str) -> np.ndarray:
     """(3,) float32 in 0..255 of "#rrggbb"."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], np.float32)
 
@@ -86,7 +86,7 @@ class Canvas:
     ) -> None:
         """An ellipse about (x, y), turned by `turn` degrees."""
         angle = np.linspace(0, 2 * np.pi, 96, endpoint=False)
-        self.polygon(turned(np.stack([rx * np.cos(angle), ry * np.sin(angle)], 1), turn) + (x, y), fill, alpha, soft_mm)
+        self.polygon(rotate_points(np.stack([rx * np.cos(angle), ry * np.sin(angle)], 1), turn) + (x, y), fill, alpha, soft_mm)
 
     def ring(self, x: float, y: float, radius: float, width: float, fill: Fill, alpha: float = 1.0) -> None:
         """A circle line of `width` mm."""
@@ -156,11 +156,11 @@ class Canvas:
             mask = mask.resize((max(round(mask.width * stretch), 1), mask.height), Image.Resampling.LANCZOS)
         coverage, baseline = np.asarray(mask), -top
         if arch_mm:
-            coverage, baseline = _arched(coverage, baseline, arch_mm * self.px_per_mm)
+            coverage, baseline = _arch(coverage, baseline, arch_mm * self.px_per_mm)
         anchor_x = {"left": rim * stretch, "middle": coverage.shape[1] / 2, "right": coverage.shape[1] - rim * stretch}[align]
         width_mm = coverage.shape[1] / self.px_per_mm
         if turn:
-            coverage, anchor_x, baseline = _rotated(coverage, anchor_x, baseline, turn)
+            coverage, anchor_x, baseline = _rotate(coverage, anchor_x, baseline, turn)
         origin = np.rint(np.array([x, y]) * self.scale - (anchor_x, baseline)).astype(int)
         if edge is not None:
             size = 2 * rim + 1
@@ -181,31 +181,31 @@ class Canvas:
             return
         window = (slice(y0 - top, y1 - top), slice(x0 - left, x1 - left))
         weight = (coverage[window].astype(np.float32) * (alpha / 255.0))[..., None]
-        colour = _colours(fill, (height, width), pad, window)
+        colour = _sample_fill(fill, (height, width), pad, window)
         under = self.pixels[y0:y1, x0:x1]
         self.pixels[y0:y1, x0:x1] = (under + (colour - under) * weight + 0.5).astype(np.uint8)
 
 
-def turned(points: Points, degrees: float) -> np.ndarray:
+def rotate_points(points: Points, degrees: float) -> np.ndarray:
     """Points (N, 2) turned about the origin; positive turns are clockwise on the sheet, because y points down."""
     angle = np.deg2rad(degrees)
     return np.asarray(points, float) @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
 
 
-def _colours(fill: Fill, shape: tuple[int, int], pad: int, window: tuple[slice, slice]) -> np.ndarray:
+def _sample_fill(fill: Fill, shape: tuple[int, int], pad: int, window: tuple[slice, slice]) -> np.ndarray:
     if isinstance(fill, str):
-        return rgb(fill)
+        return parse_color(fill)
     height, width = shape
     y = (np.arange(height, dtype=np.float32)[window[0], None] - pad) / max(height - 2 * pad - 1, 1)
     x = (np.arange(width, dtype=np.float32)[None, window[1]] - pad) / max(width - 2 * pad - 1, 1)
-    if isinstance(fill, Linear):
+    if isinstance(fill, LinearGradient):
         amount, start, end = np.broadcast_to(x if fill.horizontal else y, (y.shape[0], x.shape[1])), fill.start, fill.end
     else:
         amount, start, end = np.hypot(x - fill.centre[0], y - fill.centre[1]) * 2 / fill.reach, fill.inner, fill.outer
-    return rgb(start) + (rgb(end) - rgb(start)) * np.clip(amount, 0, 1)[..., None]
+    return parse_color(start) + (parse_color(end) - parse_color(start)) * np.clip(amount, 0, 1)[..., None]
 
 
-def _arched(coverage: np.ndarray, baseline: int, rise_px: float) -> tuple[np.ndarray, int]:
+def _arch(coverage: np.ndarray, baseline: int, rise_px: float) -> tuple[np.ndarray, int]:
     height, width = coverage.shape
     room = int(np.ceil(abs(rise_px)))
     offset = rise_px * (1 - np.linspace(-1, 1, width, dtype=np.float32) ** 2) + (room if rise_px < 0 else 0)
@@ -214,7 +214,7 @@ def _arched(coverage: np.ndarray, baseline: int, rise_px: float) -> tuple[np.nda
     return cv2.remap(coverage, columns, rows.astype(np.float32), cv2.INTER_LINEAR), baseline + room
 
 
-def _rotated(coverage: np.ndarray, anchor_x: float, anchor_y: float, degrees: float) -> tuple[np.ndarray, float, float]:
+def _rotate(coverage: np.ndarray, anchor_x: float, anchor_y: float, degrees: float) -> tuple[np.ndarray, float, float]:
     height, width = coverage.shape
     matrix = cv2.getRotationMatrix2D((anchor_x, anchor_y), degrees, 1.0)
     corners = np.array([[0, 0, 1], [width, 0, 1], [width, height, 1], [0, height, 1]]) @ matrix.T

@@ -10,21 +10,21 @@ _LEFT_ODD = ("0001101", "0011001", "0010011", "0111101", "0100011", "0110001", "
 _PARITY = ("LLLLLL", "LLGLGG", "LLGGLG", "LLGGGL", "LGLLGG", "LGGLLG", "LGGGLL", "LGLGLG", "LGLGGL", "LGGLGL")
 
 
-def ean13_bars(digits: str) -> str:
+def encode_ean13(digits: str) -> str:
     """The 95 modules ("1" is black) of an EAN-13 code; `digits` are its first twelve, the check digit is appended."""
     digits += str(-sum(int(digit) * (3 if i % 2 else 1) for i, digit in enumerate(digits)) % 10)
     left = ""
     for digit, parity in zip(digits[1:7], _PARITY[int(digits[0])], strict=True):
         odd = _LEFT_ODD[int(digit)]
-        left += odd if parity == "L" else _inverted(odd)[::-1]
-    return "101" + left + "01010" + "".join(_inverted(_LEFT_ODD[int(digit)]) for digit in digits[7:]) + "101"
+        left += odd if parity == "L" else _invert(odd)[::-1]
+    return "101" + left + "01010" + "".join(_invert(_LEFT_ODD[int(digit)]) for digit in digits[7:]) + "101"
 
 
-def barcode(canvas: Canvas, x: float, y: float, width: float, height: float, digits: str) -> None:
+def draw_barcode(canvas: Canvas, x: float, y: float, width: float, height: float, digits: str) -> None:
     """An EAN-13 code on white with its digits below; twelve digits are given (20-29 in front: for use within a shop)."""
     canvas.rectangle(x, y, width, height, "#ffffff", radius=0.6)
     module = width / 113
-    bars = ean13_bars(digits)
+    bars = encode_ean13(digits)
     for i, bar in enumerate(bars):
         if bar == "1":
             guard = i < 3 or i > 91 or 45 <= i < 50
@@ -36,7 +36,7 @@ def barcode(canvas: Canvas, x: float, y: float, width: float, height: float, dig
     canvas.text(x + 80 * module, y + height * 0.96, digits[7:] + check, cap, "#111111", "sans", max_width=40 * module)
 
 
-def nutrition_table(
+def draw_nutrition_table(
     canvas: Canvas,
     x: float,
     y: float,
@@ -67,7 +67,7 @@ def nutrition_table(
     return height
 
 
-def paragraph(
+def draw_paragraph(
     canvas: Canvas,
     x: float,
     y: float,
@@ -93,7 +93,7 @@ def paragraph(
     return base + cap * (pitch - 1)
 
 
-def badge(
+def draw_badge(
     canvas: Canvas, x: float, y: float, radius: float, lines: Sequence[str], fill: Fill, ink: str = "#ffffff", teeth: int = 0
 ) -> None:
     """A round seal, with a toothed border where `teeth` are given, and centred lines of text."""
@@ -112,7 +112,7 @@ def badge(
         canvas.text(x, base, line, cap, ink, "bold", max_width=room * 0.92)
 
 
-def recycling_mark(canvas: Canvas, x: float, y: float, size: float, number: str, ink: str) -> None:
+def draw_recycling_mark(canvas: Canvas, x: float, y: float, size: float, number: str, ink: str) -> None:
     """Three arrows around a number, as on every package's bottom."""
     for third in range(3):
         start = np.deg2rad(120 * third - 90 + 12)
@@ -125,5 +125,5 @@ def recycling_mark(canvas: Canvas, x: float, y: float, size: float, number: str,
     canvas.text(x, y + size * 0.13, number, size * 0.26, ink, "bold")
 
 
-def _inverted(bits: str) -> str:
+def _invert(bits: str) -> str:
     return bits.translate(str.maketrans("01", "10"))

@@ -8,7 +8,7 @@ ARC_STEP_RAD = np.deg2rad(9.0)
 ARC_STEP_MM = 0.35
 
 
-def rounded_polyline(corners: Sequence[tuple[float, ...]], step_mm: float = 3.0, closed: bool = False) -> np.ndarray:
+def round_polyline(corners: Sequence[tuple[float, ...]], step_mm: float = 3.0, closed: bool = False) -> np.ndarray:
     """Sample a polyline whose corners are rounded.
 
     Args:
@@ -27,7 +27,7 @@ def rounded_polyline(corners: Sequence[tuple[float, ...]], step_mm: float = 3.0,
         if not closed and i in (0, count - 1):
             pieces.append(points[i : i + 1])
             continue
-        pieces.append(_corner(points[i - 1], points[i], points[(i + 1) % count], radii[i]))
+        pieces.append(_round_corner(points[i - 1], points[i], points[(i + 1) % count], radii[i]))
     sampled = [pieces[0][0]]
     for point in [*np.concatenate(pieces)[1:], *([pieces[0][0]] if closed else [])]:
         last = sampled[-1]
@@ -44,7 +44,7 @@ def arc_length(points: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def superellipse(half_x: float, half_y: float, exponent: float, fractions: np.ndarray, start_rad: float) -> np.ndarray:
+def sample_superellipse(half_x: float, half_y: float, exponent: float, fractions: np.ndarray, start_rad: float) -> np.ndarray:
     """Points (N, 2) of |x/half_x|^e + |y/half_y|^e = 1, at fractions of its length, counter-clockwise from direction `start_rad`.
 
     Equal fractions lie at equal distances along the curve, so print that is wrapped around it is not stretched.
@@ -60,7 +60,7 @@ def superellipse(half_x: float, half_y: float, exponent: float, fractions: np.nd
     return np.stack([np.interp(fractions, length, dense[:, 0]), np.interp(fractions, length, dense[:, 1])], 1)
 
 
-def _corner(before: np.ndarray, corner: np.ndarray, after: np.ndarray, radius: float) -> np.ndarray:
+def _round_corner(before: np.ndarray, corner: np.ndarray, after: np.ndarray, radius: float) -> np.ndarray:
     """The arc that replaces a corner, or the corner itself."""
     to_before, to_after = before - corner, after - corner
     length_before, length_after = np.linalg.norm(to_before), np.linalg.norm(to_after)

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import manifold3d
 import numpy as np
 
-from zeroshop_steps.synthetic.products.profiles import arc_length, superellipse
+from zeroshop_steps.synthetic.products.profiles import arc_length, sample_superellipse
 
 
 @dataclass(frozen=True)
-class Patch:
+class SurfacePatch:
     """A piece of surface on one panel.
 
     Attributes:
@@ -30,12 +30,12 @@ class Patch:
     panel: str
 
 
-Solid = list[Patch]
+Solid = list[SurfacePatch]
 """Patches that together enclose a volume; shared borders have equal positions."""
 
 
 @dataclass(frozen=True)
-class Band:
+class ProfileBand:
     """A stretch of a revolved profile on one panel.
 
     Attributes:
@@ -59,8 +59,8 @@ def circle(radius: float, z: float) -> tuple[float, float, float]:
     return radius, radius, 2.0
 
 
-def revolved(
-    bands: Sequence[Band],
+def revolve(
+    bands: Sequence[ProfileBand],
     widths_mm: dict[str, float],
     segments: int = 128,
     seam_rad: float = np.pi,
@@ -82,7 +82,7 @@ def revolved(
         rings = []
         for radius, z in band.points:
             half_x, half_y, exponent = section(radius, z)
-            ring = superellipse(half_x, half_y, exponent, fractions, seam_rad) if radius > 0 else np.zeros((segments + 1, 2))
+            ring = sample_superellipse(half_x, half_y, exponent, fractions, seam_rad) if radius > 0 else np.zeros((segments + 1, 2))
             ring[-1] = ring[0]
             rings.append(np.column_stack([ring + centre, np.full(segments + 1, z)]))
         grid = np.stack(rings)
@@ -93,11 +93,11 @@ def revolved(
         else:
             away = 1.0 if band.disc == "down" else -1.0
             uv = np.stack([grid[..., 1] - centre[1], away * (grid[..., 0] - centre[0])], -1) + width / 2
-        solid.append(_grid_patch(grid, uv, band.panel))
+        solid.append(_make_grid_patch(grid, uv, band.panel))
     return solid
 
 
-def rounded_box(size_mm: tuple[float, float, float], radius: float, step_mm: float = 3.0, bulge_mm: float = 0.0) -> Solid:
+def make_rounded_box(size_mm: tuple[float, float, float], radius: float, step_mm: float = 3.0, bulge_mm: float = 0.0) -> Solid:
     """A box with rounded edges on the panels front (+x), right (+y), back, left, top and bottom, each the size of its side.
 
     Args:
@@ -120,7 +120,7 @@ def rounded_box(size_mm: tuple[float, float, float], radius: float, step_mm: flo
         right, up = _axis(right_name), _axis(up_name)
         normal = np.cross(right, up)
         half_right, half_up, half_normal = (float(np.abs(axis) @ half) for axis in (right, up, normal))
-        a, b = _box_grid(half_right, radius, step_mm), _box_grid(half_up, radius, step_mm)
+        a, b = _make_box_grid(half_right, radius, step_mm), _make_box_grid(half_up, radius, step_mm)
         flat = a[None, :, None] * right + b[:, None, None] * up + half_normal * normal
         core = np.clip(flat, radius - half, half - radius)
         out = flat - core
@@ -129,11 +129,11 @@ def rounded_box(size_mm: tuple[float, float, float], radius: float, step_mm: flo
             swell = (1 - (a[None, :] / half_right) ** 2) * (1 - (b[:, None] / half_up) ** 2)
             grid = grid + bulge_mm * swell[..., None] * normal
         uv = np.stack(np.broadcast_arrays(a[None, :] + half_right, b[:, None] + half_up), -1)
-        solid.append(_grid_patch(grid, uv, name))
+        solid.append(_make_grid_patch(grid, uv, name))
     return solid
 
 
-def extruded(
+def extrude(
     outline: np.ndarray,
     z_low: float,
     z_high: float,
@@ -159,17 +159,17 @@ def extruded(
     grid = np.stack([np.concatenate([ring, ring[:1]]) for ring in rings])
     around = arc_length(np.concatenate([outline, outline[:1]]))
     up = arc_length(np.array([(inset_mm, z) for z, inset_mm in levels]))
-    solid = [_grid_patch(grid, np.stack(np.broadcast_arrays(around[None, :], up[:, None]), -1), panel_side)]
+    solid = [_make_grid_patch(grid, np.stack(np.broadcast_arrays(around[None, :], up[:, None]), -1), panel_side)]
     low, high = outline.min(0), outline.max(0)
     triangles = np.asarray(manifold3d.triangulate([rings[0][:, :2]]), np.int64)
     below = np.stack([rings[0][:, 1] - low[1], rings[0][:, 0] - low[0]], 1)
     above = np.stack([rings[-1][:, 1] - low[1], high[0] - rings[-1][:, 0]], 1)
-    solid.append(Patch(rings[0], triangles[:, ::-1], below, panel_down))
-    solid.append(Patch(rings[-1], triangles, above, panel_up))
+    solid.append(SurfacePatch(rings[0], triangles[:, ::-1], below, panel_down))
+    solid.append(SurfacePatch(rings[-1], triangles, above, panel_up))
     return solid
 
 
-def bent_rod(path: np.ndarray, binormal: np.ndarray, half_out: np.ndarray, half_side: np.ndarray, panel: str, segments: int = 32) -> Solid:
+def sweep_rod(path: np.ndarray, binormal: np.ndarray, half_out: np.ndarray, half_side: np.ndarray, panel: str, segments: int = 32) -> Solid:
     """A rod with elliptic cross-sections along a path (K, 3) in the plane across `binormal`, closed by flat ends.
 
     Args:
@@ -185,15 +185,15 @@ def bent_rod(path: np.ndarray, binormal: np.ndarray, half_out: np.ndarray, half_
     grid = path[:, None] + ring - np.sin(angle)[None, :, None] * half_side[:, None, None] * binormal
     girth = np.pi * float(np.max(half_out + half_side))
     uv = np.stack(np.broadcast_arrays(np.linspace(0, girth, segments + 1)[None, :], arc_length(path)[:, None]), -1)
-    solid = [_grid_patch(grid, uv, panel)]
+    solid = [_make_grid_patch(grid, uv, panel)]
     fan = np.stack([np.zeros(segments, int), 1 + np.arange(segments), 2 + np.arange(segments)], 1)
     for end, order in ((0, fan[:, ::-1]), (-1, fan)):
         vertices = np.concatenate([path[end : end + 1] if end == 0 else path[-1:], grid[end]])
-        solid.append(Patch(vertices, order, np.full((len(vertices), 2), 0.5) * girth, panel))
+        solid.append(SurfacePatch(vertices, order, np.full((len(vertices), 2), 0.5) * girth, panel))
     return solid
 
 
-def moved(solid: Solid, matrix: np.ndarray, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Solid:
+def transform_solid(solid: Solid, matrix: np.ndarray, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Solid:
     """The solid after x -> matrix x + offset; the matrix (3, 3) must be a rotation."""
     return [replace(patch, vertices=patch.vertices @ np.asarray(matrix, float).T + np.asarray(offset, float)) for patch in solid]
 
@@ -204,13 +204,13 @@ def _axis(name: str) -> np.ndarray:
     return axis
 
 
-def _box_grid(half: float, radius: float, step_mm: float) -> np.ndarray:
+def _make_box_grid(half: float, radius: float, step_mm: float) -> np.ndarray:
     rim = radius * np.tan(np.linspace(0, np.pi / 4, 4)[1:])
     inner = np.linspace(-(half - radius), half - radius, max(int(np.ceil(2 * (half - radius) / step_mm)), 2) + 1)
     return np.concatenate([-(half - radius) - rim[::-1], inner, half - radius + rim])
 
 
-def _grid_patch(grid: np.ndarray, uv: np.ndarray, panel: str) -> Patch:
+def _make_grid_patch(grid: np.ndarray, uv: np.ndarray, panel: str) -> SurfacePatch:
     """Two triangles per cell of a grid (rows upwards, columns to the right, seen from outside); degenerate ones dropped."""
     rows, columns = grid.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
@@ -219,4 +219,4 @@ def _grid_patch(grid: np.ndarray, uv: np.ndarray, panel: str) -> Patch:
     vertices = grid.reshape(-1, 3)
     corners = vertices[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return Patch(vertices, faces[area > 1e-9], uv.reshape(-1, 2).astype(float), panel)
+    return SurfacePatch(vertices, faces[area > 1e-9], uv.reshape(-1, 2).astype(float), panel)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel, plain
-from zeroshop_steps.synthetic.products.canvas import Canvas, Linear, Radial
-from zeroshop_steps.synthetic.products.pictures import citrus_slice, leaf
-from zeroshop_steps.synthetic.products.printing import recycling_mark
-from zeroshop_steps.synthetic.products.profiles import arc_length, rounded_polyline
-from zeroshop_steps.synthetic.products.solids import Band, Solid, bent_rod, revolved
+from zeroshop_steps.synthetic.products.atlas import Panel, make_plain_panel
+from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
+from zeroshop_steps.synthetic.products.illustrations import draw_citrus_slice, draw_leaf
+from zeroshop_steps.synthetic.products.printing import draw_recycling_mark
+from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
+from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, revolve, sweep_rod
 
 BOWL_RED = "#b8442f"
 PITCHER_BLUE, PITCHER_DARK = "#5fa8cf", "#3b83ad"
@@ -19,46 +19,56 @@ MUG_CREAM, MUG_TEAL = "#f6efe0", "#1f7f86"
 
 def pitcher() -> Product:
     """A water jug of 216 mm height with a spout on the right, a handle on the left and a measuring scale."""
-    outside = rounded_polyline([(50.0, 0.0), (52.0, 0.0, 1.8), (52.5, 30.0), (58.0, 213.0)], step_mm=4.0)
-    inside = rounded_polyline(
+    outside = round_polyline([(50.0, 0.0), (52.0, 0.0, 1.8), (52.5, 30.0), (58.0, 213.0)], step_mm=4.0)
+    inside = round_polyline(
         [(58.0, 213.0), (58.2, 216.0, 1.4), (55.2, 216.0, 1.4), (54.8, 200.0), (49.5, 5.0, 10.0), (30.0, 5.0)], step_mm=4.0
     )
-    floor = rounded_polyline([(30.0, 5.0), (0.0, 5.0)], step_mm=5.0)
-    foot = rounded_polyline([(0.0, 2.0), (44.0, 2.0, 1.0), (46.0, 0.0, 0.8), (50.0, 0.0)], step_mm=5.0)
+    floor = round_polyline([(30.0, 5.0), (0.0, 5.0)], step_mm=5.0)
+    foot = round_polyline([(0.0, 2.0), (44.0, 2.0, 1.0), (46.0, 0.0, 0.8), (50.0, 0.0)], step_mm=5.0)
     girth = 2 * np.pi * 56.0
     widths = {"outside": girth, "inside": girth, "floor": 60.0, "foot": 104.0}
-    bands = [Band(foot, "foot", "down"), Band(outside, "outside"), Band(inside, "inside"), Band(floor, "floor", "up")]
-    body = _with_spout(revolved(bands, widths, segments=108))
-    path = rounded_polyline([(-55.2, 182.0), (-98.0, 184.0, 24.0), (-92.0, 78.0, 26.0), (-51.7, 62.0)], step_mm=3.0)
-    handle, girth_mm = _handle(path, 5.5, 9.0, "handle")
+    bands = [
+        ProfileBand(foot, "foot", "down"),
+        ProfileBand(outside, "outside"),
+        ProfileBand(inside, "inside"),
+        ProfileBand(floor, "floor", "up"),
+    ]
+    body = _add_spout(revolve(bands, widths, segments=108))
+    path = round_polyline([(-55.2, 182.0), (-98.0, 184.0, 24.0), (-92.0, 78.0, 26.0), (-51.7, 62.0)], step_mm=3.0)
+    handle, girth_mm = _make_handle(path, 5.5, 9.0, "handle")
     panels = [
         Panel("outside", girth, float(arc_length(outside)[-1]), _print_pitcher),
-        plain("inside", girth, float(arc_length(inside)[-1]), PITCHER_DARK),
-        plain("floor", 60.0, 60.0, PITCHER_DARK),
+        make_plain_panel("inside", girth, float(arc_length(inside)[-1]), PITCHER_DARK),
+        make_plain_panel("floor", 60.0, 60.0, PITCHER_DARK),
         Panel("foot", 104.0, 104.0, _print_pitcher_foot, density=0.4),
-        plain("handle", girth_mm, float(arc_length(path)[-1]), "#f1f4f6"),
+        make_plain_panel("handle", girth_mm, float(arc_length(path)[-1]), "#f1f4f6"),
     ]
     return Product([body, handle], panels)
 
 
 def mug() -> Product:
     """A coffee mug of 82 mm diameter and 96 mm height with a landscape around it and a handle on the right."""
-    outside = rounded_polyline([(32.0, 0.0), (34.0, 0.0, 0.8), (35.0, 3.0, 1.0), (41.0, 9.0, 8.0), (41.0, 93.0)], step_mm=3.0)
-    inside = rounded_polyline([(41.0, 93.0), (41.0, 96.0, 1.8), (37.0, 96.0, 1.8), (37.0, 6.0, 9.0), (22.0, 6.0)], step_mm=3.0)
-    floor = rounded_polyline([(22.0, 6.0), (0.0, 6.0)], step_mm=4.0)
-    foot = rounded_polyline([(0.0, 2.0), (28.0, 2.0, 1.0), (30.0, 0.0, 0.8), (32.0, 0.0)], step_mm=4.0)
+    outside = round_polyline([(32.0, 0.0), (34.0, 0.0, 0.8), (35.0, 3.0, 1.0), (41.0, 9.0, 8.0), (41.0, 93.0)], step_mm=3.0)
+    inside = round_polyline([(41.0, 93.0), (41.0, 96.0, 1.8), (37.0, 96.0, 1.8), (37.0, 6.0, 9.0), (22.0, 6.0)], step_mm=3.0)
+    floor = round_polyline([(22.0, 6.0), (0.0, 6.0)], step_mm=4.0)
+    foot = round_polyline([(0.0, 2.0), (28.0, 2.0, 1.0), (30.0, 0.0, 0.8), (32.0, 0.0)], step_mm=4.0)
     girth = 2 * np.pi * 41.0
     widths = {"outside": girth, "inside": girth, "floor": 44.0, "foot": 68.0}
-    bands = [Band(foot, "foot", "down"), Band(outside, "outside"), Band(inside, "inside"), Band(floor, "floor", "up")]
-    body = revolved(bands, widths, segments=144, seam_rad=np.pi / 2)
-    path = rounded_polyline([(39.2, 78.0), (70.0, 80.0, 19.0), (68.0, 26.0, 22.0), (39.2, 22.0)], step_mm=2.5)
-    handle, girth_mm = _handle(path, 4.2, 6.5, "handle")
+    bands = [
+        ProfileBand(foot, "foot", "down"),
+        ProfileBand(outside, "outside"),
+        ProfileBand(inside, "inside"),
+        ProfileBand(floor, "floor", "up"),
+    ]
+    body = revolve(bands, widths, segments=144, seam_rad=np.pi / 2)
+    path = round_polyline([(39.2, 78.0), (70.0, 80.0, 19.0), (68.0, 26.0, 22.0), (39.2, 22.0)], step_mm=2.5)
+    handle, girth_mm = _make_handle(path, 4.2, 6.5, "handle")
     panels = [
         Panel("outside", girth, float(arc_length(outside)[-1]), _print_mug),
-        plain("inside", girth, float(arc_length(inside)[-1]), MUG_TEAL),
-        plain("floor", 44.0, 44.0, MUG_TEAL),
+        make_plain_panel("inside", girth, float(arc_length(inside)[-1]), MUG_TEAL),
+        make_plain_panel("floor", 44.0, 44.0, MUG_TEAL),
         Panel("foot", 68.0, 68.0, _print_mug_foot, density=0.5),
-        plain("handle", girth_mm, float(arc_length(path)[-1]), MUG_TEAL),
+        make_plain_panel("handle", girth_mm, float(arc_length(path)[-1]), MUG_TEAL),
     ]
     return Product([body, handle], panels)
 
@@ -68,31 +78,36 @@ def bowl() -> Product:
     angle = np.linspace(0.0, np.pi / 2, 40)
     outside = np.column_stack([36.0 + 44.0 * np.sin(angle) ** 0.9, 4.0 + 50.2 * (1 - np.cos(angle)) ** 0.85])
     inside = np.column_stack([76.6 * np.cos(angle) ** 0.75, 54.2 - 46.6 * np.sin(angle) ** 1.1])
-    foot = rounded_polyline([(0.0, 3.0), (30.0, 3.0, 1.0), (31.5, 0.0, 0.6), (35.0, 0.0, 1.0), (36.0, 4.0)], step_mm=4.0)
+    foot = round_polyline([(0.0, 3.0), (30.0, 3.0, 1.0), (31.5, 0.0, 0.6), (35.0, 0.0, 1.0), (36.0, 4.0)], step_mm=4.0)
     lip_angle = np.linspace(0, np.pi, 12)
     lip = np.column_stack([78.3 + 1.7 * np.cos(lip_angle), 54.2 + 1.7 * np.sin(lip_angle)])
-    bands = [Band(foot, "foot", "down"), Band(outside, "outside"), Band(lip, "lip"), Band(inside, "inside", "up")]
+    bands = [
+        ProfileBand(foot, "foot", "down"),
+        ProfileBand(outside, "outside"),
+        ProfileBand(lip, "lip"),
+        ProfileBand(inside, "inside", "up"),
+    ]
     girth = 2 * np.pi * 80.0
     widths = {"foot": 72.0, "outside": girth, "lip": girth, "inside": 154.0}
     panels = [
-        plain("foot", 72.0, 72.0, BOWL_RED),
-        plain("outside", girth, float(arc_length(outside)[-1]), BOWL_RED),
-        plain("lip", girth, float(arc_length(lip)[-1]), BOWL_RED),
-        plain("inside", 154.0, 154.0, BOWL_RED),
+        make_plain_panel("foot", 72.0, 72.0, BOWL_RED),
+        make_plain_panel("outside", girth, float(arc_length(outside)[-1]), BOWL_RED),
+        make_plain_panel("lip", girth, float(arc_length(lip)[-1]), BOWL_RED),
+        make_plain_panel("inside", 154.0, 154.0, BOWL_RED),
     ]
-    return Product([revolved(bands, widths, segments=144)], panels, turns_about_z=True)
+    return Product([revolve(bands, widths, segments=144)], panels, turns_about_z=True)
 
 
-def _handle(path_yz: np.ndarray, half_out: float, half_side: float, panel: str) -> tuple[Solid, float]:
+def _make_handle(path_yz: np.ndarray, half_out: float, half_side: float, panel: str) -> tuple[Solid, float]:
     """A handle along a path in the y-z plane, thicker at its ends; also the width that its panel needs."""
     path = np.column_stack([np.zeros(len(path_yz)), path_yz])
     along = arc_length(path) / arc_length(path)[-1]
     swell = 1 + 0.28 * np.abs(2 * along - 1) ** 6
-    solid = bent_rod(path, np.array([1.0, 0.0, 0.0]), half_out * swell, half_side * np.minimum(swell, 1.15), panel)
+    solid = sweep_rod(path, np.array([1.0, 0.0, 0.0]), half_out * swell, half_side * np.minimum(swell, 1.15), panel)
     return solid, np.pi * float(np.max(half_out * swell + half_side * np.minimum(swell, 1.15)))
 
 
-def _with_spout(body: Solid) -> Solid:
+def _add_spout(body: Solid) -> Solid:
     """Draw the rim out towards +y, as far down as a hand's breadth."""
     moved = []
     for patch in body:
@@ -107,15 +122,15 @@ def _with_spout(body: Solid) -> Solid:
 
 def _print_pitcher(canvas: Canvas) -> None:
     width, height = canvas.width_mm, canvas.height_mm
-    canvas.fill(Linear("#7fc0e2", PITCHER_BLUE))
-    canvas.rectangle(0, height - 26, width, 26, Linear(PITCHER_BLUE, PITCHER_DARK))
+    canvas.fill(LinearGradient("#7fc0e2", PITCHER_BLUE))
+    canvas.rectangle(0, height - 26, width, 26, LinearGradient(PITCHER_BLUE, PITCHER_DARK))
     x = width / 2
-    canvas.ellipse(x, 88, 47, 44, Radial("#ffffff", "#dff1fa", (0.5, 0.5), 1.0))
+    canvas.ellipse(x, 88, 47, 44, RadialGradient("#ffffff", "#dff1fa", (0.5, 0.5), 1.0))
     canvas.ring(x, 88, 41, 0.9, PITCHER_DARK)
-    citrus_slice(canvas, x - 14, 105, 16)
-    citrus_slice(canvas, x + 16, 110, 12, "#8bc34a", "#dcedc8")
-    leaf(canvas, x + 5, 102, 20, -30)
-    leaf(canvas, x + 3, 101, 17, -75)
+    draw_citrus_slice(canvas, x - 14, 105, 16)
+    draw_citrus_slice(canvas, x + 16, 110, 12, "#8bc34a", "#dcedc8")
+    draw_leaf(canvas, x + 5, 102, 20, -30)
+    draw_leaf(canvas, x + 3, 101, 17, -75)
     canvas.text(x, 88, "Aquillo", 15, "#1c5f88", "script", max_width=72)
     canvas.text(x, 70, "COLD & CLEAR", 4.4, "#1c5f88", "bold")
     canvas.text(x, 62, "since the first summer", 2.4, "#3b83ad", "oblique")
@@ -143,20 +158,20 @@ def _print_pitcher(canvas: Canvas) -> None:
 
 def _print_pitcher_foot(canvas: Canvas) -> None:
     canvas.fill(PITCHER_DARK)
-    recycling_mark(canvas, 52, 46, 16, "5", "#8fc7e4")
+    draw_recycling_mark(canvas, 52, 46, 16, "5", "#8fc7e4")
     canvas.text(52, 66, "PP  AQUILLO 1.8", 4.0, "#8fc7e4", "bold")
 
 
 def _print_mug(canvas: Canvas) -> None:
     width, height = canvas.width_mm, canvas.height_mm
     canvas.fill(MUG_CREAM)
-    canvas.rectangle(0, 16, width, height - 30, Linear("#ffd9a0", "#f7a072"))
+    canvas.rectangle(0, 16, width, height - 30, LinearGradient("#ffd9a0", "#f7a072"))
     sun = width * 0.25
     for i in range(24):
         angle = 2 * np.pi * i / 24
         ray = [(sun + 19 * np.cos(angle + d), 50 + 19 * np.sin(angle + d)) for d in (-0.05, 0.05)]
         canvas.polygon([*ray, (sun + 28 * np.cos(angle), 50 + 28 * np.sin(angle))], "#fff0c2", 0.8)
-    canvas.ellipse(sun, 50, 17, 17, Radial("#fff6cf", "#f9c22e", (0.5, 0.5), 1.1))
+    canvas.ellipse(sun, 50, 17, 17, RadialGradient("#fff6cf", "#f9c22e", (0.5, 0.5), 1.1))
     t = np.linspace(0, 1, 500)
     ranges = (("#b56576", 62, (5, 2), 0.0), ("#6d597a", 70, (4, 7), 1.9), ("#355070", 78, (3, 5), 4.1))
     for colour, level, counts, phase in ranges:

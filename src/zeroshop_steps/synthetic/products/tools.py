@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel, plain
-from zeroshop_steps.synthetic.products.canvas import Canvas, Linear, turned
-from zeroshop_steps.synthetic.products.printing import barcode, paragraph, recycling_mark
-from zeroshop_steps.synthetic.products.profiles import arc_length, rounded_polyline
-from zeroshop_steps.synthetic.products.solids import Band, Solid, bent_rod, extruded, revolved
+from zeroshop_steps.synthetic.products.atlas import Panel, make_plain_panel
+from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, rotate_points
+from zeroshop_steps.synthetic.products.printing import draw_barcode, draw_paragraph, draw_recycling_mark
+from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
+from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, extrude, revolve, sweep_rod
 
 MARKER_GREEN, CLAMP_BLACK, CLAMP_ORANGE, CLAMP_STEEL = "#118a4e", "#2b2d30", "#ef7d1a", "#b9bec3"
 FLIP_Y = np.diag([1.0, -1.0])
@@ -17,15 +17,15 @@ FLIP_Y = np.diag([1.0, -1.0])
 
 def marker() -> Product:
     """A whiteboard marker of 19 mm diameter and 140 mm height that stands on its end."""
-    barrel = rounded_polyline([(7.0, 0.0), (8.6, 0.0, 1.0), (9.0, 5.0, 1.0), (9.0, 92.0)], step_mm=2.5)
-    cap = rounded_polyline([(9.0, 92.0), (9.8, 92.0, 0.3), (9.8, 130.0, 6.0), (8.6, 140.0, 1.2), (6.0, 140.0)], step_mm=2.0)
-    top = rounded_polyline([(6.0, 140.0), (0.0, 140.0)], step_mm=2.0)
-    foot = rounded_polyline([(0.0, 0.6), (6.2, 0.6, 0.3), (7.0, 0.0)], step_mm=2.0)
+    barrel = round_polyline([(7.0, 0.0), (8.6, 0.0, 1.0), (9.0, 5.0, 1.0), (9.0, 92.0)], step_mm=2.5)
+    cap = round_polyline([(9.0, 92.0), (9.8, 92.0, 0.3), (9.8, 130.0, 6.0), (8.6, 140.0, 1.2), (6.0, 140.0)], step_mm=2.0)
+    top = round_polyline([(6.0, 140.0), (0.0, 140.0)], step_mm=2.0)
+    foot = round_polyline([(0.0, 0.6), (6.2, 0.6, 0.3), (7.0, 0.0)], step_mm=2.0)
     girth = 2 * np.pi * 9.0
     widths = {"barrel": girth, "cap": girth, "top": 12.0, "foot": 14.0}
-    bands = [Band(foot, "foot", "down"), Band(barrel, "barrel"), Band(cap, "cap"), Band(top, "top", "up")]
-    path = rounded_polyline([(9.0, 128.0), (12.4, 128.0, 2.2), (12.4, 98.0)], step_mm=2.0)
-    clip = bent_rod(
+    bands = [ProfileBand(foot, "foot", "down"), ProfileBand(barrel, "barrel"), ProfileBand(cap, "cap"), ProfileBand(top, "top", "up")]
+    path = round_polyline([(9.0, 128.0), (12.4, 128.0, 2.2), (12.4, 98.0)], step_mm=2.0)
+    clip = sweep_rod(
         np.column_stack([np.zeros(len(path)), path]),
         np.array([1.0, 0.0, 0.0]),
         np.full(len(path), 0.9),
@@ -34,13 +34,13 @@ def marker() -> Product:
         segments=24,
     )
     panels = [
-        plain("foot", 14.0, 14.0, MARKER_GREEN),
+        make_plain_panel("foot", 14.0, 14.0, MARKER_GREEN),
         Panel("barrel", girth, float(arc_length(barrel)[-1]), _print_barrel),
         Panel("cap", girth, float(arc_length(cap)[-1]), _print_cap, density=0.5),
-        plain("top", 12.0, 12.0, MARKER_GREEN),
-        plain("clip", np.pi * 3.5, float(arc_length(path)[-1]), "#0c6b3c"),
+        make_plain_panel("top", 12.0, 12.0, MARKER_GREEN),
+        make_plain_panel("clip", np.pi * 3.5, float(arc_length(path)[-1]), "#0c6b3c"),
     ]
-    return Product([revolved(bands, widths, segments=96), clip], panels)
+    return Product([revolve(bands, widths, segments=96), clip], panels)
 
 
 def clamp() -> Product:
@@ -60,35 +60,39 @@ def clamp() -> Product:
     solids: list[Solid] = []
     panels: list[Panel] = []
     for name, (corners, mirrored, (low, high), edge) in parts.items():
-        solid, its_panels = _plate(name, corners, mirrored, low, high, edge)
+        solid, its_panels = _make_plate(name, corners, mirrored, low, high, edge)
         solids.append(solid)
         panels += its_panels
-    hub, hub_panels = _hub()
+    hub, hub_panels = _make_hub()
     return Product([*solids, hub], panels + hub_panels)
 
 
-def _plate(
+def _make_plate(
     name: str, corners: Sequence[tuple[float, ...]], mirrored: bool, low: float, high: float, edge_mm: float
 ) -> tuple[Solid, list[Panel]]:
     """A rounded plate and its panels; corners are given clockwise, and mirrored at y = 0 where asked."""
-    outline = rounded_polyline(corners, step_mm=2.5, closed=True)
+    outline = round_polyline(corners, step_mm=2.5, closed=True)
     outline = outline @ FLIP_Y if mirrored else outline[::-1]
-    solid = extruded(outline, low, high, f"{name}_up", f"{name}_down", f"{name}_side", edge_mm)
+    solid = extrude(outline, low, high, f"{name}_up", f"{name}_down", f"{name}_side", edge_mm)
     low_xy, size = outline.min(0), np.ptp(outline, axis=0)
     around = float(arc_length(np.concatenate([outline, outline[:1]]))[-1])
     colour = CLAMP_BLACK if name.startswith("lever") else CLAMP_ORANGE
     up = (
         Panel(f"{name}_up", size[1], size[0], lambda canvas: _print_lever(canvas, low_xy))
         if name == "lever_a"
-        else plain(f"{name}_up", size[1], size[0], colour)
+        else make_plain_panel(f"{name}_up", size[1], size[0], colour)
     )
     if name == "grip_b":
         up = Panel(f"{name}_up", size[1], size[0], _print_grip)
-    panels = [up, plain(f"{name}_down", size[1], size[0], colour), plain(f"{name}_side", around, high - low + 2 * edge_mm, colour)]
+    panels = [
+        up,
+        make_plain_panel(f"{name}_down", size[1], size[0], colour),
+        make_plain_panel(f"{name}_side", around, high - low + 2 * edge_mm, colour),
+    ]
     return solid, panels
 
 
-def _hub() -> tuple[Solid, list[Panel]]:
+def _make_hub() -> tuple[Solid, list[Panel]]:
     """The pivot: a steel drum with the turns of its spring, and a bolt on either side."""
     radius, turns = 11.0, 7
     wall = [(9.0, 2.5)]
@@ -96,12 +100,14 @@ def _hub() -> tuple[Solid, list[Panel]]:
         z = 2.5 + 23.0 * i / turns
         wall += [(radius, z + 0.8, 0.8), (radius, z + 2.3, 0.8), (radius - 1.0, z + 23.0 / turns, 0.3)]
     wall[-1] = (9.0, 25.5)
-    drum = rounded_polyline(wall, step_mm=1.0)
-    up = rounded_polyline([(9.0, 25.5), (6.0, 25.5, 0.3), (5.6, 28.0, 0.6), (2.6, 28.0, 0.3), (2.2, 26.5, 0.3), (0.0, 26.5)], step_mm=1.5)
+    drum = round_polyline(wall, step_mm=1.0)
+    up = round_polyline([(9.0, 25.5), (6.0, 25.5, 0.3), (5.6, 28.0, 0.6), (2.6, 28.0, 0.3), (2.2, 26.5, 0.3), (0.0, 26.5)], step_mm=1.5)
     down = (up * (1, -1) + (0, 28.0))[::-1]
     widths = {"hub_up": 18.0, "hub_down": 18.0, "hub_side": 2 * np.pi * radius}
-    solid = revolved([Band(down, "hub_down", "down"), Band(drum, "hub_side"), Band(up, "hub_up", "up")], widths, segments=72)
-    panels = [plain(name, 18.0, 18.0, CLAMP_STEEL) for name in ("hub_up", "hub_down")]
+    solid = revolve(
+        [ProfileBand(down, "hub_down", "down"), ProfileBand(drum, "hub_side"), ProfileBand(up, "hub_up", "up")], widths, segments=72
+    )
+    panels = [make_plain_panel(name, 18.0, 18.0, CLAMP_STEEL) for name in ("hub_up", "hub_down")]
     return solid, [*panels, Panel("hub_side", widths["hub_side"], float(arc_length(drum)[-1]), _print_spring, 0.4)]
 
 
@@ -109,17 +115,17 @@ def _print_barrel(canvas: Canvas) -> None:
     width, height = canvas.width_mm, canvas.height_mm
     canvas.fill("#f7f8f8")
     canvas.rectangle(0, height - 9, width, 9, MARKER_GREEN)
-    canvas.rectangle(0, 0, width, 4, Linear("#0c6b3c", MARKER_GREEN))
+    canvas.rectangle(0, 0, width, 4, LinearGradient("#0c6b3c", MARKER_GREEN))
     x = width / 2
     canvas.text(x + 3.4, height / 2 + 6, "SCRIBBAR", 8.6, "#1c2126", "bold", turn=90, max_width=58)
     canvas.text(x + 9.4, height / 2 + 6, "whiteboard 700", 3.6, MARKER_GREEN, "oblique", turn=90, max_width=52)
     canvas.rectangle(x - 8.5, 8, 13, 6.6, MARKER_GREEN, radius=1.2)
     canvas.text(x - 2, 12.6, "GREEN", 2.4, "#ffffff", "bold", max_width=11)
     canvas.polygon([(x - 9, 18), (x - 1, 18), (x + 2, 20), (x - 1, 22), (x - 9, 22)], MARKER_GREEN)
-    barcode(canvas, width * 0.79, 62, 11.5, 9, "201177004462")
+    draw_barcode(canvas, width * 0.79, 62, 11.5, 9, "201177004462")
     words = "dry wipe, low odour. Keep cap on. Store flat. 2 mm bullet tip, refillable. Not for skin."
-    paragraph(canvas, width * 0.79, 14, 11.2, words, 1.3, "#1c2126")
-    recycling_mark(canvas, width * 0.89, 54, 7, "5", MARKER_GREEN)
+    draw_paragraph(canvas, width * 0.79, 14, 11.2, words, 1.3, "#1c2126")
+    draw_recycling_mark(canvas, width * 0.89, 54, 7, "5", MARKER_GREEN)
     canvas.text(width * 0.12, height / 2, "SCRIBBAR 700  *  made with 60% recycled plastic", 1.8, "#5a6470", "sans", turn=90, max_width=72)
     for i in range(6):
         canvas.rectangle(width * 0.18, 12 + 11 * i, 1.6, 7, ("#118a4e", "#d8232a", "#1c4fa1", "#1c2126", "#f28c1a", "#7a3c9c")[i])
@@ -136,7 +142,7 @@ def _print_lever(canvas: Canvas, low: np.ndarray) -> None:
     canvas.fill(CLAMP_BLACK)
 
     def engrave(x: float, y: float, words: str, cap: float, font: str, turn: float = 0.0) -> None:
-        down = turned([(0.0, cap / 2)], -turn)[0]
+        down = rotate_points([(0.0, cap / 2)], -turn)[0]
         canvas.text(y - low[1] + down[0], x - low[0] + down[1], words, cap, "#f4f4f4", font, turn=turn)
 
     engrave(16.0, 18.5, "GRIPFOLD", 3.8, "bold", -45.0)

@@ -3,12 +3,12 @@
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
-from zeroshop_steps.synthetic.products.atlas import Panel, plain
-from zeroshop_steps.synthetic.products.canvas import Canvas, Linear, Radial
-from zeroshop_steps.synthetic.products.pictures import leaf
-from zeroshop_steps.synthetic.products.printing import badge, barcode, paragraph, recycling_mark
-from zeroshop_steps.synthetic.products.profiles import arc_length, rounded_polyline
-from zeroshop_steps.synthetic.products.solids import Band, revolved
+from zeroshop_steps.synthetic.products.atlas import Panel, make_plain_panel
+from zeroshop_steps.synthetic.products.canvas import Canvas, LinearGradient, RadialGradient
+from zeroshop_steps.synthetic.products.illustrations import draw_leaf
+from zeroshop_steps.synthetic.products.printing import draw_badge, draw_barcode, draw_paragraph, draw_recycling_mark
+from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
+from zeroshop_steps.synthetic.products.solids import ProfileBand, revolve
 
 RADIUS_MM = 19.0
 ROUND_Z_MM, CRIMP_Z_MM, TOP_Z_MM = 34.0, 150.0, 162.0
@@ -17,25 +17,31 @@ CRIMP_HALF_MM = 0.7
 
 def toothpaste_tube() -> Product:
     """A tube 162 mm high, 38 mm round at the cap and 60 mm wide at the crimp."""
-    cap = rounded_polyline([(13.0, 0.0), (16.5, 0.0, 1.5), (17.2, 22.0, 1.5), (13.5, 24.0)], step_mm=2.0)
-    shoulder = rounded_polyline([(13.5, 24.0), (13.5, 25.5, 0.5), (19.0, 29.0, 1.5), (19.0, ROUND_Z_MM)], step_mm=1.5)
-    wall = rounded_polyline([(RADIUS_MM, ROUND_Z_MM), (RADIUS_MM, CRIMP_Z_MM)], step_mm=2.5)
-    crimp = rounded_polyline([(RADIUS_MM, CRIMP_Z_MM), (RADIUS_MM, TOP_Z_MM)], step_mm=1.5)
+    cap = round_polyline([(13.0, 0.0), (16.5, 0.0, 1.5), (17.2, 22.0, 1.5), (13.5, 24.0)], step_mm=2.0)
+    shoulder = round_polyline([(13.5, 24.0), (13.5, 25.5, 0.5), (19.0, 29.0, 1.5), (19.0, ROUND_Z_MM)], step_mm=1.5)
+    wall = round_polyline([(RADIUS_MM, ROUND_Z_MM), (RADIUS_MM, CRIMP_Z_MM)], step_mm=2.5)
+    crimp = round_polyline([(RADIUS_MM, CRIMP_Z_MM), (RADIUS_MM, TOP_Z_MM)], step_mm=1.5)
     seam = np.array([(RADIUS_MM, TOP_Z_MM), (RADIUS_MM * 0.5, TOP_Z_MM), (0.0, TOP_Z_MM)])
-    foot = rounded_polyline([(0.0, 0.8), (12.0, 0.8, 0.4), (13.0, 0.0)], step_mm=3.0)
+    foot = round_polyline([(0.0, 0.8), (12.0, 0.8, 0.4), (13.0, 0.0)], step_mm=3.0)
     girth = 2 * np.pi * RADIUS_MM
     widths = {"cap": girth, "shoulder": girth, "wall": girth, "crimp": girth, "seam": 62.0, "foot": 26.0}
-    bands = [Band(foot, "foot", "down"), Band(cap, "cap"), Band(shoulder, "shoulder"), Band(wall, "wall"), Band(crimp, "crimp")]
-    bands.append(Band(seam, "seam", "up"))
+    bands = [
+        ProfileBand(foot, "foot", "down"),
+        ProfileBand(cap, "cap"),
+        ProfileBand(shoulder, "shoulder"),
+        ProfileBand(wall, "wall"),
+        ProfileBand(crimp, "crimp"),
+    ]
+    bands.append(ProfileBand(seam, "seam", "up"))
     panels = [
-        plain("foot", 26.0, 26.0, "#e9edf0"),
+        make_plain_panel("foot", 26.0, 26.0, "#e9edf0"),
         Panel("cap", girth, float(arc_length(cap)[-1]), _print_cap, density=0.7),
-        plain("shoulder", girth, float(arc_length(shoulder)[-1]), "#eef3f5"),
+        make_plain_panel("shoulder", girth, float(arc_length(shoulder)[-1]), "#eef3f5"),
         Panel("wall", girth, CRIMP_Z_MM - ROUND_Z_MM, _print_wall),
         Panel("crimp", girth, TOP_Z_MM - CRIMP_Z_MM, _print_crimp),
-        plain("seam", 62.0, 62.0, "#0b6e8f"),
+        make_plain_panel("seam", 62.0, 62.0, "#0b6e8f"),
     ]
-    return Product([revolved(bands, widths, segments=128, seam_rad=-np.pi / 2, section=_section)], panels)
+    return Product([revolve(bands, widths, segments=128, seam_rad=-np.pi / 2, section=_section)], panels)
 
 
 def _section(radius: float, z: float) -> tuple[float, float, float]:
@@ -56,33 +62,33 @@ def _section(radius: float, z: float) -> tuple[float, float, float]:
 
 def _print_wall(canvas: Canvas) -> None:
     width = canvas.width_mm
-    canvas.fill(Linear("#0b6e8f", "#e8f7fa"))
+    canvas.fill(LinearGradient("#0b6e8f", "#e8f7fa"))
     x = width * 0.25
     swoosh = [(x - 34, 62), (x - 18, 50), (x, 45), (x + 34, 50), (x + 34, 57), (x, 53), (x - 16, 58), (x - 34, 72)]
-    canvas.polygon(swoosh, Linear("#ffffff", "#9fdfe8", horizontal=True))
+    canvas.polygon(swoosh, LinearGradient("#ffffff", "#9fdfe8", horizontal=True))
     canvas.text(x, 22, "Pearlumo", 9.0, "#ffffff", "oblique", max_width=50, edge="#06465c", edge_mm=0.5)
     canvas.text(x, 31, "FRESH MINT", 4.2, "#d8fff0", "bold", max_width=46)
     canvas.text(x, 38, "fluoride toothpaste", 2.6, "#ffffff", "sans", max_width=44)
-    canvas.ellipse(x - 9, 76, 12, 12, Radial("#2fb3c9", "#0b6e8f"))
+    canvas.ellipse(x - 9, 76, 12, 12, RadialGradient("#2fb3c9", "#0b6e8f"))
     canvas.ring(x - 9, 76, 11, 0.5, "#ffffff")
     _smile(canvas, x - 9, 75, 14)
     for turn in (-100, -55, -10):
-        leaf(canvas, x + 10, 74, 13, turn, "#8be0a4", "#14804a")
-    badge(canvas, x + 10, 86, 8, ("24 h", "CLEAN"), Radial("#ffb52e", "#e07a00"), teeth=16)
+        draw_leaf(canvas, x + 10, 74, 13, turn, "#8be0a4", "#14804a")
+    draw_badge(canvas, x + 10, 86, 8, ("24 h", "CLEAN"), RadialGradient("#ffb52e", "#e07a00"), teeth=16)
     canvas.text(x, 103, "75 ml e", 3.8, "#06465c", "bold", max_width=30)
     canvas.line([(x - 20, 106), (x + 20, 106)], 0.8, "#0b6e8f")
     canvas.text(x, 112, "enamel care for every day", 2.0, "#06465c", "sans", max_width=36)
     back = width * 0.75
     canvas.text(back, 16, "Pearlumo", 5.6, "#ffffff", "oblique", max_width=46)
     use = "Directions: brush twice a day for two minutes. Children under seven: a pea-sized amount under supervision. Do not swallow."
-    below = paragraph(canvas, back - 22, 20, 44, use, 2.0, "#ffffff")
+    below = draw_paragraph(canvas, back - 22, 20, 44, use, 2.0, "#ffffff")
     words = (
         "Ingredients: aqua, hydrated silica, sorbitol, glycerin, sodium lauryl sulfate, xanthan gum, mentha piperita oil, "
         "sodium saccharin, sodium fluoride (1450 ppm F), limonene, CI 77891."
     )
-    paragraph(canvas, back - 22, max(below + 2, 60), 44, words, 1.6, "#06303f")
-    barcode(canvas, back - 22, 84, 30, 20, "208876540129")
-    recycling_mark(canvas, back + 16, 92, 9, "7", "#0b6e8f")
+    draw_paragraph(canvas, back - 22, max(below + 2, 60), 44, words, 1.6, "#06303f")
+    draw_barcode(canvas, back - 22, 84, 30, 20, "208876540129")
+    draw_recycling_mark(canvas, back + 16, 92, 9, "7", "#0b6e8f")
     canvas.text(back, 112, "LOT 5 22 09  EXP 04/33", 2.0, "#06465c", "mono", max_width=44)
 
 
@@ -93,7 +99,7 @@ def _smile(canvas: Canvas, x: float, y: float, size: float) -> None:
     roots = [(x + 0.4 * size, y + 0.15 * size), (x + 0.26 * size, y + 0.5 * size), (x + 0.1 * size, y + 0.2 * size)]
     roots += [(x - 0.1 * size, y + 0.2 * size), (x - 0.26 * size, y + 0.5 * size), (x - 0.4 * size, y + 0.15 * size)]
     canvas.polygon(np.concatenate([crown, roots]) + (0.4, 0.6), "#06465c", 0.35, 0.5)
-    canvas.polygon(np.concatenate([crown, roots]), Radial("#ffffff", "#bfe6ee", (0.4, 0.3), 1.5))
+    canvas.polygon(np.concatenate([crown, roots]), RadialGradient("#ffffff", "#bfe6ee", (0.4, 0.3), 1.5))
     glint = [(0, -1), (0.16, -0.16), (1, 0), (0.16, 0.16), (0, 1), (-0.16, 0.16), (-1, 0), (-0.16, -0.16)]
     canvas.polygon(np.array(glint) * size * 0.24 + (x + size * 0.4, y - size * 0.32), "#ffffff")
 
@@ -101,7 +107,7 @@ def _smile(canvas: Canvas, x: float, y: float, size: float) -> None:
 def _print_cap(canvas: Canvas) -> None:
     canvas.fill("#f4f7f8")
     for i in range(48):
-        canvas.rectangle(canvas.width_mm * i / 48, 4, canvas.width_mm / 110, canvas.height_mm - 10, Linear("#c3ced4", "#aebbc2"))
+        canvas.rectangle(canvas.width_mm * i / 48, 4, canvas.width_mm / 110, canvas.height_mm - 10, LinearGradient("#c3ced4", "#aebbc2"))
 
 
 def _print_crimp(canvas: Canvas) -> None:

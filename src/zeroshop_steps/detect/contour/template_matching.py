@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import softmax
 
-from zeroshop_steps.detect.contour.descriptors import Descriptors, Patch, describe, linear_rgb, patch_of
+from zeroshop_steps.detect.contour.descriptors import Descriptors, RegionPatch, describe_patches, linear_rgb, make_region_patch
 from zeroshop_steps.detect.templates import Templates
 
 TURNS = 18
@@ -21,7 +21,7 @@ REGION_WEIGHTS, CONSTANT = np.array([7.21, 3.96]), -36.24
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceViews:
     """The views of one object, described.
 
     Attributes:
@@ -35,16 +35,17 @@ class Reference:
     areas_mm2: np.ndarray
 
 
-def reference_of(templates: Templates, diameter_mm: float) -> Reference:
+def describe_reference(templates: Templates, diameter_mm: float) -> ReferenceViews:
     """Describe the views of one object."""
     focal_px = float(templates.intrinsics[0, 0])
     patches = [
-        patch_of(depth > 0, linear_rgb(color), depth, focal_px) for color, depth in zip(templates.colors, templates.depths_mm, strict=True)
+        make_region_patch(depth > 0, linear_rgb(color), depth, focal_px)
+        for color, depth in zip(templates.colors, templates.depths_mm, strict=True)
     ]
-    return Reference(diameter_mm, describe(patches, diameter_mm, TURNS), np.array([patch.area_mm2 for patch in patches]))
+    return ReferenceViews(diameter_mm, describe_patches(patches, diameter_mm, TURNS), np.array([patch.area_mm2 for patch in patches]))
 
 
-def view_measures(patches: Sequence[Patch], reference: Reference) -> tuple[np.ndarray, np.ndarray]:
+def match_views(patches: Sequence[RegionPatch], reference: ReferenceViews) -> tuple[np.ndarray, np.ndarray]:
     """How regions agree with the view that fits best.
 
     Returns:
@@ -57,13 +58,13 @@ def view_measures(patches: Sequence[Patch], reference: Reference) -> tuple[np.nd
     indices = np.flatnonzero((areas > low) & (areas < high) & (lengths < LONGEST_DIAMETERS * reference.diameter_mm))
     if not len(indices):
         return indices, np.zeros((0, len(VIEW_NAMES)))
-    regions = describe([patches[index] for index in indices], reference.diameter_mm)
-    all_measures = _all_measures(regions, reference)
+    regions = describe_patches([patches[index] for index in indices], reference.diameter_mm)
+    all_measures = _measure_all(regions, reference)
     best = (all_measures @ VIEW_WEIGHTS).argmax(1)
     return indices, all_measures[np.arange(len(indices)), best]
 
 
-def confidences(patches: Sequence[Patch], edges: np.ndarray, references: Mapping[int, Reference]) -> np.ndarray:
+def estimate_confidences(patches: Sequence[RegionPatch], edges: np.ndarray, references: Mapping[int, ReferenceViews]) -> np.ndarray:
     """(patches, objects) 0..1 that a region is an object, well cut out; in a row, the objects and none of them share 1.
 
     Args:
@@ -74,17 +75,17 @@ def confidences(patches: Sequence[Patch], edges: np.ndarray, references: Mapping
     odds = np.full((len(patches), len(references)), -np.inf)
     of_region = edges @ REGION_WEIGHTS + CONSTANT
     for column, reference in enumerate(references.values()):
-        indices, measures = view_measures(patches, reference)
+        indices, measures = match_views(patches, reference)
         odds[indices, column] = measures @ VIEW_WEIGHTS + of_region[indices]
     return softmax(np.concatenate([odds, np.zeros((len(patches), 1))], 1), axis=1)[:, :-1]
 
 
-def _all_measures(regions: Descriptors, reference: Reference) -> np.ndarray:
+def _measure_all(regions: Descriptors, reference: ReferenceViews) -> np.ndarray:
     """(regions, views, len(VIEW_NAMES))."""
     views = reference.views
     common = np.maximum(regions.mask @ views.mask.T, 1e-3)
     union = regions.mask.sum(1)[:, None] + views.mask.sum(1) - common
-    relief = _squares(regions.mask, regions.relief, views.mask, views.relief) / common
+    relief = _masked_square_distances(regions.mask, regions.relief, views.mask, views.relief) / common
     histogram = regions.histogram @ views.histogram.T
     measures = [
         common / union,
@@ -96,7 +97,7 @@ def _all_measures(regions: Descriptors, reference: Reference) -> np.ndarray:
     return np.stack(measures, -1)
 
 
-def _squares(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
+def _masked_square_distances(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
     """(N, M) sums over cells of mask x other mask x squared difference; values are already times their masks."""
     squares, other_squares = values**2 / np.maximum(mask, 1e-3), other_values**2 / np.maximum(other_mask, 1e-3)
     return squares @ other_mask.T + mask @ other_squares.T - 2 * (values @ other_values.T)

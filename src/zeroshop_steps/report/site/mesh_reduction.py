@@ -24,7 +24,7 @@ COLLAPSE = {
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedMesh:
     """A mesh for the viewer.
 
     Attributes:
@@ -38,22 +38,22 @@ class Reduced:
     faces: int
 
 
-def reduced(mesh: Mesh, max_faces: int, texture_px: int) -> Reduced:
+def reduce_mesh(mesh: Mesh, max_faces: int, texture_px: int) -> ReducedMesh:
     """`mesh` with about `max_faces` faces at most and a texture of `texture_px` pixels at most.
 
     Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997) over the welded surface, so that no seam of the atlas tears open.
     """
     if len(mesh.faces) > TEXTURED_FACES:
-        small = _collapsed(_clustered(mesh), max_faces)[0]
-        return Reduced(small.with_normals(), _colors_near(mesh, small.vertices), len(mesh.faces))
-    small, corner_uv = _collapsed(mesh, max_faces) if len(mesh.faces) > max_faces else _welded(mesh)
+        small = _collapse_edges(_cluster_vertices(mesh), max_faces)[0]
+        return ReducedMesh(small.with_normals(), _sample_colors(mesh, small.vertices), len(mesh.faces))
+    small, corner_uv = _collapse_edges(mesh, max_faces) if len(mesh.faces) > max_faces else _weld(mesh)
     small = small.with_normals()
     if corner_uv is None or mesh.texture is None:
-        return Reduced(small, None, len(mesh.faces))
-    return Reduced(_split_at_seams(small, corner_uv, _shrunk(mesh.texture, texture_px)), None, len(mesh.faces))
+        return ReducedMesh(small, None, len(mesh.faces))
+    return ReducedMesh(_split_at_seams(small, corner_uv, _shrink_texture(mesh.texture, texture_px)), None, len(mesh.faces))
 
 
-def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray | None]:
+def _weld(mesh: Mesh) -> tuple[Mesh, np.ndarray | None]:
     """Vertices of equal place as one, and the (F, 3, 2) texture coordinates of the faces' corners."""
     vertices, index = np.unique(mesh.vertices.astype(np.float32), axis=0, return_inverse=True)
     faces = index.reshape(-1)[mesh.faces]
@@ -62,7 +62,7 @@ def _welded(mesh: Mesh) -> tuple[Mesh, np.ndarray | None]:
     return Mesh(vertices.astype(float), faces[sound]), uv
 
 
-def _clustered(mesh: Mesh) -> Mesh:
+def _cluster_vertices(mesh: Mesh) -> Mesh:
     """Vertices in one cell of a grid as one (Rossignac and Borrel 1993): quick, and still finer than what the page shows."""
     low = mesh.vertices.min(0)
     size = max(float(np.ptp(mesh.vertices, axis=0).max()), 1e-9) / GRID
@@ -75,7 +75,7 @@ def _clustered(mesh: Mesh) -> Mesh:
     return Mesh(means, faces[np.sort(first)]).without_loose_vertices()
 
 
-def _collapsed(mesh: Mesh, max_faces: int) -> tuple[Mesh, np.ndarray | None]:
+def _collapse_edges(mesh: Mesh, max_faces: int) -> tuple[Mesh, np.ndarray | None]:
     import pymeshlab
 
     work = pymeshlab.MeshSet(verbose=False)
@@ -102,7 +102,7 @@ def _split_at_seams(mesh: Mesh, corner_uv: np.ndarray, texture: np.ndarray) -> M
     return Mesh(mesh.vertices[place], index.reshape(-1, 3), mesh.normals[place], rows[:, 1:] / 65535.0, texture)
 
 
-def _colors_near(mesh: Mesh, points: np.ndarray) -> np.ndarray | None:
+def _sample_colors(mesh: Mesh, points: np.ndarray) -> np.ndarray | None:
     """(N, 3) uint8 colours of the texture at the vertices nearest to `points`."""
     if mesh.uv is None or mesh.texture is None:
         return None
@@ -110,7 +110,7 @@ def _colors_near(mesh: Mesh, points: np.ndarray) -> np.ndarray | None:
     return np.clip(np.rint(sample_texture(mesh.texture, mesh.uv[nearest])), 0, 255).astype(np.uint8)
 
 
-def _shrunk(texture: np.ndarray, texture_px: int) -> np.ndarray:
+def _shrink_texture(texture: np.ndarray, texture_px: int) -> np.ndarray:
     scale = min(1.0, texture_px / max(texture.shape[:2]))
     size = (max(1, round(texture.shape[1] * scale)), max(1, round(texture.shape[0] * scale)))
     return texture if scale == 1.0 else cv2.resize(texture, size, interpolation=cv2.INTER_AREA)

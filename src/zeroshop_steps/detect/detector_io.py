@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.detections import Detection, box_of_mask, encode_mask, write_detections
-from zeroshop_steps.bop.scene import Frame, read_scene, scene_folders
+from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, write_detections
+from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.runtime.errors import StepError
@@ -19,7 +19,7 @@ MOST_IN_AN_IMAGE = 100  # COCO counts no more
 
 
 @dataclass(frozen=True)
-class Found:
+class ObjectMask:
     """One object in one image: its number, a confidence, and its (height, width) bool mask, which is not empty."""
 
     object_id: int
@@ -36,14 +36,14 @@ def add_image_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="BOP COCO result file to write")
 
 
-def frames_of(scenes: Path, targets: Path | None) -> list[Frame]:
+def read_frames(scenes: Path, targets: Path | None) -> list[Frame]:
     """The images that targets name, or all; which objects are in them is not looked at."""
     if targets is not None:
         return list(read_target_frames(scenes, read_targets(targets), targets, truth_needed=False).values())
-    return [frame for folder in scene_folders(scenes).values() for frame in read_scene(folder, truth_needed=False).values()]
+    return [frame for folder in list_scenes(scenes).values() for frame in read_scene(folder, truth_needed=False).values()]
 
 
-def photo_of(frame: Frame) -> np.ndarray:
+def read_photo(frame: Frame) -> np.ndarray:
     """(height, width, 3) uint8 of an image.
 
     Raises:
@@ -63,7 +63,7 @@ def photo_of(frame: Frame) -> np.ndarray:
     return photo
 
 
-def depth_of(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
+def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
     """(height, width) float32 mm, 0 where nothing was measured.
 
     Raises StepError where it is missing, with what to do then (`remedy`), or not the photo's size.
@@ -79,7 +79,7 @@ def depth_of(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
     return depth_mm
 
 
-def write_found(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], Sequence[Found]]) -> None:
+def run_detector(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], Sequence[ObjectMask]]) -> None:
     """Look at every image, and write what is found with the seconds that it took."""
     detections: list[Detection] = []
     for frame in track(frames, "detections", len(frames)):
@@ -87,21 +87,21 @@ def write_found(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], S
         found = sorted(detect(frame), key=lambda one: -one.score)[:MOST_IN_AN_IMAGE]
         seconds = time.monotonic() - start_s
         detections += [
-            Detection(frame.scene_id, frame.image_id, one.object_id, one.score, box_of_mask(one.mask), encode_mask(one.mask), seconds)
+            Detection(frame.scene_id, frame.image_id, one.object_id, one.score, mask_to_box(one.mask), encode_mask(one.mask), seconds)
             for one in found
         ]
     write_detections(path, detections)
     print(f"{path}: {len(detections)} detections in {len(frames)} images")
 
 
-def suppressed(masks: Sequence[np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
+def suppress_masks(masks: Sequence[np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
     """Indices of the masks, surest first, none of which overlaps a surer one by more than `most_iou`."""
     flat = np.stack([mask.ravel() for mask in masks]).astype(np.float32) if len(masks) else np.zeros((0, 1), np.float32)
     areas = flat.sum(1)
-    return _surest(lambda one, others: _iou(flat[others] @ flat[one], areas[one], areas[others]), scores, most_iou)
+    return _suppress(lambda one, others: _iou(flat[others] @ flat[one], areas[one], areas[others]), scores, most_iou)
 
 
-def suppressed_boxes(boxes_px: np.ndarray, scores: np.ndarray, most_iou: float) -> list[int]:
+def suppress_boxes(boxes_px: np.ndarray, scores: np.ndarray, most_iou: float) -> list[int]:
     """The same of (N, 4) boxes (x, y, width, height)."""
     low, high = boxes_px[:, :2], boxes_px[:, :2] + boxes_px[:, 2:]
     areas = boxes_px[:, 2:].prod(1)
@@ -110,10 +110,10 @@ def suppressed_boxes(boxes_px: np.ndarray, scores: np.ndarray, most_iou: float) 
         sides = np.minimum(high[one], high[others]) - np.maximum(low[one], low[others])
         return _iou(np.clip(sides, 0, None).prod(1), areas[one], areas[others])
 
-    return _surest(overlap, scores, most_iou)
+    return _suppress(overlap, scores, most_iou)
 
 
-def _surest(overlap: Callable[[int, list[int]], np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
+def _suppress(overlap: Callable[[int, list[int]], np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
     kept: list[int] = []
     for index in np.argsort(-np.asarray(scores), kind="stable").tolist():
         if not kept or overlap(index, kept).max() <= most_iou:

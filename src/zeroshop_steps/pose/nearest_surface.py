@@ -39,7 +39,7 @@ class NearestSurface:
     table: np.ndarray
 
 
-def nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
+def build_nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
     """Make the table of a model."""
     assumed = mesh.assumed_faces()
     areas = mesh.face_areas()

@@ -19,7 +19,7 @@ LEAST_HEIGHT_IN_SIZES = 0.5
 
 
 @dataclass(frozen=True)
-class Subject:
+class ObjectBounds:
     """What the cameras look at.
 
     Attributes:
@@ -51,8 +51,8 @@ def look_at(centre_mm: np.ndarray, target_mm: np.ndarray) -> np.ndarray:
     return camera_from_world
 
 
-def ring_camera(
-    subject: Subject, azimuth_deg: float, elevation_deg: float, width_px: int, height_px: int, name: str, on_surface: bool
+def place_ring_camera(
+    subject: ObjectBounds, azimuth_deg: float, elevation_deg: float, width_px: int, height_px: int, name: str, on_surface: bool
 ) -> Camera:
     """One camera of a ring.
 
@@ -72,19 +72,19 @@ def ring_camera(
     return Camera(name, width_px, height_px, intrinsics, pose)
 
 
-def capture_cameras(subject: Subject, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def place_capture_cameras(subject: ObjectBounds, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
     """The 20 (su_l, su_h) or 30 (se) cameras, ring by ring, from the horizontal ring on; the first sees the front."""
     places = [(360.0 * view / VIEWS_A_RING, elevation) for elevation in ELEVATIONS_DEG[scene] for view in range(VIEWS_A_RING)]
-    return _cameras(subject, places, scene, width_px, height_px)
+    return _place_cameras(subject, places, scene, width_px, height_px)
 
 
-def held_out_cameras(subject: Subject, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def place_held_out_cameras(subject: ObjectBounds, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
     """Two cameras half-way between the azimuths of the rings, for judging the result in views that it was not made from."""
-    return _cameras(subject, HELD_OUT_AZIMUTHS_ELEVATIONS_DEG, scene, width_px, height_px)
+    return _place_cameras(subject, HELD_OUT_AZIMUTHS_ELEVATIONS_DEG, scene, width_px, height_px)
 
 
-def _cameras(subject: Subject, places, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def _place_cameras(subject: ObjectBounds, places, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
     return tuple(
-        ring_camera(subject, azimuth, elevation, width_px, height_px, f"{index:06d}.png", on_surface=scene != "se")
+        place_ring_camera(subject, azimuth, elevation, width_px, height_px, f"{index:06d}.png", on_surface=scene != "se")
         for index, (azimuth, elevation) in enumerate(places)
     )

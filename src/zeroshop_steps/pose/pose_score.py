@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.similarity_icp import likeness
+from zeroshop_steps.bop.similarity_icp import correlate_colors
 from zeroshop_steps.geometry.mesh_rendering import sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.surface_points import sample_surface_points
@@ -23,7 +23,7 @@ SAMPLES = 2000
 
 
 @dataclass(frozen=True)
-class Patch:
+class ImagePatch:
     """The part of an image around a detection, thinned out.
 
     Attributes:
@@ -41,7 +41,7 @@ class Patch:
     pixel_share: float
 
 
-def patch_of(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsics: np.ndarray, rays: int = RAYS) -> Patch:
+def cut_patch(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsics: np.ndarray, rays: int = RAYS) -> ImagePatch:
     """Cut out a detection with a margin of a third of its size, about `rays` pixels of it; `intrinsics` are BOP's K."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     margin = max(len(rows), len(columns)) // 3 + 4
@@ -52,10 +52,10 @@ def patch_of(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsi
     smooth = cv2.blur(image[top:bottom, left:right], (step, step))[::step, ::step]
     pixels = np.stack(np.broadcast_arrays(np.arange(left, right, step), np.arange(top, bottom, step)[:, None], 1.0), -1)
     directions = pixels.reshape(-1, 3) @ np.linalg.inv(intrinsics).T
-    return Patch(directions, smooth.reshape(-1, 3).astype(float), depth_mm[cut].ravel(), mask[cut].ravel(), step / intrinsics[0, 0])
+    return ImagePatch(directions, smooth.reshape(-1, 3).astype(float), depth_mm[cut].ravel(), mask[cut].ravel(), step / intrinsics[0, 0])
 
 
-class Comparison:
+class PoseScorer:
     """Compares poses of one model with images.
 
     What was not measured of the model may not be there: behind an assumed surface there may be a hollow, so depth between it and
@@ -72,10 +72,10 @@ class Comparison:
         if self._printed:
             contrast = 255.0 * float(np.sqrt(samples.colors.var(0).mean()))
             self._print_weight = PRINT_WEIGHT * contrast**2 / (contrast**2 + PLAIN_CONTRAST**2)
-            self._textures = _halved(mesh.texture)
-            self._texels_per_mm = _texels_per_mm(mesh)
+            self._textures = _make_mip_levels(mesh.texture)
+            self._texels_per_mm = _measure_texels_per_mm(mesh)
 
-    def scores(self, poses: np.ndarray, patch: Patch) -> np.ndarray:
+    def scores(self, poses: np.ndarray, patch: ImagePatch) -> np.ndarray:
         """(P,) 0..1, higher is better, of (P, 4, 4) camera_from_model in mm.
 
         The share of the object's pixels whose depth agrees, the better the nearer, times how alike print and photo are.
@@ -99,7 +99,7 @@ class Comparison:
         alike = self._likeness(faces, hits["primitive_uvs"].numpy(), agree, depth, patch)
         return shape * (1.0 - self._print_weight + self._print_weight * alike)
 
-    def _in_hollow(self, rays: np.ndarray, faces: np.ndarray, known: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
+    def _in_hollow(self, rays: np.ndarray, faces: np.ndarray, known: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
         """(P, N) bool: the model's surface is assumed, and what was measured lies between it and the next surface that is not."""
         candidates = known.copy()
         candidates[known] = self._assumed[faces[known]]
@@ -109,7 +109,7 @@ class Comparison:
         candidates[candidates] = np.isfinite(next_depth) & (measured < next_depth + AGREE_MM)
         return candidates
 
-    def _likeness(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
+    def _likeness(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
         """(P,) 0..1: correlation of the colours where depth agrees, the texture as coarse as the pixels."""
         all_that_agree = agree.sum(1)
         agree = agree.copy()
@@ -117,7 +117,7 @@ class Comparison:
         unseen = 1.0 - agree.sum(1) / np.maximum(all_that_agree, 1)
         return (1.0 - unseen) * self._likeness_seen(faces, shares, agree, depth, patch) + unseen * UNSEEN_LIKENESS
 
-    def _likeness_seen(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: Patch) -> np.ndarray:
+    def _likeness_seen(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
         """(P,) 0..1: correlation of the colours where `agree`."""
         alike = np.zeros(len(agree))
         if not agree.any():
@@ -130,11 +130,11 @@ class Comparison:
         ends = np.cumsum(agree.sum(1))
         for index, (start, end) in enumerate(zip(ends - agree.sum(1), ends, strict=True)):
             if end - start >= LEAST_PRINTED:
-                alike[index] = max(likeness(colors[start:end].astype(float), patch.colors[agree[index]]), 0.0)
+                alike[index] = max(correlate_colors(colors[start:end].astype(float), patch.colors[agree[index]]), 0.0)
         return alike
 
 
-def _halved(texture: np.ndarray) -> list[np.ndarray]:
+def _make_mip_levels(texture: np.ndarray) -> list[np.ndarray]:
     """The texture and ever coarser ones, each half as wide as the one before."""
     textures = [texture]
     while min(textures[-1].shape[:2]) >= 2 * COARSEST_PX:
@@ -142,7 +142,7 @@ def _halved(texture: np.ndarray) -> list[np.ndarray]:
     return textures
 
 
-def _texels_per_mm(mesh: Mesh) -> float:
+def _measure_texels_per_mm(mesh: Mesh) -> float:
     """How many texels of the texture lie along a millimetre of the surface, on average."""
     corners, uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces] * mesh.texture.shape[1::-1]
     area_mm2 = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()

@@ -8,8 +8,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic.rings import Subject
-from zeroshop_steps.synthetic.textures import Pyramid, build_pyramid, texture_coverage
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.textures import MipPyramid, build_pyramid, find_texture_coverage
 
 SCENES = ("su_l", "su_h", "se")
 SURFACE_SIDE_IN_SIZES = 10.0
@@ -19,7 +19,7 @@ BUMP_HEIGHT_IN_SIZES = 0.003
 
 
 @dataclass(frozen=True)
-class Part:
+class SceneMesh:
     """One textured surface of a scene, in the form the shading kernel reads.
 
     Attributes:
@@ -34,18 +34,18 @@ class Part:
     faces: np.ndarray
     corner_normals: np.ndarray
     corner_uv: np.ndarray
-    pyramid: Pyramid
+    pyramid: MipPyramid
 
 
-def object_part(mesh: Mesh) -> Part:
+def make_object_mesh(mesh: Mesh) -> SceneMesh:
     """The object itself. Normals are those of the mesh, else smooth ones. Raises StepError without a texture."""
     if mesh.uv is None or mesh.texture is None:
         raise StepError("the model has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
     normals = mesh.with_normals().normals if mesh.normals is None else mesh.normals
     inside = (mesh.uv > -1e-3).all() and (mesh.uv < 1 + 1e-3).all()
     height, width = mesh.texture.shape[:2]
-    coverage = texture_coverage(mesh.uv, mesh.faces, width, height) if inside else None
-    return Part(
+    coverage = find_texture_coverage(mesh.uv, mesh.faces, width, height) if inside else None
+    return SceneMesh(
         mesh.vertices.astype(np.float32),
         mesh.faces.astype(np.uint32),
         normals[mesh.faces].astype(np.float32),
@@ -54,7 +54,7 @@ def object_part(mesh: Mesh) -> Part:
     )
 
 
-def surface_part(scene: str, subject: Subject, seed: int, paint: Callable[[np.ndarray], None] | None = None) -> Part | None:
+def make_surface_mesh(scene: str, subject: ObjectBounds, seed: int, paint: Callable[[np.ndarray], None] | None = None) -> SceneMesh | None:
     """The square support surface under the object; None for se.
 
     su_h is flat, so that its texture alone makes it rich. su_l undulates downwards by at most 0.3 % of the object's size.
@@ -69,17 +69,17 @@ def surface_part(scene: str, subject: Subject, seed: int, paint: Callable[[np.nd
     x, y = np.meshgrid(grid * half_mm + subject.centre_mm[0], grid * half_mm + subject.centre_mm[1])
     depth_mm = np.zeros_like(x)
     if scene == "su_l":
-        depth_mm = _octaves(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * subject.largest_mm
+        depth_mm = _make_noise(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * subject.largest_mm
     vertices = np.stack([x, y, subject.bottom_mm - depth_mm], -1).reshape(-1, 3)
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
     right, up, both = corner + 1, corner + cells + 1, corner + cells + 2
     faces = np.concatenate([np.stack([corner, right, both], 1), np.stack([corner, both, up], 1)])
     uv = np.stack(np.meshgrid((grid + 1) / 2, (grid + 1) / 2), -1).reshape(-1, 2)
     normals = Mesh(vertices, faces).with_normals().normals
-    texture = plain_texture(rng) if scene == "su_l" else rich_texture(rng)
+    texture = make_plain_texture(rng) if scene == "su_l" else make_rich_texture(rng)
     if paint:
         paint(texture)
-    return Part(
+    return SceneMesh(
         vertices.astype(np.float32),
         faces.astype(np.uint32),
         normals[faces].astype(np.float32),
@@ -88,16 +88,16 @@ def surface_part(scene: str, subject: Subject, seed: int, paint: Callable[[np.nd
     )
 
 
-def plain_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS // 2) -> np.ndarray:
+def make_plain_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS // 2) -> np.ndarray:
     """(texels, texels, 3) uint8: a near-uniform grey, its brightness off by at most about two per cent."""
-    grey = 150.0 + 7.0 * (_octaves(rng, texels, 8, texels // 2) - 0.5)
+    grey = 150.0 + 7.0 * (_make_noise(rng, texels, 8, texels // 2) - 0.5)
     return np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, -1)
 
 
-def rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) -> np.ndarray:
+def make_rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) -> np.ndarray:
     """(texels, texels, 3) uint8: noise of all scales under thousands of random shapes of all sizes, nothing repeats."""
-    grey = np.clip((_octaves(rng, texels, 16, texels // 2, 0.85) - 0.5) * 500 + 115, 12, 243)
-    tint = np.stack([_octaves(rng, texels // 8, 8, 64) for _ in range(3)], -1) * 0.8 + 0.6
+    grey = np.clip((_make_noise(rng, texels, 16, texels // 2, 0.85) - 0.5) * 500 + 115, 12, 243)
+    tint = np.stack([_make_noise(rng, texels // 8, 8, 64) for _ in range(3)], -1) * 0.8 + 0.6
     image = np.rint(np.clip(cv2.resize(tint, (texels, texels)) * grey[..., None], 0, 250)).astype(np.uint8)
     for size, count in ((0.05, 130), (0.025, 500), (0.012, 2000), (0.006, 7000), (0.003, 20000)):
         for _ in range(count):
@@ -121,7 +121,7 @@ def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> Non
         cv2.fillPoly(image, [points], color, cv2.LINE_AA, 4)
 
 
-def _octaves(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
+def _make_noise(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
     """(texels, texels) float32 noise in 0..1: random grids of `coarsest`, twice, ... `finest` cells, amplitude `falling` each time."""
     total, amplitude, cells, sum_amplitude = np.zeros((coarsest, coarsest), np.float32), 1.0, coarsest, 0.0
     while cells <= finest:

@@ -8,9 +8,9 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
-from zeroshop_steps.report.site.reduced import Reduced, reduced
+from zeroshop_steps.report.site.mesh_reduction import ReducedMesh, reduce_mesh
 from zeroshop_steps.report.site.results_index import Cell, Run
-from zeroshop_steps.report.site.viewer_data import encoded, levels, mesh_content, scene_content, write_data
+from zeroshop_steps.report.site.viewer_data import encode_array, quantize_distances, encode_mesh, encode_scene, write_data
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
@@ -25,7 +25,7 @@ class Truth:
     def __init__(self, folder: Path, max_faces: int, texture_px: int) -> None:
         self.mesh = read_ply(folder / "model.ply")
         self.diameter_mm = float(read_json(folder / "model_info.json")["diameter"])
-        self.reduced = reduced(self.mesh, max_faces, texture_px)
+        self.reduced = reduce_mesh(self.mesh, max_faces, texture_px)
 
     @property
     def limit_mm(self) -> float:
@@ -48,7 +48,7 @@ def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int
     """Write the meshes of every finished cell, the truth, and each run's cameras; return what the viewer needs to know of them."""
     manifest: dict = {"diameter_mm": truth.diameter_mm if truth else None, "runs": []}
     if truth:
-        write_data(out / "truth.js", mesh_content(truth.reduced))
+        write_data(out / "truth.js", encode_mesh(truth.reduced))
     for run in runs:
         panes, frames, entry = [], {}, {"key": run.key, "scene": run.scene, "registration": run.registration}
         for cell in (cell for cell in run.cells if cell.state != "failed" and (cell.folder / "mesh.ply").is_file()):
@@ -83,7 +83,7 @@ def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out
     """Write a run's cameras and points in the frame of its first pane, and tell every pane how they lie in its own; returns the file."""
     first = frames[panes[0]["key"]]
     try:
-        write_data(out / f"scene-{run.key}.js", scene_content(read_sparse_model(run.folder / "cameras/sparse"), first))
+        write_data(out / f"scene-{run.key}.js", encode_scene(read_sparse_model(run.folder / "cameras/sparse"), first))
     except StepError as error:
         warn(f"the cameras of {run.key} are left out of the viewer: {error}")
         return None
@@ -94,19 +94,19 @@ def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out
 
 def _write_cell(cell: Cell, run: Run, truth: Truth | None, out: Path, max_faces: int, texture_px: int) -> dict:
     mesh = read_ply(cell.folder / "mesh.ply")
-    small = reduced(mesh, max_faces, texture_px)
+    small = reduce_mesh(mesh, max_faces, texture_px)
     pane = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": f"mesh-{cell.key}.js", "faces": len(mesh.faces)}
     pane["known_scale"] = cell.facts["mesh"].get("scale") == "known"
     if truth is None:
-        write_data(out / pane["file"], mesh_content(small))
+        write_data(out / pane["file"], encode_mesh(small))
         return pane
     similarity = truth_from_object(cell, run)
     away = measure_distances(truth.mesh, _moved(small.mesh, similarity).vertices)
     away[_never_seen(small, mesh, cell.facts["mesh"].get("underside") or {})] = np.nan
-    content = mesh_content(small, away, truth.limit_mm)
+    content = encode_mesh(small, away, truth.limit_mm)
     missing = measure_distances(_moved(mesh, similarity), truth.reduced.mesh.vertices)
     missing[~_seen(truth, run)] = np.nan
-    content["truth_distances"] = encoded(levels(missing, truth.limit_mm))
+    content["truth_distances"] = encode_array(quantize_distances(missing, truth.limit_mm))
     write_data(out / pane["file"], content)
     pane["object_from_truth"] = _rigid_inverse(similarity).round(6).tolist()
     return pane
@@ -124,8 +124,8 @@ def _rigid_inverse(similarity: np.ndarray) -> np.ndarray:
     return inverse
 
 
-def _never_seen(small: Reduced, mesh: Mesh, underside: dict) -> np.ndarray:
-    """(V,) whether a reduced vertex lies on the underside that was closed without being seen: the mesh's last faces."""
+def _never_seen(small: ReducedMesh, mesh: Mesh, underside: dict) -> np.ndarray:
+    """(V,) whether a reduce_mesh vertex lies on the underside that was closed without being seen: the mesh's last faces."""
     first = underside.get("first_face")
     if first is None or underside.get("seen", True):
         return np.zeros(len(small.mesh.vertices), bool)
@@ -134,7 +134,7 @@ def _never_seen(small: Reduced, mesh: Mesh, underside: dict) -> np.ndarray:
 
 
 def _seen(truth: Truth, run: Run) -> np.ndarray:
-    """(V,) whether at least two cameras see a vertex of the reduced true model."""
+    """(V,) whether at least two cameras see a vertex of the reduce_mesh true model."""
     cameras = list(read_sparse_model(run.capture / "truth").cameras)
     capture = read_json(run.capture / "capture.json")
     support = float(truth.mesh.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None

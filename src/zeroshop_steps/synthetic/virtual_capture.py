@@ -16,12 +16,20 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic.renderer import Picture, expose
-from zeroshop_steps.synthetic.rings import DISTANCE_IN_SIZES, ELEVATIONS_DEG, Subject, capture_cameras, held_out_cameras
-from zeroshop_steps.synthetic.scenes import SCENES, Part, object_part, surface_part
+from zeroshop_steps.synthetic.camera_rings import (
+    DISTANCE_IN_SIZES,
+    ELEVATIONS_DEG,
+    ObjectBounds,
+    place_capture_cameras,
+    place_held_out_cameras,
+)
+from zeroshop_steps.synthetic.renderer import RenderedView, expose
+from zeroshop_steps.synthetic.scene_meshes import SCENES, SceneMesh, make_object_mesh, make_surface_mesh
 
-Lay = Callable[[Mesh, Subject], Callable[[np.ndarray], None]]  # given the object, what paints the surface's texture
-Render = Callable[[list[Part], Subject, Sequence[Camera]], Iterable[Picture]]  # the pictures of these cameras, in their order
+Lay = Callable[[Mesh, ObjectBounds], Callable[[np.ndarray], None]]  # given the object, what paints the surface's texture
+Render = Callable[
+    [list[SceneMesh], ObjectBounds, Sequence[Camera]], Iterable[RenderedView]
+]  # the pictures of these cameras, in their order
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +48,7 @@ def add_image_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, default=0, help="threads for shading (default all)")
 
 
-def capture(
+def render_capture(
     render: Render,
     model: Path,
     scene: str,
@@ -67,14 +75,14 @@ def capture(
         StepError: the model is missing, damaged, untextured or not in mm; the image size or the seed is out of range.
     """
     start_s = time.monotonic()
-    mesh, subject, info = read_subject(model, width_px, height_px, seed)
+    mesh, subject, info = read_object(model, width_px, height_px, seed)
     paint = lay(mesh, subject) if lay else None
     try:
-        parts = [part for part in (object_part(mesh), surface_part(scene, subject, seed, paint)) if part is not None]
+        parts = [part for part in (make_object_mesh(mesh), make_surface_mesh(scene, subject, seed, paint)) if part is not None]
     except StepError as error:
         raise StepError(f"{model}: {error}") from None
-    views = capture_cameras(subject, scene, width_px, height_px)
-    held_out = held_out_cameras(subject, scene, width_px, height_px)
+    views = place_capture_cameras(subject, scene, width_px, height_px)
+    held_out = place_held_out_cameras(subject, scene, width_px, height_px)
     with atomic_directory(out) as folder:
         jobs = [(camera, folder, index) for index, camera in enumerate(views)]
         jobs += [(camera, folder / "held_out", len(views) + index) for index, camera in enumerate(held_out)]
@@ -108,8 +116,8 @@ def capture(
         )
 
 
-def read_subject(model: Path, width_px: int, height_px: int, seed: int) -> tuple[Mesh, Subject, dict]:
-    """The model, what the cameras look at, and its model_info.json; refuses what `capture` refuses."""
+def read_object(model: Path, width_px: int, height_px: int, seed: int) -> tuple[Mesh, ObjectBounds, dict]:
+    """The model, what the cameras look at, and its model_info.json; refuses what `render_capture` refuses."""
     if not (64 <= width_px <= 8000 and 48 <= height_px <= 6000):
         raise StepError(f"image size {width_px} x {height_px} px is out of range; give --width 64..8000 and --height 48..6000")
     if seed < 0:
@@ -117,11 +125,11 @@ def read_subject(model: Path, width_px: int, height_px: int, seed: int) -> tuple
     mesh = read_ply(model)
     info_path = Path(model).with_name("model_info.json")
     info = read_json(info_path) if info_path.exists() else {}
-    subject = subject_of(mesh, model, float(info.get("front_azimuth_deg", 0.0)))
+    subject = measure_bounds(mesh, model, float(info.get("front_azimuth_deg", 0.0)))
     return mesh, subject, info
 
 
-def subject_of(mesh: Mesh, model: Path, front_azimuth_deg: float) -> Subject:
+def measure_bounds(mesh: Mesh, model: Path, front_azimuth_deg: float) -> ObjectBounds:
     """What the cameras look at; refuses a mesh whose size cannot be millimetres of a hand-held object."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     largest_mm = float((high - low).max())
@@ -129,10 +137,10 @@ def subject_of(mesh: Mesh, model: Path, front_azimuth_deg: float) -> Subject:
         raise StepError(f"{model} has no size: all of its vertices are one point; export the model again")
     if not 5.0 <= largest_mm <= 3000.0:
         raise StepError(f"{model}: its largest dimension is {largest_mm:g}; expected 5..3000 mm. Convert the model to millimetres.")
-    return Subject((low + high) / 2, largest_mm, float(low[2]), front_azimuth_deg)
+    return ObjectBounds((low + high) / 2, largest_mm, float(low[2]), front_azimuth_deg)
 
 
-def write_view(picture: Picture, name: str, folder: Path, rng: np.random.Generator, scene: str, with_depth: bool) -> None:
+def write_view(picture: RenderedView, name: str, folder: Path, rng: np.random.Generator, scene: str, with_depth: bool) -> None:
     """Photograph one view, and write its image and mask and, where wanted, its depth."""
     image = expose(picture.linear, rng)
     if scene == "se":

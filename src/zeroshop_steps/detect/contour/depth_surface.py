@@ -20,7 +20,7 @@ SMOOTHED_PX = 2.0
 
 
 @dataclass(frozen=True)
-class Surface:
+class DepthSurface:
     """One depth image, (height, width) all.
 
     Attributes:
@@ -38,7 +38,7 @@ class Surface:
     ground: np.ndarray
 
 
-def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float, name: str) -> Surface:
+def prepare_surface(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float, name: str) -> DepthSurface:
     """Prepare a measured depth image (0 where nothing was measured).
 
     Args:
@@ -53,7 +53,7 @@ def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float, 
     measured = depth_mm > 0
     if measured.sum() < FEWEST_MEASURED:
         raise StepError(f"the depth image of {name} has {measured.sum()} measured pixels; at least {FEWEST_MEASURED} are needed")
-    filled = cv2.medianBlur(_filled(depth_mm), 5)
+    filled = cv2.medianBlur(_fill_holes(depth_mm), 5)
     inverse = cv2.GaussianBlur(1.0 / filled, (0, 0), SMOOTHED_PX)
     height, width = depth_mm.shape
     rays = np.stack([*np.meshgrid(np.arange(width), np.arange(height)), np.ones((height, width))], -1) @ np.linalg.inv(intrinsics).T
@@ -63,11 +63,11 @@ def surface_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float, 
     rest = inverse - slope_x * rays[..., 0] - slope_y * rays[..., 1]
     normals = -np.stack([slope_x, slope_y, rest], -1)
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
-    ground = ground_of(depth_mm, intrinsics, largest_mm)
-    return Surface(measured, filled, (rays * filled[..., None]).astype(np.float32), normals.astype(np.float32), ground)
+    ground = find_ground(depth_mm, intrinsics, largest_mm)
+    return DepthSurface(measured, filled, (rays * filled[..., None]).astype(np.float32), normals.astype(np.float32), ground)
 
 
-def _filled(depth_mm: np.ndarray) -> np.ndarray:
+def _fill_holes(depth_mm: np.ndarray) -> np.ndarray:
     """Depth without holes. Most are shadows: what the projector beside the camera does not light lies behind the thing in between."""
     rows, columns = np.indices(depth_mm.shape)
     measured, width = depth_mm > 0, depth_mm.shape[1]
@@ -81,7 +81,7 @@ def _filled(depth_mm: np.ndarray) -> np.ndarray:
     return filled
 
 
-def ground_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float) -> np.ndarray:
+def find_ground(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float) -> np.ndarray:
     """(height, width) bool: measured pixels on planes too large for a side of an object of diameter `largest_mm`: table, floor, wall."""
     rows, columns = np.nonzero(depth_mm > 0)
     pixels = np.stack([columns, rows, np.ones(len(rows))], 1).astype(float)
@@ -89,7 +89,7 @@ def ground_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float) -
     lengths = np.linalg.norm(pixels @ np.linalg.inv(intrinsics).T, axis=1)
     free = open_ = np.ones(len(rows), bool)
     while open_.mean() >= LEAST_SHARE:
-        plane = _search(pixels[open_], 1.0 / depths[open_])
+        plane = _search_plane(pixels[open_], 1.0 / depths[open_])
         near = open_ & (np.abs(1.0 / depths - pixels @ plane) * depths < PLANE_TOLERANCE)
         if near.sum() < LEAST_SHARE * len(rows):
             break
@@ -111,7 +111,7 @@ def ground_of(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float) -
     return ground
 
 
-def _search(pixels: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+def _search_plane(pixels: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """(3,) the plane a u + b v + c = inverse depth that most pixels lie near to (RANSAC, Fischler and Bolles 1981)."""
     rng = np.random.default_rng(0)
     some = rng.choice(len(pixels), min(len(pixels), SAMPLES), replace=False)
