@@ -23,7 +23,7 @@ REFERENCE = json.loads(Path(__file__).with_name("reference.json").read_text())
 def test_mssd_and_mspd_agree(name):
     symmetries = list_symmetry_transforms(cases.MODELS_INFO[name])
     estimated, true = cases.poses(list(cases.MODELS_INFO).index(name))
-    points = ModelPoints.of(cases.points())
+    points = ModelPoints.from_vertices(cases.points())
     intrinsics = np.tile(cases.INTRINSICS, (len(true), 1, 1))
     np.testing.assert_allclose(mssd(estimated, true, points, symmetries), REFERENCE["mssd"][name], atol=1e-9)
     np.testing.assert_allclose(mspd(estimated, true, intrinsics, points, symmetries), REFERENCE["mspd"][name], atol=1e-9)

@@ -136,7 +136,7 @@ def test_points_lie_on_the_image_and_not_on_its_padding(weights):
         return original(**inputs)
 
     segmenter._model.forward = watched
-    segmenter.masks(np.zeros((50, 100, 3), np.uint8), points_per_side=4, least_iou=9.0, least_stability=0.9)
+    segmenter.segment(np.zeros((50, 100, 3), np.uint8), points_per_side=4, least_iou=9.0, least_stability=0.9)
     points = torch.cat(asked, 1).reshape(-1, 2).numpy()
     assert len(points) == 16
     np.testing.assert_allclose(points.min(0), [16, 8])

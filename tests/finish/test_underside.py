@@ -125,7 +125,7 @@ def test_a_closed_mesh_stays_as_it_is():
 def test_without_the_underside_the_mesh_is_what_it_was():
     mesh = shapes()["ball"]
     whole, underside = close_underside(mesh, UP, 0.0)
-    seen = drop_underside(whole, {"underside": underside.notes()})
+    seen = drop_underside(whole, {"underside": underside.as_record()})
     assert np.array_equal(seen.vertices, mesh.vertices) and np.array_equal(seen.faces, mesh.faces)
     assert len(drop_underside(whole, {"underside": None}).faces) == len(whole.faces)
 

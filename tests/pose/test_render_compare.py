@@ -57,7 +57,7 @@ def taken(model: ObjectModel, pose: np.ndarray, rng: np.random.Generator, hidden
 def test_a_box_is_found_again(model, ready, seed, hidden):
     pose, photo, depth, mask = view(model, seed, hidden)
     found = estimate_pose(mask, photo, depth, INTRINSICS, ready)
-    error_mm = mssd(found.camera_from_model[None], pose[None], ModelPoints.of(model.mesh.vertices), model.symmetries)[0]
+    error_mm = mssd(found.camera_from_model[None], pose[None], ModelPoints.from_vertices(model.mesh.vertices), model.symmetries)[0]
     assert error_mm < 0.05 * model.diameter_mm and 0.5 < found.explained <= 1.0
     assert found.points > 0.99 * (mask & (depth > 0)).sum()
 
@@ -68,7 +68,7 @@ def test_a_pose_that_shows_another_side_explains_less(model, ready):
     turned, moved = pose.copy(), pose.copy()
     turned[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec([0, 0, np.pi]).as_matrix()
     moved[:3, 3] += [0, 0, 8]
-    true, other_side, farther = ready.comparison.scores(np.stack([pose, turned, moved]), patch)
+    true, other_side, farther = ready.comparison.score(np.stack([pose, turned, moved]), patch)
     assert true > other_side + 0.1, "the shape is the same, the print is not"
     assert true > farther + 0.1, "8 mm are seen"
 
@@ -90,7 +90,7 @@ def test_print_that_no_photo_saw_counts_neither_for_a_pose_nor_against_it(model)
     patch = cut_patch(photo, depth, mask, INTRINSICS)
     turned = pose.copy()
     turned[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(np.pi * normal).as_matrix()
-    known, marked = (PoseScorer(mesh).scores(np.stack([pose, turned]), patch) for mesh in (grey, replace(grey, quality=quality)))
+    known, marked = (PoseScorer(mesh).score(np.stack([pose, turned]), patch) for mesh in (grey, replace(grey, quality=quality)))
     assert marked[0] > known[0] + 0.02
     assert marked[0] > marked[1]
 
@@ -116,7 +116,7 @@ def test_a_hollow_behind_a_lid_that_was_assumed_is_allowed_for():
         found = estimate_pose(mask, photo, depth, INTRINSICS, PreparedModel(ObjectModel(1, mesh, diameter_mm, np.eye(4)[None], {})))
         turned = np.diag([-1.0, -1.0, 1.0, 1.0])
         alike = np.stack([np.eye(4), turned])
-        errors_mm.append(mssd(found.camera_from_model[None], pose[None], ModelPoints.of(true.vertices), alike)[0])
+        errors_mm.append(mssd(found.camera_from_model[None], pose[None], ModelPoints.from_vertices(true.vertices), alike)[0])
         explained.append(found.explained)
     assert errors_mm[1] < 0.08 * diameter_mm < errors_mm[0]
     assert explained[1] > explained[0] + 0.1
@@ -130,7 +130,7 @@ def test_steps_bring_a_pose_nearly_there_and_do_not_depend_on_the_others(model, 
     start[:3, 3] += [6, -5, 9]
     both = run_icp(np.stack([start, pose]), points, ready.search._surface, 20)
     np.testing.assert_array_equal(both[:1], run_icp(start[None], points, ready.search._surface, 20))
-    apart_mm = mssd(both, np.stack([pose, pose]), ModelPoints.of(model.mesh.vertices), model.symmetries)
+    apart_mm = mssd(both, np.stack([pose, pose]), ModelPoints.from_vertices(model.mesh.vertices), model.symmetries)
     assert (apart_mm < 0.04 * model.diameter_mm).all()
 
 

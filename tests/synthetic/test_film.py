@@ -71,25 +71,27 @@ def test_the_board_lies_in_the_empty_scene_and_the_object_does_not():
     mesh = box_mesh()
     table = lay_table(mesh, SUBJECT, 0, np.random.default_rng(0))
     view = FilmRenderer(table, with_object=False, with_board=True)
-    camera = place_empty_cameras(mesh, table.subject, *SIZE_PX, 30.0, BOARD_GAP_MM)[0]
+    camera = place_empty_cameras(mesh, table.bounds, *SIZE_PX, 30.0, BOARD_GAP_MM)[0]
     squares = [(column, row) for column in range(BOARD.columns) for row in range(BOARD.rows)]
     middles = np.array([[(c + 0.5) * BOARD.square_mm, (r + 0.5) * BOARD.square_mm, 0, 1] for c, r in squares]) @ table.board_pose.T
     x, y = camera.project(middles[:, :3])[0].astype(int).T
     corner = camera.project((middles + (table.board_pose @ [0.46 * BOARD.square_mm, 0, 0, 0]))[:, :3])[0].astype(int).T
-    levels = view.linear(camera).mean(2)
+    levels = view.render(camera).mean(2)
     black = np.array([(column + row) % 2 == 0 for column, row in squares])
     assert levels[y, x][black].max() < 0.5 * levels[corner[1], corner[0]][~black].mean()
-    assert not view.mask(camera).any()
+    assert not view.render_mask(camera).any()
 
 
 def test_the_hand_goes_around_twice_in_two_heights_and_is_never_still():
     hand = HandheldCamera(SUBJECT, 120.0, Lens(*SIZE_PX), np.random.default_rng(0))
-    centres = np.array([hand.camera(time, "").centre_in_world for time in np.linspace(0, DURATION_S, 200)])
+    centres = np.array([hand.camera_at(time, "").centre_in_world for time in np.linspace(0, DURATION_S, 200)])
     azimuth = np.unwrap(np.arctan2(centres[:, 1], centres[:, 0]))
     assert azimuth[0] == pytest.approx(0, abs=0.2) and azimuth[-1] - azimuth[0] == pytest.approx(4 * np.pi, abs=0.5)
     elevation = np.degrees(np.arcsin(centres[:, 2] / np.linalg.norm(centres, axis=1)))
     assert abs(elevation[:80].mean() - ELEVATIONS_DEG[0]) < 5 and abs(elevation[120:].mean() - ELEVATIONS_DEG[1]) < 5
-    turned = [np.linalg.norm(np.diff([hand.camera(t + dt, "").camera_from_world[2, :3] for dt in (0, 0.02)], axis=0)) for t in range(0, 40)]
+    turned = [
+        np.linalg.norm(np.diff([hand.camera_at(t + dt, "").camera_from_world[2, :3] for dt in (0, 0.02)], axis=0)) for t in range(0, 40)
+    ]
     assert min(turned) > 1e-5 and max(turned) < 0.05
 
 

@@ -103,7 +103,7 @@ def test_what_is_written_is_a_bop_dataset(made, models):
     frames = read_target_frames(made / "test", targets, made / "targets.json")
     frame = frames[1, 0]
     assert {instance.object_id for instance in frame.instances} == {3, 8} and frame.size_px() == (160, 120)
-    assert read_image(frame.picture("rgb")).std() > 10
+    assert read_image(frame.image_path("rgb")).std() > 10
     assert json.loads((made / "camera.json").read_text())["width"] == 160
     meshes = read_models(models, [3, 8])
     measured, checked = frame.depth_mm(), []

@@ -51,7 +51,7 @@ def test_the_layout_is_bops_and_the_poses_put_the_model_where_it_is(captured, tm
         assert np.abs(depth - shown)[mask & (depth > 0)].max() < 10 and np.median(np.abs(depth - shown)[mask]) < 0.1
         seen = read_mask(folder / "capture/masks" / f"{number:06d}.png")
         assert (mask & seen).sum() > 0.9 * (mask | seen).sum()
-        assert (read_image(frame.picture("rgb")) == read_image(folder / "capture/images" / f"{number:06d}.png")).all()
+        assert (read_image(frame.image_path("rgb")) == read_image(folder / "capture/images" / f"{number:06d}.png")).all()
 
 
 def test_captures_that_do_not_fit_are_named(captured, tmp_path, capsys):

@@ -69,7 +69,7 @@ def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> Sim
     """The best similarity truth_from_mesh; `symmetries` are (S, 4, 4) of the truth."""
     rng = np.random.default_rng(seed)
     source, target = sample_surface_points(mesh, SOURCE_SAMPLES, rng), sample_surface_points(truth, TARGET_SAMPLES, rng)
-    best = SimilarityRefiner(source, target).best_of(search_similarities(source, target))[0]
+    best = SimilarityRefiner(source, target).choose_best(search_similarities(source, target))[0]
     alike = symmetries @ best.transform
     turned_least = np.argmax(np.round(np.trace(alike[:, :3, :3], axis1=1, axis2=2), 9))
     return SimilarityFit(alike[turned_least], best.distance, best.likeness)

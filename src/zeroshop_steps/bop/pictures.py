@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     with atomic_directory(args.out) as folder:
         for (scene_id, image_id), frame in frames.items():
             panels, here = [], [target for target in targets if (target.scene_id, target.im_id) == (scene_id, image_id)]
-            photo = read_image(frame.photo())
+            photo = read_image(frame.photo_path())
             if args.detections:
                 panels.append(draw_detections(photo, select_surest_detections(detections, here)))
             if estimates is not None:
@@ -155,7 +155,7 @@ def draw_worst(
     for row in sorted(rows, key=lambda row: -float(row["mssd"]))[:count]:
         number, frame = int(row["obj_id"]), frames[int(row["scene_id"]), int(row["im_id"])]
         instance = frame.instances[int(row["instance"])]
-        image = read_image(frame.photo())
+        image = read_image(frame.photo_path())
         height, width = image.shape[:2]
         silhouettes = [
             renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0

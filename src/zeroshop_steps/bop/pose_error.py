@@ -30,7 +30,7 @@ class ModelPoints:
     spread: np.ndarray
 
     @classmethod
-    def of(cls, vertices: np.ndarray) -> "ModelPoints":
+    def from_vertices(cls, vertices: np.ndarray) -> "ModelPoints":
         """From (V, 3) vertices in mm."""
         points = np.unique(vertices, axis=0)
         try:

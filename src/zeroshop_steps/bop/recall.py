@@ -106,7 +106,7 @@ def measure_pose_errors(
     errors = {kind: np.full((len(objects), len(VSD_TAUS) if kind == "vsd" else 1), np.inf) for kind in kinds}
     for object_id in np.unique(objects):
         model, of_object = models[int(object_id)], objects == object_id
-        points = ModelPoints.of(model.mesh.vertices)
+        points = ModelPoints.from_vertices(model.mesh.vertices)
         if "mssd" in kinds:
             errors["mssd"][of_object, 0] = mssd(estimated[of_object], true[of_object], points, model.symmetries) / model.diameter_mm
         if "mspd" in kinds:

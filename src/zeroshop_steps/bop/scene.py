@@ -61,15 +61,15 @@ class Frame:
         """How messages call it."""
         return f"scene {self.scene_id}, image {self.image_id}"
 
-    def picture(self, kind: str, instance: int | None = None) -> Path | None:
+    def image_path(self, kind: str, instance: int | None = None) -> Path | None:
         """The path of its `rgb`, `gray`, `depth`, or of an instance's `mask` or `mask_visib`; None where there is no such file."""
         stem = f"{self.image_id:06d}" + ("" if instance is None else f"_{instance:06d}")
         found = (self.folder / kind / f"{stem}{suffix}" for suffix in (".png", ".jpg", ".tif"))
         return next((path for path in found if path.is_file()), None)
 
-    def photo(self) -> Path:
+    def photo_path(self) -> Path:
         """The path of its colour image, or of the gray one. Raises StepError where there is neither."""
-        path = self.picture("rgb") or self.picture("gray")
+        path = self.image_path("rgb") or self.image_path("gray")
         if path is None:
             raise StepError(f"{self.folder} has no picture {self.image_id:06d} ({self.name}) in rgb or gray")
         return path
@@ -80,7 +80,7 @@ class Frame:
         Raises:
             StepError: no depth image, one that cannot be read, or no depth scale.
         """
-        path = self.picture("depth")
+        path = self.image_path("depth")
         if path is None:
             raise StepError(
                 f"{self.folder / 'depth'} has no image {self.image_id:06d} ({self.name}); VSD compares with measured depth:"
@@ -95,7 +95,7 @@ class Frame:
 
     def mask(self, instance: int, kind: str = "mask_visib") -> np.ndarray:
         """(height, width) bool, one instance's visible pixels, or with `mask` its whole silhouette. Raises StepError without the file."""
-        path = self.picture(kind, instance)
+        path = self.image_path(kind, instance)
         if path is None:
             raise StepError(f"{self.folder / kind} has no {self.image_id:06d}_{instance:06d}.png, the mask of an instance in scene_gt.json")
         return read_mask(path)
@@ -103,7 +103,7 @@ class Frame:
     def size_px(self) -> tuple[int, int] | None:
         """(width, height) as its pictures say, None without any."""
         for kind in ("depth", "rgb", "gray"):
-            path = self.picture(kind)
+            path = self.image_path(kind)
             if path is not None:
                 image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
                 if image is None:

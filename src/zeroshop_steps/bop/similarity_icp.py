@@ -47,25 +47,25 @@ class SimilarityRefiner:
         if self._printed:
             self._slopes = _brightness_gradients(target, self._tree)
 
-    def best_of(self, candidates: SimilarityCandidates) -> list[SimilarityFit]:
+    def choose_best(self, candidates: SimilarityCandidates) -> list[SimilarityFit]:
         """Refined alignments, the best first, by shape and print; only those that begin with about the best shape are tried."""
         limit = candidates.residuals[0] + ALIKE_DIAMETERS * self._size
         alike = candidates.transforms[candidates.residuals <= limit]
-        costs = np.array([self._cost(self.fit(transform)) for transform in alike])
+        costs = np.array([self._cost(self.measure(transform)) for transform in alike])
         tried = alike[np.argsort(costs, kind="stable")[:TRIED]]
-        return sorted((self.refined(transform) for transform in tried), key=self._cost)
+        return sorted((self.refine(transform) for transform in tried), key=self._cost)
 
     def _cost(self, fit: SimilarityFit) -> float:
         """By which fits are compared: shape and print."""
         return fit.distance / self._size + PRINT_DIAMETERS * (1.0 - fit.likeness)
 
-    def refined(self, transform: np.ndarray) -> SimilarityFit:
+    def refine(self, transform: np.ndarray) -> SimilarityFit:
         """The alignment after `STEPS` steps."""
         for _ in range(STEPS):
             transform = self._step(transform)
-        return self.fit(transform)
+        return self.measure(transform)
 
-    def fit(self, transform: np.ndarray) -> SimilarityFit:
+    def measure(self, transform: np.ndarray) -> SimilarityFit:
         """How well an alignment fits."""
         moved, nearest, gaps, weights = self._match(transform)
         within = self._target.points[nearest] - moved

@@ -49,7 +49,7 @@ def read_photo(frame: Frame) -> np.ndarray:
     Raises:
         StepError: there is none, or the camera is of an image of another size.
     """
-    path = frame.picture("rgb")
+    path = frame.image_path("rgb")
     if path is None:
         raise StepError(f"{frame.folder / 'rgb'} has no image {frame.image_id:06d} ({frame.name}); detectors need colour images: add it")
     photo = read_image(path)
@@ -68,12 +68,12 @@ def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
 
     Raises StepError where it is missing, with what to do then (`remedy`), or not the photo's size.
     """
-    if frame.picture("depth") is None:
+    if frame.image_path("depth") is None:
         raise StepError(f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}), {remedy}")
     depth_mm = frame.depth_mm()
     if depth_mm.shape != photo.shape[:2]:
         raise StepError(
-            f"{frame.picture('depth')} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
+            f"{frame.image_path('depth')} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
             f" {photo.shape[1]} x {photo.shape[0]} px; align depth with colour first"
         )
     return depth_mm

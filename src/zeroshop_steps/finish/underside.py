@@ -49,7 +49,7 @@ class Underside:
     left_open: int
     watertight: bool
 
-    def notes(self) -> dict[str, Any]:
+    def as_record(self) -> dict[str, Any]:
         """For JSON."""
         return {"seen": False, **self.__dict__}
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
     wanted = args.underside == "closed" and height["up_source"] == "support_plane"
     mesh, underside = close_underside(mesh, np.array(height["up"]), height["bottom"]) if wanted else leave_open(mesh)
     write_ply(args.out, mesh)
-    facts = {"underside": underside.notes(), "parameters": {"underside": args.underside}}
+    facts = {"underside": underside.as_record(), "parameters": {"underside": args.underside}}
     write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"underside: {underside.state}, {underside.faces} faces, watertight: {underside.watertight}", file=sys.stderr)
 

@@ -42,18 +42,18 @@ class PoseSearch:
             intrinsics: (3, 3) BOP's K.
         """
         seen = depth_mm, mask, intrinsics
-        poses = run_icp(self._starts(points), points[:FIRST_POINTS], self._surface, FIRST_STEPS)
+        poses = run_icp(self._start_poses(points), points[:FIRST_POINTS], self._surface, FIRST_STEPS)
         costs = compute_shape_costs(poses, points[:FIRST_POINTS], self._surface, self._diameter_mm, *seen)
-        poses = poses[self._different(poses, costs)[:FIRST_KEPT]]
+        poses = poses[self._drop_duplicates(poses, costs)[:FIRST_KEPT]]
         poses = run_icp(poses, points[:LAST_POINTS], self._surface, LAST_STEPS)
         costs = compute_shape_costs(poses, points[:LAST_POINTS], self._surface, self._diameter_mm, *seen)
-        return poses[self._different(poses, costs)[:KEPT]]
+        return poses[self._drop_duplicates(poses, costs)[:KEPT]]
 
-    def refined(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def refine(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(P, 4, 4) camera_from_model after further steps on more points."""
         return run_icp(poses, points[:FINAL_POINTS], self._surface, FINAL_STEPS)
 
-    def _starts(self, points: np.ndarray) -> np.ndarray:
+    def _start_poses(self, points: np.ndarray) -> np.ndarray:
         """Every rotation, the middle of the surface that then faces the camera put onto the middle of the measured points."""
         middle = np.median(points, axis=0)
         away = middle / np.linalg.norm(middle)
@@ -64,7 +64,7 @@ class PoseSearch:
         poses[:, :3, 3] = middle - np.einsum("pij,jp->pi", self._rotations, sums)
         return poses
 
-    def _different(self, poses: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    def _drop_duplicates(self, poses: np.ndarray, costs: np.ndarray) -> np.ndarray:
         """Indices of poses, the best first, without those that are nearly the same as a better one."""
         waiting = np.argsort(costs, kind="stable")
         least_trace = 1.0 + 2.0 * np.cos(np.radians(SAME_TURN_DEG))

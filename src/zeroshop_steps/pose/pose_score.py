@@ -75,7 +75,7 @@ class PoseScorer:
             self._textures = _make_mip_levels(mesh.texture)
             self._texels_per_mm = _measure_texels_per_mm(mesh)
 
-    def scores(self, poses: np.ndarray, patch: ImagePatch) -> np.ndarray:
+    def score(self, poses: np.ndarray, patch: ImagePatch) -> np.ndarray:
         """(P,) 0..1, higher is better, of (P, 4, 4) camera_from_model in mm.
 
         The share of the object's pixels whose depth agrees, the better the nearer, times how alike print and photo are.
@@ -89,17 +89,17 @@ class PoseScorer:
         there, known = np.isfinite(depth), patch.depth_mm > 0
         off = np.where(there & known, np.abs(depth - patch.depth_mm), 0.0) / AGREE_MM
         faces = hits["primitive_ids"].numpy()
-        hollow = self._in_hollow(rays, faces, there & known & patch.mask, depth, patch) if self._behind else False
+        hollow = self._find_hollow(rays, faces, there & known & patch.mask, depth, patch) if self._behind else False
         agree = there & patch.mask & (off < 1.0)
         hidden = there & known & ~patch.mask & (patch.depth_mm < depth - AGREE_MM)
         explained = np.maximum(agree * (1.0 - off**2), HOLLOW_SHARE * hollow)
         shape = explained.sum(1) / np.maximum((patch.mask | (there & ~hidden)).sum(1), 1)
         if not self._printed:
             return shape
-        alike = self._likeness(faces, hits["primitive_uvs"].numpy(), agree, depth, patch)
+        alike = self._compare_colors(faces, hits["primitive_uvs"].numpy(), agree, depth, patch)
         return shape * (1.0 - self._print_weight + self._print_weight * alike)
 
-    def _in_hollow(self, rays: np.ndarray, faces: np.ndarray, known: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
+    def _find_hollow(self, rays: np.ndarray, faces: np.ndarray, known: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
         """(P, N) bool: the model's surface is assumed, and what was measured lies between it and the next surface that is not."""
         candidates = known.copy()
         candidates[known] = self._assumed[faces[known]]
@@ -109,15 +109,17 @@ class PoseScorer:
         candidates[candidates] = np.isfinite(next_depth) & (measured < next_depth + AGREE_MM)
         return candidates
 
-    def _likeness(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
+    def _compare_colors(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
         """(P,) 0..1: correlation of the colours where depth agrees, the texture as coarse as the pixels."""
         all_that_agree = agree.sum(1)
         agree = agree.copy()
         agree[agree] = self._seen[faces[agree]]
         unseen = 1.0 - agree.sum(1) / np.maximum(all_that_agree, 1)
-        return (1.0 - unseen) * self._likeness_seen(faces, shares, agree, depth, patch) + unseen * UNSEEN_LIKENESS
+        return (1.0 - unseen) * self._compare_seen_colors(faces, shares, agree, depth, patch) + unseen * UNSEEN_LIKENESS
 
-    def _likeness_seen(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
+    def _compare_seen_colors(
+        self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch
+    ) -> np.ndarray:
         """(P,) 0..1: correlation of the colours where `agree`."""
         alike = np.zeros(len(agree))
         if not agree.any():

@@ -72,7 +72,7 @@ class PreparedModel:
         self.model = model
         self.search = PoseSearch(model.mesh, model.diameter_mm)
         self.comparison = PoseScorer(model.mesh)
-        self.points = ModelPoints.of(model.mesh.vertices)
+        self.points = ModelPoints.from_vertices(model.mesh.vertices)
 
 
 def estimate_pose(
@@ -92,10 +92,10 @@ def estimate_pose(
         return None
     poses = ready.search.search(points, depth_mm, mask, intrinsics)
     coarse = cut_patch(photo, depth_mm, mask, intrinsics, COARSE_RAYS)
-    poses = poses[np.argsort(-ready.comparison.scores(poses, coarse), kind="stable")[:NUDGED]]
+    poses = poses[np.argsort(-ready.comparison.score(poses, coarse), kind="stable")[:NUDGED]]
     poses, _ = nudge_poses(poses, cut_patch(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model, ready.search.is_open)
-    poses = np.concatenate([poses, ready.search.refined(poses, points)])
-    scores = ready.comparison.scores(poses, cut_patch(photo, depth_mm, mask, intrinsics, FINE_RAYS))
+    poses = np.concatenate([poses, ready.search.refine(poses, points)])
+    scores = ready.comparison.score(poses, cut_patch(photo, depth_mm, mask, intrinsics, FINE_RAYS))
     best = int(np.argmax(np.round(scores, 9)))
     apart_mm = mssd(poses, np.repeat(poses[best][None], len(poses), 0), ready.points, ready.model.symmetries)
     others = scores[apart_mm > SAME_DIAMETERS * ready.model.diameter_mm]
@@ -122,7 +122,7 @@ def nudge_poses(
             which it lacks, have drawn them to the outer one.
     """
     middle = (model.mesh.vertices.min(0) + model.mesh.vertices.max(0)) / 2
-    poses, scores = poses.copy(), comparison.scores(poses, patch)
+    poses, scores = poses.copy(), comparison.score(poses, patch)
     for angle in NUDGES_DEG:
         turns = np.tile(np.eye(4), (12 if moved else 6, 1, 1))
         turns[:6, :3, :3] = Rotation.from_rotvec(np.radians(angle) * np.concatenate([np.eye(3), -np.eye(3)])).as_matrix()
@@ -130,7 +130,7 @@ def nudge_poses(
         turns[6:, :3, 3] = np.radians(angle) * model.diameter_mm / 2 * np.concatenate([np.eye(3), -np.eye(3)])[: len(turns) - 6]
         for _ in range(ROUNDS):
             others = poses[:, None] @ turns
-            gained = comparison.scores(others.reshape(-1, 4, 4), patch).reshape(len(poses), len(turns))
+            gained = comparison.score(others.reshape(-1, 4, 4), patch).reshape(len(poses), len(turns))
             best = gained.argmax(1)
             better = gained[np.arange(len(poses)), best] > scores
             poses[better], scores[better] = others[better, best[better]], gained[better, best[better]]

@@ -55,8 +55,8 @@ def capture(
     check_options(samples, environment)
     frames = frames_folder(out)
 
-    def render(parts: list[SceneMesh], subject: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
-        lights = place_lights(subject, on_surface=len(parts) > 1)
+    def render(parts: list[SceneMesh], bounds: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
+        lights = place_lights(bounds, on_surface=len(parts) > 1)
         title = f"render {scene} with BlenderProc"
         render_frames(frames, environment, title, make_scene_objects(parts), lights, cameras, samples, seed, threads)
         return read_frames(frames, cameras)

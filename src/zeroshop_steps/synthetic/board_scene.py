@@ -53,17 +53,21 @@ def run(args: argparse.Namespace) -> None:
         capture_empty(args.model, args.width, args.height, args.seed, args.out)
 
 
-def paint_board_beside(mesh: Mesh, subject: ObjectBounds):
+def paint_board_beside(mesh: Mesh, bounds: ObjectBounds):
     """What paints the board beside the object onto the surface's texture."""
-    return lambda texture: paint_board(texture, BOARD, compute_surface_from_board(mesh, subject, BOARD), subject)
+    return lambda texture: paint_board(texture, BOARD, compute_surface_from_board(mesh, bounds, BOARD), bounds)
 
 
 def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Path) -> None:
-    """Photograph the surface with the board where the object would stand beside it. Raises StepError as `virtual_capture.render_capture` does."""
-    mesh, subject, _ = virtual_capture.read_object(model, width_px, height_px, seed)
-    surface = make_surface_mesh(SCENE, subject, seed, paint_board_beside(mesh, subject))
-    renderer = SceneRenderer([make_object_mesh(_make_hidden_object(subject)), surface], subject, seed)
-    cameras = place_empty_cameras(mesh, subject, width_px, height_px)
+    """Photograph the surface with the board, where the object would stand beside it.
+
+    Raises:
+        StepError: as `virtual_capture.render_capture` does.
+    """
+    mesh, bounds, _ = virtual_capture.read_object(model, width_px, height_px, seed)
+    surface = make_surface_mesh(SCENE, bounds, seed, paint_board_beside(mesh, bounds))
+    renderer = SceneRenderer([make_object_mesh(_make_hidden_object(bounds)), surface], bounds, seed)
+    cameras = place_empty_cameras(mesh, bounds, width_px, height_px)
     with atomic_directory(out) as folder:
         for number, camera in enumerate(cameras):
             picture = renderer.render(camera)
@@ -73,31 +77,31 @@ def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Pa
 
 
 def place_empty_cameras(
-    mesh: Mesh, subject: ObjectBounds, width_px: int, height_px: int, lens_mm: float = LENS_MM, gap_mm: float = GAP_MM
+    mesh: Mesh, bounds: ObjectBounds, width_px: int, height_px: int, lens_mm: float = LENS_MM, gap_mm: float = GAP_MM
 ) -> tuple[Camera, ...]:
     """Cameras around the middle between the object's place and the board, in the model's frame."""
-    middle = (compute_surface_from_board(mesh, subject, BOARD, gap_mm) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[
+    middle = (compute_surface_from_board(mesh, bounds, BOARD, gap_mm) @ np.array([BOARD.size_mm[0] / 2, BOARD.size_mm[1] / 2, 0.0, 1.0]))[
         :3
     ]
-    target = (middle + [subject.centre_mm[0], subject.centre_mm[1], subject.bottom_mm]) / 2
+    target = (middle + [bounds.centre_mm[0], bounds.centre_mm[1], bounds.bottom_mm]) / 2
     focal_px = width_px * lens_mm / SENSOR_WIDTH_MM
     intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
     cameras = []
     for view in range(EMPTY_VIEWS):
-        azimuth = np.radians(subject.front_azimuth_deg + 360.0 * view / EMPTY_VIEWS + 17.0)
+        azimuth = np.radians(bounds.front_azimuth_deg + 360.0 * view / EMPTY_VIEWS + 17.0)
         elevation = np.radians(EMPTY_ELEVATIONS_DEG[view % 2])
         direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-        pose = look_at(target + max(subject.distance_mm, LEAST_DISTANCE_MM) * direction, target)
+        pose = look_at(target + max(bounds.distance_mm, LEAST_DISTANCE_MM) * direction, target)
         cameras.append(Camera(f"{view:06d}.png", width_px, height_px, intrinsics, pose))
     return tuple(cameras)
 
 
-def compute_surface_from_board(mesh: Mesh, subject: ObjectBounds, board: Board, gap_mm: float = GAP_MM) -> np.ndarray:
+def compute_surface_from_board(mesh: Mesh, bounds: ObjectBounds, board: Board, gap_mm: float = GAP_MM) -> np.ndarray:
     """(4, 4) model frame from the board's (x right, y down, as print is read from above): a long side faces the object, `gap_mm` away."""
-    azimuth = np.radians(AZIMUTH_DEG + subject.front_azimuth_deg)
+    azimuth = np.radians(AZIMUTH_DEG + bounds.front_azimuth_deg)
     outwards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     along = np.array([-outwards[1], outwards[0], 0.0])
-    foot = np.array([subject.centre_mm[0], subject.centre_mm[1], subject.bottom_mm])
+    foot = np.array([bounds.centre_mm[0], bounds.centre_mm[1], bounds.bottom_mm])
     reach = float(((mesh.vertices - foot) @ outwards).max()) + gap_mm
     matrix = np.eye(4)
     matrix[:3, :3] = np.stack([outwards, -along, np.cross(outwards, -along)], 1)
@@ -105,15 +109,15 @@ def compute_surface_from_board(mesh: Mesh, subject: ObjectBounds, board: Board, 
     return matrix
 
 
-def paint_board(texture: np.ndarray, board: Board, surface_from_board: np.ndarray, subject: ObjectBounds) -> None:
+def paint_board(texture: np.ndarray, board: Board, surface_from_board: np.ndarray, bounds: ObjectBounds) -> None:
     """Paint the board onto the (T, T, 3) uint8 texture of the surface, edges as shares of a texel."""
     texels = len(texture)
-    side_mm = SURFACE_SIDE_IN_SIZES * subject.largest_mm
+    side_mm = SURFACE_SIDE_IN_SIZES * bounds.largest_mm
     fine = max(8.0, 4.0 * texels / side_mm)  # picture elements a mm
     picture = draw_board(board, fine, GAP_MM)
     # Texture columns and rows (v points up) of picture elements, both counted from edges.
     to_texel = texels / side_mm
-    low = subject.centre_mm[:2] - side_mm / 2
+    low = bounds.centre_mm[:2] - side_mm / 2
     board_from_picture = np.array([[1 / fine, 0, -GAP_MM], [0, 1 / fine, -GAP_MM], [0, 0, 1]])
     plane_from_board = surface_from_board[np.ix_([0, 1, 3], [0, 1, 3])]
     texel_from_plane = np.array([[to_texel, 0, -low[0] * to_texel], [0, -to_texel, texels + low[1] * to_texel], [0, 0, 1]])
@@ -130,8 +134,8 @@ def paint_board(texture: np.ndarray, board: Board, surface_from_board: np.ndarra
     texture[:] = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
 
 
-def _make_hidden_object(subject: ObjectBounds) -> Mesh:
+def _make_hidden_object(bounds: ObjectBounds) -> Mesh:
     """A small tetrahedron under the surface: the renderer wants an object, the empty scene has none."""
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + [*subject.centre_mm[:2], subject.bottom_mm - 50.0]
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + [*bounds.centre_mm[:2], bounds.bottom_mm - 50.0]
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     return Mesh(vertices, faces, None, np.full((4, 2), 0.5), np.full((8, 8, 3), 128, np.uint8))

@@ -52,7 +52,7 @@ def look_at(centre_mm: np.ndarray, target_mm: np.ndarray) -> np.ndarray:
 
 
 def place_ring_camera(
-    subject: ObjectBounds, azimuth_deg: float, elevation_deg: float, width_px: int, height_px: int, name: str, on_surface: bool
+    bounds: ObjectBounds, azimuth_deg: float, elevation_deg: float, width_px: int, height_px: int, name: str, on_surface: bool
 ) -> Camera:
     """One camera of a ring.
 
@@ -62,29 +62,29 @@ def place_ring_camera(
     """
     elevation = np.radians(elevation_deg)
     if on_surface:
-        raised_mm = LEAST_HEIGHT_IN_SIZES * subject.largest_mm - (subject.centre_mm[2] - subject.bottom_mm)
-        elevation = max(elevation, np.arcsin(np.clip(raised_mm / subject.distance_mm, -1.0, 1.0)))
-    azimuth = np.radians(azimuth_deg + subject.front_azimuth_deg)
+        raised_mm = LEAST_HEIGHT_IN_SIZES * bounds.largest_mm - (bounds.centre_mm[2] - bounds.bottom_mm)
+        elevation = max(elevation, np.arcsin(np.clip(raised_mm / bounds.distance_mm, -1.0, 1.0)))
+    azimuth = np.radians(azimuth_deg + bounds.front_azimuth_deg)
     direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     focal_px = width_px * LENS_MM / SENSOR_WIDTH_MM
     intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
-    pose = look_at(subject.centre_mm + subject.distance_mm * direction, subject.centre_mm)
+    pose = look_at(bounds.centre_mm + bounds.distance_mm * direction, bounds.centre_mm)
     return Camera(name, width_px, height_px, intrinsics, pose)
 
 
-def place_capture_cameras(subject: ObjectBounds, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def place_capture_cameras(bounds: ObjectBounds, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
     """The 20 (su_l, su_h) or 30 (se) cameras, ring by ring, from the horizontal ring on; the first sees the front."""
     places = [(360.0 * view / VIEWS_A_RING, elevation) for elevation in ELEVATIONS_DEG[scene] for view in range(VIEWS_A_RING)]
-    return _place_cameras(subject, places, scene, width_px, height_px)
+    return _place_cameras(bounds, places, scene, width_px, height_px)
 
 
-def place_held_out_cameras(subject: ObjectBounds, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def place_held_out_cameras(bounds: ObjectBounds, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
     """Two cameras half-way between the azimuths of the rings, for judging the result in views that it was not made from."""
-    return _place_cameras(subject, HELD_OUT_AZIMUTHS_ELEVATIONS_DEG, scene, width_px, height_px)
+    return _place_cameras(bounds, HELD_OUT_AZIMUTHS_ELEVATIONS_DEG, scene, width_px, height_px)
 
 
-def _place_cameras(subject: ObjectBounds, places, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def _place_cameras(bounds: ObjectBounds, places, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
     return tuple(
-        place_ring_camera(subject, azimuth, elevation, width_px, height_px, f"{index:06d}.png", on_surface=scene != "se")
+        place_ring_camera(bounds, azimuth, elevation, width_px, height_px, f"{index:06d}.png", on_surface=scene != "se")
         for index, (azimuth, elevation) in enumerate(places)
     )

@@ -1,6 +1,6 @@
 """Film a model as a phone would: a video of it on a cluttered table, photos of the empty table with a printed board, and the truth.
 
-The camera goes around twice by hand (hand.py). Each frame is the mean, in linear light, of what it sees while the shutter is
+The camera goes around twice by hand (handheld_camera.py). Each frame is the mean, in linear light, of what it sees while the shutter is
 open; exposure and white balance drift, the sensor adds noise, the video is compressed. `truth/` is for judging only: masks and
 cameras of all frames, numbered as in the video, and the object's height.
 """
@@ -63,13 +63,13 @@ def render_film(model: Path, board_beside: bool, seed: int, out: Path, size_px: 
     Raises:
         StepError: as `virtual_capture.render_capture` does.
     """
-    mesh, subject, info = virtual_capture.read_object(model, *size_px, seed)
+    mesh, bounds, info = virtual_capture.read_object(model, *size_px, seed)
     rng = np.random.default_rng([seed, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
     if mesh.uv is None or mesh.texture is None:
         raise StepError(f"{model} has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
-    table = lay_table(mesh, subject, seed, rng)
+    table = lay_table(mesh, bounds, seed, rng)
     lens = Lens(*size_px)
-    hand = HandheldCamera(subject, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
+    hand = HandheldCamera(bounds, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
     drift = SmoothNoise(rng, DRIFT_HZ, 4)
     with atomic_directory(out) as folder:
         view = FilmRenderer(table, with_object=True, with_board=board_beside)
@@ -89,20 +89,22 @@ def _record(
     with _open_video(folder / "film.mp4", hand.lens, frames / DURATION_S) as video:
         for number in track(range(frames), "film", frames):
             time_s = number / frames * DURATION_S
-            camera = hand.camera(time_s + SHUTTER_S / 2, f"{number:06d}.png")
+            camera = hand.camera_at(time_s + SHUTTER_S / 2, f"{number:06d}.png")
             steps = _count_steps(hand, time_s, view.landmarks_mm)
-            linear = sum(view.linear(hand.camera(time_s + SHUTTER_S * (step + 0.5) / steps, camera.name)) for step in range(steps)) / steps
-            brightness, *tint = drift.at(time_s)
+            linear = (
+                sum(view.render(hand.camera_at(time_s + SHUTTER_S * (step + 0.5) / steps, camera.name)) for step in range(steps)) / steps
+            )
+            brightness, *tint = drift.sample_at(time_s)
             gains = np.exp(EXPOSURE_DRIFT * brightness + TINT_DRIFT * np.array(tint)).astype(np.float32)
             video.write(cv2.cvtColor(expose(linear * gains, rng), cv2.COLOR_RGB2BGR))
-            write_mask(folder / "truth" / "masks" / camera.name, view.mask(camera))
+            write_mask(folder / "truth" / "masks" / camera.name, view.render_mask(camera))
             cameras.append(camera)
     return cameras
 
 
 def _count_steps(hand: HandheldCamera, time_s: float, points_mm: np.ndarray) -> int:
     """How many pictures make up one exposure: none is farther than `STEP_PX` from the next."""
-    opened, closed = (hand.camera(moment, "").project(points_mm)[0] for moment in (time_s, time_s + SHUTTER_S))
+    opened, closed = (hand.camera_at(moment, "").project(points_mm)[0] for moment in (time_s, time_s + SHUTTER_S))
     return int(np.clip(np.ceil(np.linalg.norm(closed - opened, axis=1).max() / STEP_PX), 1, MOST_STEPS))
 
 
@@ -124,5 +126,5 @@ def _photograph_empty_scene(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Name and (height, width, 3) uint8 of each photo of the table with the board and without the object."""
     view = FilmRenderer(table, with_object=False, with_board=True)
-    for camera in place_empty_cameras(mesh, table.subject, *size_px, FOCAL_IN_WIDTHS * SENSOR_WIDTH_MM, BOARD_GAP_MM):
-        yield camera.name, expose(view.linear(camera), rng)
+    for camera in place_empty_cameras(mesh, table.bounds, *size_px, FOCAL_IN_WIDTHS * SENSOR_WIDTH_MM, BOARD_GAP_MM):
+        yield camera.name, expose(view.render(camera), rng)

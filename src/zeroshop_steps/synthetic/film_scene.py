@@ -36,7 +36,7 @@ class FilmTable:
     Attributes:
         mesh: the object, mm, upright.
         clutter: the other things, where they lie.
-        subject: what the table is laid out for: the object's middle, and a size that is not too small.
+        bounds: what the table is laid out for: the object's middle, and a size that is not too small.
         board_pose: (4, 4) model frame from the printed board's place.
         lights: of the room.
         seed: of the surface.
@@ -44,27 +44,27 @@ class FilmTable:
 
     mesh: Mesh
     clutter: list[Mesh]
-    subject: ObjectBounds
+    bounds: ObjectBounds
     board_pose: np.ndarray
     lights: Lights
     seed: int
 
 
-def lay_table(mesh: Mesh, subject: ObjectBounds, seed: int, rng: np.random.Generator) -> FilmTable:
-    """Lay a table around an object: `subject` is its middle, its size and its front."""
-    wide = ObjectBounds(subject.centre_mm, max(subject.largest_mm, LEAST_LARGEST_MM), subject.bottom_mm, subject.front_azimuth_deg)
-    pose = compute_surface_from_board(mesh, subject, BOARD, BOARD_GAP_MM)
-    clutter = scatter_distractors(mesh, subject, pose, rng)
+def lay_table(mesh: Mesh, bounds: ObjectBounds, seed: int, rng: np.random.Generator) -> FilmTable:
+    """Lay a table around an object: `bounds` is its middle, its size and its front."""
+    wide = ObjectBounds(bounds.centre_mm, max(bounds.largest_mm, LEAST_LARGEST_MM), bounds.bottom_mm, bounds.front_azimuth_deg)
+    pose = compute_surface_from_board(mesh, bounds, BOARD, BOARD_GAP_MM)
+    clutter = scatter_distractors(mesh, bounds, pose, rng)
     return FilmTable(mesh, clutter, wide, pose, vary_lights(wide, rng), seed)
 
 
-def scatter_distractors(mesh: Mesh, subject: ObjectBounds, board_pose: np.ndarray, rng: np.random.Generator) -> list[Mesh]:
+def scatter_distractors(mesh: Mesh, bounds: ObjectBounds, board_pose: np.ndarray, rng: np.random.Generator) -> list[Mesh]:
     """Distractors that lie apart from the object, from the board's place and from each other, and hide nothing of the object."""
     thing = manifold3d.Manifold.hull_points(make_body(mesh.vertices).hull)
     width, height = BOARD.size_mm
     corners = np.array([[x, y, z, 1.0] for x in (0, width) for y in (0, height) for z in (-1, 1)])
     placed = [manifold3d.Manifold.hull_points((corners @ board_pose.T)[:, :3])]
-    foot = np.array([*subject.centre_mm[:2], subject.bottom_mm])
+    foot = np.array([*bounds.centre_mm[:2], bounds.bottom_mm])
     reach_mm = float(np.linalg.norm((mesh.vertices - foot)[:, :2], axis=1).max())
     found = []
     for _ in range(DISTRACTORS):
@@ -95,24 +95,22 @@ class FilmRenderer:
 
     def __init__(self, table: FilmTable, with_object: bool, with_board: bool) -> None:
         def lay(texture: np.ndarray) -> None:
-            paint_board(texture, BOARD, table.board_pose, table.subject)
+            paint_board(texture, BOARD, table.board_pose, table.bounds)
 
         things = [table.mesh, *table.clutter] if with_object else table.clutter
-        surface = make_surface_mesh(SCENE, table.subject, table.seed, lay if with_board else None)
-        self._renderer = SceneRenderer(
-            [make_object_mesh(merge_meshes(things)), surface], table.subject, table.seed, table.lights, MERGED_MM
-        )
+        surface = make_surface_mesh(SCENE, table.bounds, table.seed, lay if with_board else None)
+        self._renderer = SceneRenderer([make_object_mesh(merge_meshes(things)), surface], table.bounds, table.seed, table.lights, MERGED_MM)
         self._object_faces = len(table.mesh.faces) if with_object else 0
         self._vertices = table.mesh.vertices
         low, high = self._vertices.min(0), self._vertices.max(0)
         self.landmarks_mm = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         """(8, 3) the corners of the object's box."""
 
-    def linear(self, camera: Camera) -> np.ndarray:
+    def render(self, camera: Camera) -> np.ndarray:
         """(height, width, 3) float32 linear light."""
         return self._renderer.render(camera).linear
 
-    def mask(self, camera: Camera) -> np.ndarray:
+    def render_mask(self, camera: Camera) -> np.ndarray:
         """(height, width) bool: pixels whose middle shows the object."""
         mask = np.zeros((camera.height_px, camera.width_px), bool)
         pixels, _ = camera.project(self._vertices)

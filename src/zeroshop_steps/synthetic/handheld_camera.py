@@ -32,7 +32,7 @@ class SmoothNoise:
         self._frequencies = rng.uniform(*hertz, (SINES, dimensions))
         self._phases = rng.uniform(0.0, 2 * np.pi, (SINES, dimensions))
 
-    def at(self, time_s: float) -> np.ndarray:
+    def sample_at(self, time_s: float) -> np.ndarray:
         """(dimensions,) its value at a moment."""
         return np.sin(2 * np.pi * self._frequencies * time_s + self._phases).sum(0) * np.sqrt(2 / SINES)
 
@@ -52,29 +52,29 @@ class Lens:
 
 
 class HandheldCamera:
-    """The way of the camera around `subject`, in its frame (mm, z up); it begins at the object's front."""
+    """The way of the camera around `bounds`, in its frame (mm, z up); it begins at the object's front."""
 
-    def __init__(self, subject: ObjectBounds, diagonal_mm: float, lens: Lens, rng: np.random.Generator) -> None:
+    def __init__(self, bounds: ObjectBounds, diagonal_mm: float, lens: Lens, rng: np.random.Generator) -> None:
         """`diagonal_mm` is that of the object's box."""
-        self._subject, self.lens = subject, lens
+        self._bounds, self.lens = bounds, lens
         framed_mm = diagonal_mm * lens.intrinsics[0, 0] / (FRAMED_SHARE * lens.height_px)
         self.distance_mm = max(framed_mm, LEAST_DISTANCE_MM)
         self._way = SmoothNoise(rng, WANDER_HZ, 7)
         self._tremor = SmoothNoise(rng, TREMOR_HZ, 3)
 
-    def camera(self, time_s: float, name: str) -> Camera:
+    def camera_at(self, time_s: float, name: str) -> Camera:
         """The camera at a moment of the film."""
         share = np.clip(time_s / DURATION_S, 0.0, 1.0)
-        way = self._way.at(time_s)
+        way = self._way.sample_at(time_s)
         low, high = ELEVATIONS_DEG
         rise = np.clip((share - 0.5) / RISE_SHARE + 0.5, 0.0, 1.0)
         elevation = np.radians(low + (high - low) * rise * rise * (3 - 2 * rise) + ELEVATION_WANDER_DEG * way[0])
-        azimuth = np.radians(360.0 * TURNS * share + self._subject.front_azimuth_deg)
+        azimuth = np.radians(360.0 * TURNS * share + self._bounds.front_azimuth_deg)
         distance_mm = self.distance_mm * (1 + DISTANCE_WANDER * way[1])
-        aim = self._subject.centre_mm + AIM_WANDER * self.distance_mm * way[2:5]
+        aim = self._bounds.centre_mm + AIM_WANDER * self.distance_mm * way[2:5]
         direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-        pose = look_at(self._subject.centre_mm + distance_mm * direction, aim)
+        pose = look_at(self._bounds.centre_mm + distance_mm * direction, aim)
         turn = np.eye(4)
         roll = Rotation.from_euler("z", ROLL_WANDER_DEG * way[5], degrees=True)
-        turn[:3, :3] = (roll * Rotation.from_rotvec(np.radians(TREMOR_DEG) * self._tremor.at(time_s))).as_matrix()
+        turn[:3, :3] = (roll * Rotation.from_rotvec(np.radians(TREMOR_DEG) * self._tremor.sample_at(time_s))).as_matrix()
         return Camera(name, self.lens.width_px, self.lens.height_px, self.lens.intrinsics, turn @ pose)

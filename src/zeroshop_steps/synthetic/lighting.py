@@ -67,20 +67,20 @@ class BakedLight:
     surface_side_mm: float
 
 
-def place_lights(subject: ObjectBounds, on_surface: bool) -> Lights:
+def place_lights(bounds: ObjectBounds, on_surface: bool) -> Lights:
     """Lights around the object, their strength chosen for the exposure. On a surface the four at the sides stand on it."""
     directions = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
-    angle = np.radians(subject.front_azimuth_deg)
+    angle = np.radians(bounds.front_azimuth_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     directions = directions @ turn.T
     axes = np.stack([np.roll(directions, 2, 0), np.cross(directions, np.roll(directions, 2, 0)), -directions], 1)
-    half_side_mm = LIGHT_HALF_SIDE_IN_SIZES * subject.largest_mm
-    centres = subject.centre_mm + directions * LIGHT_DISTANCE_IN_SIZES * subject.largest_mm
+    half_side_mm = LIGHT_HALF_SIDE_IN_SIZES * bounds.largest_mm
+    centres = bounds.centre_mm + directions * LIGHT_DISTANCE_IN_SIZES * bounds.largest_mm
     if on_surface:
-        centres[:4, 2] = subject.bottom_mm + half_side_mm
+        centres[:4, 2] = bounds.bottom_mm + half_side_mm
     lights = Lights(centres, axes, half_side_mm, np.array(LIGHT_STRENGTHS), SKY)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
-    rays, weights = _light_rays(subject.centre_mm[None].astype(np.float32), up, centres, axes, half_side_mm, 16, 0)
+    rays, weights = _light_rays(bounds.centre_mm[None].astype(np.float32), up, centres, axes, half_side_mm, 16, 0)
     exposure = WHITE_LEVEL / ((weights.sum(2)[0] * lights.radiances).sum() / np.pi + SKY)
     return Lights(centres, axes, half_side_mm, lights.radiances * exposure, SKY * exposure)
 
@@ -88,7 +88,7 @@ def place_lights(subject: ObjectBounds, on_surface: bool) -> Lights:
 def bake_light(
     scene: o3d.t.geometry.RaycastingScene,
     parts: list[SceneMesh],
-    subject: ObjectBounds,
+    bounds: ObjectBounds,
     lights: Lights,
     seed: int,
     merged_mm: float | None = None,
@@ -100,20 +100,20 @@ def bake_light(
     part = parts[0]
     corners = part.vertices[part.faces]
     longest_mm = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=2).max(1)
-    steps = np.clip(np.ceil(longest_mm * OBJECT_CELLS / subject.largest_mm), 1, 64).astype(np.int64)
+    steps = np.clip(np.ceil(longest_mm * OBJECT_CELLS / bounds.largest_mm), 1, 64).astype(np.int64)
     first = np.concatenate([[0], np.cumsum((steps + 1) * (steps + 2) // 2)])
-    points, normals = _lattice(corners, part.corner_normals, first, steps, 2e-4 * subject.largest_mm)
+    points, normals = _lattice(corners, part.corner_normals, first, steps, 2e-4 * bounds.largest_mm)
     bounce = SURFACE_BOUNCE if len(parts) > 1 else 0.0
     chosen, share = _merge_samples(points, normals, merged_mm) if merged_mm else (slice(None), slice(None))
     object_light = _bake_points(scene, points[chosen], normals[chosen], lights, bounce, seed)[share]
     cells = SURFACE_CELLS if len(parts) > 1 else 2
-    side_mm = 2 * SURFACE_BAKED_IN_SIZES * subject.largest_mm
-    origin_mm = subject.centre_mm[:2] - side_mm / 2
+    side_mm = 2 * SURFACE_BAKED_IN_SIZES * bounds.largest_mm
+    origin_mm = bounds.centre_mm[:2] - side_mm / 2
     surface_light = np.ones((cells, cells, CHANNELS), np.float32)
     if len(parts) > 1:
         place = (np.arange(cells) + 0.5) / cells * side_mm
         x, y = np.meshgrid(place + origin_mm[0], place + origin_mm[1])
-        points = np.stack([x, y, np.full_like(x, subject.bottom_mm + 1e-3 * subject.largest_mm)], -1).reshape(-1, 3).astype(np.float32)
+        points = np.stack([x, y, np.full_like(x, bounds.bottom_mm + 1e-3 * bounds.largest_mm)], -1).reshape(-1, 3).astype(np.float32)
         normals = np.zeros_like(points)
         normals[:, 2] = 1
         surface_light = _bake_points(scene, points, normals, lights, 0.0, seed + 1).reshape(cells, cells, CHANNELS)

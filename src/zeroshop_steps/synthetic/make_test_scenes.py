@@ -43,12 +43,12 @@ class SceneBackend:
     """What may differ between renderers.
 
     Attributes:
-        rest: gives bodies that are to be at rest on the table `scene_id` their (4, 4) table_from_model.
-        pictures: gives each camera of the table `scene_id` its linear light.
+        settle: gives bodies that are to be at rest on the table `scene_id` their (4, 4) table_from_model.
+        render: gives each camera of the table `scene_id` its linear light.
     """
 
-    rest: Callable[[int, Sequence[RigidBody], np.random.Generator], list[np.ndarray]]
-    pictures: Callable[[int, TableScene, Iterable[Camera]], Iterator[tuple[Camera, np.ndarray]]]
+    settle: Callable[[int, Sequence[RigidBody], np.random.Generator], list[np.ndarray]]
+    render: Callable[[int, TableScene, Iterable[Camera]], Iterator[tuple[Camera, np.ndarray]]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
             raise StepError(f"object {model.object_id} in {args.models} has no texture; a test set needs textured models")
     bodies = {number: make_body(model.mesh.vertices) for number, model in models.items()}
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
-    studio = choose_backend(args)
+    backend = choose_backend(args)
     targets: list[Target] = []
     with atomic_directory(args.out) as out:
         for scene_id in track(range(1, args.scenes + 1), "tables", args.scenes):
@@ -86,14 +86,14 @@ def run(args: argparse.Namespace) -> None:
             things = [models[number].mesh for number in chosen] + extras
             shapes = [bodies[number] for number in chosen] + [make_body(extra.vertices) for extra in extras]
             order = rng.permutation(len(things))
-            world_from_models = studio.rest(scene_id, [shapes[i] for i in order], rng)
+            world_from_models = backend.settle(scene_id, [shapes[i] for i in order], rng)
             scene = TableScene([things[i] for i in order], world_from_models, rng, plain=scene_id % 2 == 1)
             poses = {int(i): pose for i, pose in zip(order, world_from_models, strict=True)}
             folder, frames = out / f"{scene_id:06d}", []
             cameras = sample_cameras(scene, args, rng)
-            for image, (camera, linear) in enumerate(studio.pictures(scene_id, scene, cameras)):
-                shot = scene.shoot(camera, linear, rng)
-                frame = write_frame(folder, scene_id, image, shot, chosen, poses, renderers)
+            for image, (camera, linear) in enumerate(backend.render(scene_id, scene, cameras)):
+                picture = scene.photograph(camera, linear, rng)
+                frame = write_frame(folder, scene_id, image, picture, chosen, poses, renderers)
                 frames.append(frame)
                 targets += [
                     Target(scene_id, image, instance.object_id, 1)
@@ -114,19 +114,19 @@ def choose_backend(args: argparse.Namespace) -> SceneBackend:
     check_options(args.samples, args.environment)
     frames = frames_folder(args.out)
 
-    def pictures(scene_id: int, scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
+    def render(scene_id: int, scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
         folder, title = frames / f"{scene_id:06d}", f"table {scene_id} of {args.scenes}"
         return blender_tables.render_table(folder, args.environment, title, scene, list(cameras), args.samples, args.threads)
 
     return SceneBackend(
         lambda scene_id, bodies, rng: blender_tables.settle_bodies(frames / f"settled_{scene_id:06d}", args.environment, bodies, rng),
-        pictures,
+        render,
     )
 
 
 def sample_cameras(scene: TableScene, args: argparse.Namespace, rng: np.random.Generator) -> Iterator[Camera]:
     """The cameras of a table, each drawn when it is due."""
-    return (scene.camera(args.width_px, args.height_px, f"{image:06d}.png", rng) for image in range(args.images))
+    return (scene.sample_camera(args.width_px, args.height_px, f"{image:06d}.png", rng) for image in range(args.images))
 
 
 def choose_objects(numbers: list[int], scene_id: int, seed: int) -> list[int]:
@@ -146,26 +146,26 @@ def write_frame(
     folder: Path,
     scene_id: int,
     image: int,
-    shot: RgbdImage,
+    picture: RgbdImage,
     chosen: list[int],
     poses: dict[int, np.ndarray],
     renderers: dict[int, DepthRenderer],
 ) -> Frame:
     """Write one image with its depth and masks; objects that are not in the image at all are left out."""
     name = f"{image:06d}"
-    write_image(folder / "rgb" / f"{name}.png", shot.image)
-    write_depth_mm(folder / "depth" / f"{name}.png", shot.measured_mm)
-    intrinsics = shot.camera.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    write_image(folder / "rgb" / f"{name}.png", picture.image)
+    write_depth_mm(folder / "depth" / f"{name}.png", picture.measured_mm)
+    intrinsics = picture.camera.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
     instances: list[Instance] = []
     for index, number in enumerate(chosen):
-        camera_from_model = shot.camera.camera_from_world @ poses[index]
-        found = annotate(renderers[number], camera_from_model, intrinsics, shot.exact_mm, shot.measured_mm)
+        camera_from_model = picture.camera.camera_from_world @ poses[index]
+        found = annotate(renderers[number], camera_from_model, intrinsics, picture.exact_mm, picture.measured_mm)
         if not found.silhouette.any():
             continue
         write_mask(folder / "mask" / f"{name}_{len(instances):06d}.png", found.silhouette)
         write_mask(folder / "mask_visib" / f"{name}_{len(instances):06d}.png", found.visible)
         instances.append(Instance(number, camera_from_model, found.info["visib_fract"], found.info))
-    return Frame(scene_id, image, intrinsics, DEPTH_SCALE, shot.camera.camera_from_world, tuple(instances), folder)
+    return Frame(scene_id, image, intrinsics, DEPTH_SCALE, picture.camera.camera_from_world, tuple(instances), folder)
 
 
 def make_camera_record(intrinsics: np.ndarray, width_px: int, height_px: int) -> dict:

@@ -42,8 +42,8 @@ def capture(
 ) -> None:
     """Render all views of one scene into the capture folder `out`; see `virtual_capture.render_capture`."""
 
-    def render(parts: list[SceneMesh], subject: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
-        renderer = SceneRenderer(parts, subject, seed)
+    def render(parts: list[SceneMesh], bounds: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
+        renderer = SceneRenderer(parts, bounds, seed)
         return (renderer.render(camera) for camera in cameras)
 
     virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, lay, facts)

@@ -42,14 +42,14 @@ class SceneRenderer:
     def __init__(
         self,
         parts: list[SceneMesh],
-        subject: ObjectBounds,
+        bounds: ObjectBounds,
         seed: int,
         lights: lighting.Lights | None = None,
         merged_mm: float | None = None,
     ) -> None:
         self.scene = ray_caster(*((part.vertices, part.faces) for part in parts))
-        lights = lights or lighting.place_lights(subject, on_surface=len(parts) > 1)
-        light = lighting.bake_light(self.scene, parts, subject, lights, seed, merged_mm)
+        lights = lights or lighting.place_lights(bounds, on_surface=len(parts) > 1)
+        light = lighting.bake_light(self.scene, parts, bounds, lights, seed, merged_mm)
         self._arrays = [
             shading.SceneMeshArrays(
                 part.vertices[part.faces], part.corner_normals, part.corner_uv, part.pyramid.texels, part.pyramid.levels, part.pyramid.wrap

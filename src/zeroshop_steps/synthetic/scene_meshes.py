@@ -54,7 +54,7 @@ def make_object_mesh(mesh: Mesh) -> SceneMesh:
     )
 
 
-def make_surface_mesh(scene: str, subject: ObjectBounds, seed: int, paint: Callable[[np.ndarray], None] | None = None) -> SceneMesh | None:
+def make_surface_mesh(scene: str, bounds: ObjectBounds, seed: int, paint: Callable[[np.ndarray], None] | None = None) -> SceneMesh | None:
     """The square support surface under the object; None for se.
 
     su_h is flat, so that its texture alone makes it rich. su_l undulates downwards by at most 0.3 % of the object's size.
@@ -64,13 +64,13 @@ def make_surface_mesh(scene: str, subject: ObjectBounds, seed: int, paint: Calla
         return None
     rng = np.random.default_rng([seed, SCENES.index(scene)])
     cells = SURFACE_BUMPS if scene == "su_l" else 1
-    half_mm = SURFACE_SIDE_IN_SIZES * subject.largest_mm / 2
+    half_mm = SURFACE_SIDE_IN_SIZES * bounds.largest_mm / 2
     grid = np.linspace(-1.0, 1.0, cells + 1)
-    x, y = np.meshgrid(grid * half_mm + subject.centre_mm[0], grid * half_mm + subject.centre_mm[1])
+    x, y = np.meshgrid(grid * half_mm + bounds.centre_mm[0], grid * half_mm + bounds.centre_mm[1])
     depth_mm = np.zeros_like(x)
     if scene == "su_l":
-        depth_mm = _make_noise(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * subject.largest_mm
-    vertices = np.stack([x, y, subject.bottom_mm - depth_mm], -1).reshape(-1, 3)
+        depth_mm = _make_noise(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * bounds.largest_mm
+    vertices = np.stack([x, y, bounds.bottom_mm - depth_mm], -1).reshape(-1, 3)
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
     right, up, both = corner + 1, corner + cells + 1, corner + cells + 2
     faces = np.concatenate([np.stack([corner, right, both], 1), np.stack([corner, both, up], 1)])

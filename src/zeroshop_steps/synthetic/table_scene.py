@@ -47,7 +47,7 @@ class TableScene:
     Attributes:
         world: all that stands on the table, as one mesh.
         table: the table's top.
-        subject: what lights are placed by.
+        bounds: what lights are placed by.
         lights: six area lights and the sky.
         seed: of the table's texture and of what renders it.
     """
@@ -58,13 +58,13 @@ class TableScene:
         low, high = self.world.vertices.min(0), self.world.vertices.max(0)
         self._radius_mm = float(np.linalg.norm(self.world.vertices[:, :2], axis=1).max())
         self._middle = np.array([0.0, 0.0, (low[2] + high[2]) / 3])
-        self.subject = ObjectBounds((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
+        self.bounds = ObjectBounds((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
         self.seed = int(rng.integers(2**31))
-        self.table = make_surface_mesh("su_l" if plain else "su_h", self.subject, self.seed)
-        self.lights = vary_lights(self.subject, rng)
+        self.table = make_surface_mesh("su_l" if plain else "su_h", self.bounds, self.seed)
+        self.lights = vary_lights(self.bounds, rng)
         self._scene = ray_caster((self.world.vertices, self.world.faces), (self.table.vertices, self.table.faces))
 
-    def shoot(self, camera: Camera, linear: np.ndarray, rng: np.random.Generator) -> RgbdImage:
+    def photograph(self, camera: Camera, linear: np.ndarray, rng: np.random.Generator) -> RgbdImage:
         """The photo of (height, width, 3) linear light, its exposure and white balance off a little, and the depth."""
         width_px, height_px = camera.width_px, camera.height_px
         linear = linear * rng.uniform(*TINTS, 3).astype(np.float32)
@@ -78,7 +78,7 @@ class TableScene:
         measured = simulate_depth(depth, normals, rays, self._scene, camera.camera_from_world, rng)
         return RgbdImage(camera, expose(linear, rng), depth, measured)
 
-    def camera(self, width_px: int, height_px: int, name: str, rng: np.random.Generator) -> Camera:
+    def sample_camera(self, width_px: int, height_px: int, name: str, rng: np.random.Generator) -> Camera:
         """A camera on a random side."""
         focal_px = FOCAL_IN_WIDTHS * width_px
         elevation, azimuth = np.radians(rng.uniform(*ELEVATIONS_DEG)), rng.uniform(0, 2 * np.pi)
@@ -94,14 +94,14 @@ class TableScene:
 
 def render_raycast(scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
     """Each camera and the (height, width, 3) linear light that the embedded ray caster gives it; a camera is taken when it is due."""
-    renderer = SceneRenderer([make_object_mesh(scene.world), scene.table], scene.subject, scene.seed, scene.lights, MERGED_MM)
+    renderer = SceneRenderer([make_object_mesh(scene.world), scene.table], scene.bounds, scene.seed, scene.lights, MERGED_MM)
     for camera in cameras:
         yield camera, renderer.render(camera).linear
 
 
-def vary_lights(subject: ObjectBounds, rng: np.random.Generator) -> Lights:
+def vary_lights(bounds: ObjectBounds, rng: np.random.Generator) -> Lights:
     """The captures' six area lights, each stronger or weaker at random, and so the sky."""
-    lights = place_lights(subject, on_surface=True)
+    lights = place_lights(bounds, on_surface=True)
     factors = rng.uniform(*LIGHT_CHANGES, 7)
     return replace(lights, radiances=lights.radiances * factors[:6], sky=lights.sky * float(factors[6]))
 

@@ -75,18 +75,18 @@ def render_capture(
         StepError: the model is missing, damaged, untextured or not in mm; the image size or the seed is out of range.
     """
     start_s = time.monotonic()
-    mesh, subject, info = read_object(model, width_px, height_px, seed)
-    paint = lay(mesh, subject) if lay else None
+    mesh, bounds, info = read_object(model, width_px, height_px, seed)
+    paint = lay(mesh, bounds) if lay else None
     try:
-        parts = [part for part in (make_object_mesh(mesh), make_surface_mesh(scene, subject, seed, paint)) if part is not None]
+        parts = [part for part in (make_object_mesh(mesh), make_surface_mesh(scene, bounds, seed, paint)) if part is not None]
     except StepError as error:
         raise StepError(f"{model}: {error}") from None
-    views = place_capture_cameras(subject, scene, width_px, height_px)
-    held_out = place_held_out_cameras(subject, scene, width_px, height_px)
+    views = place_capture_cameras(bounds, scene, width_px, height_px)
+    held_out = place_held_out_cameras(bounds, scene, width_px, height_px)
     with atomic_directory(out) as folder:
         jobs = [(camera, folder, index) for index, camera in enumerate(views)]
         jobs += [(camera, folder / "held_out", len(views) + index) for index, camera in enumerate(held_out)]
-        pictures = render(parts, subject, [camera for camera, _, _ in jobs])
+        pictures = render(parts, bounds, [camera for camera, _, _ in jobs])
         for (camera, place, number), picture in zip(track(jobs, f"render {scene}", len(jobs)), pictures, strict=True):
             rng = np.random.default_rng([seed, number, SCENES.index(scene)])
             write_view(picture, camera.name, place, rng, scene, with_depth=place == folder)
@@ -105,11 +105,11 @@ def render_capture(
                 "held_out_images": len(held_out),
                 "object": info.get("name"),
                 "known_height_m": round(float(size_mm[2]) / 1000.0, 6),
-                "distance_mm": round(subject.distance_mm, 3),
+                "distance_mm": round(bounds.distance_mm, 3),
                 "distance_in_largest_dimensions": DISTANCE_IN_SIZES,
                 "ring_elevations_deg": list(ELEVATIONS_DEG[scene]),
-                "front_azimuth_deg": subject.front_azimuth_deg,
-                "support_z_mm": None if scene == "se" else round(subject.bottom_mm, 4),
+                "front_azimuth_deg": bounds.front_azimuth_deg,
+                "support_z_mm": None if scene == "se" else round(bounds.bottom_mm, 4),
                 **(facts or {}),
                 "seconds": round(time.monotonic() - start_s, 2),
             },
@@ -125,8 +125,8 @@ def read_object(model: Path, width_px: int, height_px: int, seed: int) -> tuple[
     mesh = read_ply(model)
     info_path = Path(model).with_name("model_info.json")
     info = read_json(info_path) if info_path.exists() else {}
-    subject = measure_bounds(mesh, model, float(info.get("front_azimuth_deg", 0.0)))
-    return mesh, subject, info
+    bounds = measure_bounds(mesh, model, float(info.get("front_azimuth_deg", 0.0)))
+    return mesh, bounds, info
 
 
 def measure_bounds(mesh: Mesh, model: Path, front_azimuth_deg: float) -> ObjectBounds:

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
 
     def detect(frame: Frame) -> list[ObjectMask]:
         photo = read_photo(frame)
-        masks = drop_small_masks(segmenter.masks(_scale_photo(photo, args.width_px), **options))
+        masks = drop_small_masks(segmenter.segment(_scale_photo(photo, args.width_px), **options))
         return assign_objects([_resize_mask(mask, photo.shape[:2]) for mask in masks], photo, describer, views)
 
     run_detector(args.out, frames, detect)

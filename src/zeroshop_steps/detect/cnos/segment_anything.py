@@ -29,7 +29,7 @@ class SegmentAnything:
         self._side_px = self._model.config.vision_config.image_size
 
     @torch.inference_mode()
-    def masks(self, image: np.ndarray, points_per_side: int, least_iou: float, least_stability: float) -> list[np.ndarray]:
+    def segment(self, image: np.ndarray, points_per_side: int, least_iou: float, least_stability: float) -> list[np.ndarray]:
         """Masks of a (height, width, 3) uint8 RGB image, surest first.
 
         Args:
@@ -57,13 +57,13 @@ class SegmentAnything:
             logits = answer.pred_masks.flatten(0, 2)[likely]
             if not len(logits):
                 continue
-            logits = self._in_image(logits, inner, (height, width))
+            logits = self._resize_to_image(logits, inner, (height, width))
             kept = measure_stability(logits) >= least_stability
             found += list((logits[kept] > 0).cpu().numpy())
             surety += predicted[likely][kept].tolist()
         return drop_duplicate_masks(found, np.array(surety))
 
-    def _in_image(self, logits: torch.Tensor, inner: tuple[int, int], size: tuple[int, int]) -> torch.Tensor:
+    def _resize_to_image(self, logits: torch.Tensor, inner: tuple[int, int], size: tuple[int, int]) -> torch.Tensor:
         """Logits of the padded square as those of the image's pixels, (N, height, width)."""
         square = functional.interpolate(logits[:, None], (self._side_px, self._side_px), mode="bilinear", align_corners=False)
         return functional.interpolate(square[..., : inner[1], : inner[0]], size, mode="bilinear", align_corners=False)[:, 0]
