@@ -1,6 +1,6 @@
 """Align a reconstructed mesh with its true model: a similarity, found from shape and print alone.
 
-A search_similarities from all sides, then iterated closest points over the surface that was measured: a closed underside, turned upside down, would
+A search from all sides, then iterated closest points over the surface that was measured: a closed underside, turned upside down, would
 pass for a plain top, and a lid for the floor of its hollow. Where shape decides nothing (a can
 turned about its axis), print does; where the model is symmetric, the symmetry that turns the mesh least is taken. Writes
 the transform and how far the two surfaces then lie apart.
@@ -50,14 +50,14 @@ def run(args: argparse.Namespace) -> None:
             raise StepError(f"{args.evidence} says that nothing of {args.mesh} was measured; it cannot be aligned")
     info = read_json(args.model.with_name("model_info.json"))
     fit = align(mesh, truth, list_symmetry_transforms(info), args.seed)
-    figures = residuals(mesh, truth, fit, info["diameter"], args.seed)
+    figures = measure_residuals(mesh, truth, fit, info["diameter"], args.seed)
     apart_mm, missing_mm = figures["mesh_to_truth_median_mm"], figures["truth_to_mesh_median_mm"]
     if apart_mm > WORST_MESH_DIAMETERS * info["diameter"] or missing_mm > WORST_TRUTH_DIAMETERS * info["diameter"]:
         raise StepError(
             f"{args.mesh} cannot be aligned with {args.model}: at best half of it lies {apart_mm:.1f} mm and more from it, and half"
             f" of the model {missing_mm:.1f} mm and more from the mesh; the mesh is not this object, or too little of it"
         )
-    notice = scale_notice(figures["scale"])
+    notice = describe_scale(figures["scale"])
     if notice:
         warn(f"{args.mesh}: {notice}")
     content = {"truth_from_mesh": np.round(fit.transform, DIGITS).tolist(), **figures, "notice": notice, "model_info": info}
@@ -75,7 +75,7 @@ def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> Sim
     return SimilarityFit(alike[turned_least], best.distance, best.likeness)
 
 
-def residuals(mesh: Mesh, truth: Mesh, fit: SimilarityFit, diameter_mm: float, seed: int) -> dict:
+def measure_residuals(mesh: Mesh, truth: Mesh, fit: SimilarityFit, diameter_mm: float, seed: int) -> dict:
     """What remains between the aligned mesh and the truth: figures for aligned.json; scale is that of truth_from_mesh."""
     aligned = Mesh(mesh.vertices @ fit.transform[:3, :3].T + fit.transform[:3, 3], mesh.faces)
     rng = np.random.default_rng(seed)
@@ -93,7 +93,7 @@ def residuals(mesh: Mesh, truth: Mesh, fit: SimilarityFit, diameter_mm: float, s
     return {name: round(value, 5) for name, value in figures.items()}
 
 
-def scale_notice(scale: float) -> str | None:
+def describe_scale(scale: float) -> str | None:
     """What a scale far from 1 means, in words; None where it is near."""
     if METRES[0] <= scale <= METRES[1]:
         return f"it had to grow {scale:.0f} times: it is in metres, where millimetres are expected"

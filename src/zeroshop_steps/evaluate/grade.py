@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
-    limits = {measure.name: checked_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
+    limits = {measure.name: check_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
     notes = read_json(args.mesh.with_suffix(".json"))
     facts = notes["frame_facts"]
     views, _ = read_views(args.cameras)
@@ -54,19 +54,19 @@ def run(args: argparse.Namespace) -> None:
     views = [replace(view, camera=transform_camera(view.camera, object_from_registration)) for view in views]
     record = read_json(args.cameras / "registration.json")
     mesh = read_ply(args.mesh)
-    values = measured(drop_underside(mesh, notes), views, record["images"], facts["bottom_z"])
+    values = measure_mesh(drop_underside(mesh, notes), views, record["images"], facts["bottom_z"])
     if args.evidence:
         values["assumed_share"] = compute_area_shares(drop_underside(with_surface_support(mesh, args.evidence), notes))["assumed"]
     true_values = None
     if args.quality:
         quality = read_json(args.quality)
         true_values = {measure.name: quality[measure.name] for measure in MEASURES if measure.needs_truth}
-    content = graded(values, true_values, limits)
+    content = make_grade_record(values, true_values, limits)
     write_grade(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"grade: {content['grade']} {'; '.join(content['reasons'])}", file=sys.stderr)
 
 
-def checked_limits(name: str, limits: list[float]) -> tuple[float, float]:
+def check_limits(name: str, limits: list[float]) -> tuple[float, float]:
     """(good, sparse), or an error where sparse asks for more than good."""
     measure = next(measure for measure in MEASURES if measure.name == name)
     good, sparse = limits
@@ -75,7 +75,7 @@ def checked_limits(name: str, limits: list[float]) -> tuple[float, float]:
     return good, sparse
 
 
-def measured(mesh: Mesh, views: list[View], photos: int, support_z: float) -> dict[str, float]:
+def measure_mesh(mesh: Mesh, views: list[View], photos: int, support_z: float) -> dict[str, float]:
     """What can be measured without the truth.
 
     Args:
@@ -96,7 +96,7 @@ def measured(mesh: Mesh, views: list[View], photos: int, support_z: float) -> di
     return {name: round(float(value), 5) for name, value in values.items()}
 
 
-def graded(values: dict[str, float], true_values: dict[str, float] | None, limits: dict[str, tuple[float, float]]) -> dict:
+def make_grade_record(values: dict[str, float], true_values: dict[str, float] | None, limits: dict[str, tuple[float, float]]) -> dict:
     """The content of grade.json: the grade that counts, and both judgements with their measures."""
     photos = grade_by_worst(values, limits)
     truth = grade_by_worst(true_values, limits) if true_values is not None else None
@@ -105,8 +105,8 @@ def graded(values: dict[str, float], true_values: dict[str, float] | None, limit
         "grade": deciding.grade,
         "judged_by": "truth" if truth else "photos",
         "reasons": list(deciding.reasons),
-        "photos": _judgement(photos, values),
-        "truth": _judgement(truth, true_values) if truth else None,
+        "photos": _record_side(photos, values),
+        "truth": _record_side(truth, true_values) if truth else None,
         "limits": {name: list(pair) for name, pair in limits.items()},
     }
 
@@ -125,5 +125,5 @@ def write_grade(path: Path, content: dict) -> None:
         writer.writerows(rows)
 
 
-def _judgement(verdict: GradeResult, values: dict[str, float]) -> dict:
+def _record_side(verdict: GradeResult, values: dict[str, float]) -> dict:
     return {"grade": verdict.grade, "reasons": list(verdict.reasons), "measures": values}

@@ -69,13 +69,13 @@ class ShrunkView(View):
         return cv2.resize(mask, (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_AREA) >= 128
 
 
-def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAgreement:
+def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAgreement:
     """Compare `mesh` with the photos of `views`, whose cameras are in the mesh's frame.
 
     Raises:
         StepError: a mask that shows no object in any view.
     """
-    views = [_shrunk(view) for view in views]
+    views = [_shrink(view) for view in views]
     joined, _ = weld(mesh)
     normals = smooth(joined.normals, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
     points, faces = sample_surface(joined, SAMPLES, np.random.default_rng(seed))
@@ -84,9 +84,9 @@ def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAg
     diameter = diameter_of(joined)
     places = points + OFFSETS_DIAMETERS[:, None, None] * diameter * normals
     places = np.concatenate([points[None], places])
-    look = _look(joined, places, normals, views, diameter)
+    look = _sample_photos(joined, places, normals, views, diameter)
     weight, colors = look.weight, look.colors * exposure.estimate_gains(look.colors[0].mean(2), look.weight, look.weight > 0)[:, None]
-    spread = np.stack([_spread(shown, weight) for shown in colors])
+    spread = np.stack([_measure_spread(shown, weight) for shown in colors])
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
     judged = (weight > 0).sum(1) >= LEAST_VIEWS
@@ -94,14 +94,14 @@ def photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAg
     return PhotoAgreement(
         silhouette_agreement=float(np.mean(look.iou)),
         back_share=look.back_px / max(look.mesh_px, 1),
-        photometric_error=_left_out_error(colors[0], weight, judged),
+        photometric_error=_measure_left_out_error(colors[0], weight, judged),
         displaced_share=float((gain > MARGIN + slope)[judged].mean()) if judged.any() else 1.0,
         judged_share=float(judged.mean()),
     )
 
 
 @dataclass(frozen=True)
-class _Look:
+class _PhotoSamples:
     """What V photos show at N points and at the same points moved along their normals (P places, the first unmoved).
 
     Attributes:
@@ -119,7 +119,7 @@ class _Look:
     mesh_px: int
 
 
-def _look(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[View], diameter: float) -> _Look:
+def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[View], diameter: float) -> _PhotoSamples:
     renderer = MeshRenderer(mesh)
     shape = (*places.shape[:2], len(views))
     colors, on_object = np.empty((*shape, 3), np.float32), np.empty(shape, bool)
@@ -130,7 +130,7 @@ def _look(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[V
         if not mask.any():
             raise StepError(f"{view.mask_path}: the mask shows no object; make the mask again, or leave the photo out")
         iou.append(float((mask & hits.mask).sum() / (mask | hits.mask).sum()))
-        back_px, mesh_px = back_px + _back_pixels(mesh, hits, view), mesh_px + int(hits.mask.sum())
+        back_px, mesh_px = back_px + _count_back_pixels(mesh, hits, view), mesh_px + int(hits.mask.sum())
         maps = compute_view_maps(view, hits, diameter)
         pixels, depth = view.camera.project(places[0])
         towards = view.camera.centre_in_world - places[0]
@@ -142,28 +142,28 @@ def _look(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[V
         )
         weight[:, k] = np.where(seen, cosine, 0.0)
         image = cv2.GaussianBlur(view.image().astype(np.float32) / 255.0, (0, 0), BLUR_PX)
-        slope[:, k] = sample_image(_slope(image), pixels)
+        slope[:, k] = sample_image(_measure_slope(image), pixels)
         for place, moved in enumerate(places):
             pixels, _ = view.camera.project(moved)
             colors[place, :, k] = sample_image(image, pixels)
             on_object[place, :, k] = sample_image(mask, pixels) > 0.99
-    return _Look(colors, on_object, weight, slope, iou, back_px, mesh_px)
+    return _PhotoSamples(colors, on_object, weight, slope, iou, back_px, mesh_px)
 
 
-def _back_pixels(mesh: Mesh, hits: RayHits, view: View) -> int:
+def _count_back_pixels(mesh: Mesh, hits: RayHits, view: View) -> int:
     towards = view.camera.centre_in_world - mesh.vertices[mesh.faces[:, 0]]
     facing = np.einsum("ij,ij->i", face_normals(mesh), towards)
     return int((facing[hits.face[hits.mask]] < 0).sum())
 
 
-def _slope(image: np.ndarray) -> np.ndarray:
+def _measure_slope(image: np.ndarray) -> np.ndarray:
     """(height, width) largest change over one pixel among the channels."""
     x, y = (cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
     # By planes: a maximum over three neighbours in memory is slow.
     return np.maximum.reduce(cv2.split(np.hypot(x, y)))
 
 
-def _spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _measure_spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(N,) weighted root mean square distance of (N, V, 3) colours to their mean, in the channel that differs most."""
     total = np.maximum(weight.sum(1), 1e-12)
     mean = np.einsum("nv,nvc->nc", weight, colors) / total[:, None]
@@ -171,7 +171,7 @@ def _spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.sqrt((weight * distance**2).sum(1) / total)
 
 
-def _left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.ndarray) -> float:
+def _measure_left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.ndarray) -> float:
     """Mean difference of each photo's colour from the mean of the others; 1 where no point is judged."""
     total = np.einsum("nv,nvc->nc", weight, colors)[:, None] - weight[:, :, None] * colors
     others = total / np.maximum(weight.sum(1)[:, None] - weight, 1e-12)[:, :, None]
@@ -180,7 +180,7 @@ def _left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.ndarray) 
     return float(error[use].mean()) if use.any() else 1.0
 
 
-def _shrunk(view: View) -> View:
+def _shrink(view: View) -> View:
     camera = view.camera
     scale = LONGEST_PX / max(camera.width_px, camera.height_px)
     if scale >= 1.0:

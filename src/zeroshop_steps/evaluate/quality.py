@@ -31,7 +31,7 @@ F_SCORE_DIAMETER = 0.01
 
 
 @dataclass(frozen=True)
-class Truth:
+class GroundTruth:
     """What a mesh is measured against, in the true frame, in mm.
 
     Attributes:
@@ -49,11 +49,11 @@ class Truth:
     held_out: list[View]
 
     @staticmethod
-    def read(capture: Path, model: Path) -> "Truth":
+    def read(capture: Path, model: Path) -> "GroundTruth":
         """That of a virtual capture of a model."""
         surface = read_ply(model)
         on_ground = str(read_json(capture / "capture.json")["scene"]).startswith("su_")
-        return Truth(
+        return GroundTruth(
             surface,
             read_json(model.with_name("model_info.json"))["diameter"],
             float(surface.vertices[:, 2].min()) if on_ground else None,
@@ -75,11 +75,11 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     notes = read_json(args.mesh.with_suffix(".json"))
     facts = notes["frame_facts"]
-    figures = figures_of(
+    figures = measure_quality(
         drop_underside(read_ply(args.mesh), notes),
         np.array(facts["object_from_registration"]),
         read_sparse_model(args.cameras / "sparse").cameras,
-        Truth.read(args.capture, args.model),
+        GroundTruth.read(args.capture, args.model),
     )
     figures["scale_known"] = facts["scale"] == "known"
     if not figures["scale_known"]:
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> None:
     )
 
 
-def figures_of(mesh: Mesh, object_from_registration: np.ndarray, registered: tuple[Camera, ...], truth: Truth) -> dict:
+def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered: tuple[Camera, ...], truth: GroundTruth) -> dict:
     """All figures of one mesh in the object frame; see the module's text.
 
     Args:
@@ -130,11 +130,11 @@ def figures_of(mesh: Mesh, object_from_registration: np.ndarray, registered: tup
         "up_error_deg": np.degrees(np.arccos(np.clip(up_in_truth[2], -1.0, 1.0))),
         "faces": len(mesh.faces),
     }
-    figures |= _appearance(mesh, np.linalg.inv(truth_from_object), truth.held_out)
+    figures |= _measure_appearance(mesh, np.linalg.inv(truth_from_object), truth.held_out)
     return {key: round(float(value), 5) if not isinstance(value, int | list) else value for key, value in figures.items()}
 
 
-def _appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View]) -> dict:
+def _measure_appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View]) -> dict:
     """PSNR inside the mask's bounding box and intersection over union of the silhouettes, each a mean over the held-out views."""
     renderer = MeshRenderer(mesh)
     psnr, iou = [], []

@@ -18,14 +18,14 @@ SAMPLES = 20_000
 LEAST_NEIGHBOURS = 4
 
 
-def largest_part_share(mesh: Mesh) -> float:
+def measure_largest_part_share(mesh: Mesh) -> float:
     """Area of the largest connected part, as a share of the whole; vertices of equal position are joined."""
     joined, _ = weld(mesh)
     areas = np.bincount(label_parts(joined), joined.face_areas())
     return float(areas.max() / max(areas.sum(), 1e-30))
 
 
-def open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: float | None) -> float:
+def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: float | None) -> float:
     """Length of the edges that only one face has, in diameters, where at least two cameras see that face.
 
     The border of a side that no photo shows is no fault. Nor is the rim of the unseen underside, which cameras do see.
@@ -48,7 +48,7 @@ def open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: float | None
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
 
 
-def roughness_deg(mesh: Mesh, seed: int = 0) -> float:
+def measure_roughness_deg(mesh: Mesh, seed: int = 0) -> float:
     """Median over the surface of the angle between the normal and the mean normal of its neighbourhood on the same side.
 
     The median leaves out edges and folds that the object itself may have.

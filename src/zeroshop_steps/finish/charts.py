@@ -22,7 +22,7 @@ SMALL_SHARE = 2e-3  # charts below this share of the surface join a neighbour wh
 TINY_SHARE = 2e-4  # charts below this join a neighbour in any case: a fold of a few texels there is better than a scrap
 
 
-def cut(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+def cut_into_charts(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Cut a mesh whose seams are not split yet.
 
     Returns:
@@ -35,26 +35,26 @@ def cut(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
     normals /= np.maximum(areas, 1e-30)[:, None]
-    directions = main_directions(normals, areas)
-    pairs = adjacent_faces(mesh.faces)
-    label = _labels(normals, areas, directions, pairs)
-    chart = _connected(label, pairs)
-    right, up = _axes(directions)
+    directions = find_main_directions(normals, areas)
+    pairs = find_adjacent_faces(mesh.faces)
+    label = _label_faces(normals, areas, directions, pairs)
+    chart = _label_connected(label, pairs)
+    right, up = _projection_axes(directions)
     light = smooth(mesh.vertices - mesh.vertices.mean(0), neighbours, LIGHT_SMOOTHING).astype(float)[mesh.faces]
     flat = np.stack([np.einsum("fcj,fj->fc", light, right[label]), np.einsum("fcj,fj->fc", light, up[label])], -1)
     height = np.einsum("fcj,fj->fc", corners, directions[label]).mean(1)
     for layer in range(1, 6):  # what lies behind another part of its chart becomes a chart of its own
-        behind = _without_tiny(overlapped(chart, flat, height), pairs, areas)
+        behind = _drop_tiny_groups(find_overlapped_faces(chart, flat, height), pairs, areas)
         if not behind.any():
             break
         label = label + np.where(behind, layer * 1000, 0)
-        chart = _connected(label, pairs)
+        chart = _label_connected(label, pairs)
     else:
         chart = np.where(behind, chart.max() + 1 + np.arange(len(chart)), chart)
     return np.unique(chart, return_inverse=True)[1], flat
 
 
-def main_directions(normals: np.ndarray, areas: np.ndarray) -> np.ndarray:
+def find_main_directions(normals: np.ndarray, areas: np.ndarray) -> np.ndarray:
     """(D, 3) directions that the surface faces most: spherical k-means from a farthest-first start, near ones merged."""
     step = max(1, len(normals) // 5000)
     normals, areas = normals[::step], areas[::step]
@@ -80,7 +80,7 @@ def main_directions(normals: np.ndarray, areas: np.ndarray) -> np.ndarray:
     return np.array(kept)
 
 
-def adjacent_faces(faces: np.ndarray) -> np.ndarray:
+def find_adjacent_faces(faces: np.ndarray) -> np.ndarray:
     """(E, 2) pairs of faces that share an edge which no third face shares."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1)
     owner = np.tile(np.arange(len(faces)), 3)
@@ -91,7 +91,7 @@ def adjacent_faces(faces: np.ndarray) -> np.ndarray:
     return np.stack([owner[:-1][single], owner[1:][single]], 1)
 
 
-def overlapped(chart: np.ndarray, flat: np.ndarray, height: np.ndarray) -> np.ndarray:
+def find_overlapped_faces(chart: np.ndarray, flat: np.ndarray, height: np.ndarray) -> np.ndarray:
     """(F,) bool: faces that lie behind another face of their chart in the projection.
 
     Tested on a grid of half an edge length, so slivers may escape; they cost a texel, not a print.
@@ -107,10 +107,10 @@ def overlapped(chart: np.ndarray, flat: np.ndarray, height: np.ndarray) -> np.nd
     size = np.ceil((high - low) / cell).astype(np.int64) + 2
     start = np.concatenate([[0], np.cumsum(size.prod(1))])
     order = np.argsort(-height, kind="stable")  # the front first
-    return _covered(order, chart, (flat - low[chart][:, None]) / cell, size[:, 0], start)
+    return _find_covered(order, chart, (flat - low[chart][:, None]) / cell, size[:, 0], start)
 
 
-def _labels(normals: np.ndarray, areas: np.ndarray, directions: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def _label_faces(normals: np.ndarray, areas: np.ndarray, directions: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     faces = len(normals)
     ones = np.ones(2 * len(pairs), np.float32)
     neighbours = coo_matrix((ones, (np.r_[pairs[:, 0], pairs[:, 1]], np.r_[pairs[:, 1], pairs[:, 0]])), (faces, faces)).tocsr()
@@ -120,7 +120,7 @@ def _labels(normals: np.ndarray, areas: np.ndarray, directions: np.ndarray, pair
         vote = (neighbours @ vote + vote) / 4.0
     label = np.where(cosine > MIN_COSINE, vote, -1.0 + 0.1 * cosine).argmax(1)
     for _ in range(8):  # small charts join the neighbour with the longest common border that can show them
-        chart = _connected(label, pairs)
+        chart = _label_connected(label, pairs)
         share = np.bincount(chart, areas) / areas.sum()
         small = share[chart] < SMALL_SHARE
         votes = np.zeros((faces, len(directions)), np.float32)
@@ -136,18 +136,18 @@ def _labels(normals: np.ndarray, areas: np.ndarray, directions: np.ndarray, pair
     return label
 
 
-def _without_tiny(chosen: np.ndarray, pairs: np.ndarray, areas: np.ndarray) -> np.ndarray:
-    group = _connected(chosen.astype(int), pairs)
+def _drop_tiny_groups(chosen: np.ndarray, pairs: np.ndarray, areas: np.ndarray) -> np.ndarray:
+    group = _label_connected(chosen.astype(int), pairs)
     return chosen & (np.bincount(group, areas)[group] > TINY_SHARE * areas.sum())
 
 
-def _connected(label: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def _label_connected(label: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     same = pairs[label[pairs[:, 0]] == label[pairs[:, 1]]]
     graph = coo_matrix((np.ones(len(same), bool), (same[:, 0], same[:, 1])), (len(label), len(label)))
     return connected_components(graph, directed=False)[1]
 
 
-def _axes(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _projection_axes(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     helper = np.where(np.abs(directions[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
     right = np.cross(helper, directions)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
@@ -155,7 +155,7 @@ def _axes(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True)
-def _covered(order: np.ndarray, chart: np.ndarray, flat: np.ndarray, width: np.ndarray, start: np.ndarray) -> np.ndarray:
+def _find_covered(order: np.ndarray, chart: np.ndarray, flat: np.ndarray, width: np.ndarray, start: np.ndarray) -> np.ndarray:
     taken = np.zeros(start[-1], np.uint8)
     behind = np.zeros(len(chart), np.bool_)
     for f in order:

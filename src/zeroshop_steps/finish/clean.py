@@ -77,8 +77,8 @@ def clean_mesh(
         mesh: the cleaned mesh, oriented towards the cameras.
         dropped: how many parts were dropped, by reason.
     """
-    mesh = _welded(raw)
-    mesh = _trimmed_to_masks(mesh, views)
+    mesh = _weld(raw)
+    mesh = _trim_to_masks(mesh, views)
     mesh, dropped = drop_floaters(mesh, views, min_part)
     worker = pymeshlab.MeshSet(verbose=False)
     worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
@@ -107,28 +107,28 @@ def clean_mesh(
         raise StepError(
             "nothing is left of the mesh after repair: the reconstruction holds no connected surface; add photos or check masks"
         )
-    return _facing_cameras(mesh, views), dropped
+    return _turn_towards_cameras(mesh, views), dropped
 
 
 def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh, dict[str, int]]:
     """Keep the largest part (by area) and those that are seen and hold at least `min_part` of its area."""
-    labels = part_labels(mesh)
+    labels = label_parts(mesh)
     areas = mesh.face_areas()
     part_areas = np.bincount(labels, areas)
     largest = int(part_areas.argmax())
     small = part_areas < min_part * part_areas[largest]
     unseen = np.ones(len(part_areas), bool)
     if (~small).sum() > 1:
-        unseen[np.unique(labels[_seen_faces(mesh, views)])] = False
+        unseen[np.unique(labels[_find_seen_faces(mesh, views)])] = False
     else:
         unseen[:] = False
     drop = small | unseen
     drop[largest] = False
     dropped = {"small": int((small & drop).sum()), "unseen": int((unseen & ~small & drop).sum())}
-    return _with_faces(mesh, mesh.faces[~drop[labels]]), dropped
+    return _keep_faces(mesh, mesh.faces[~drop[labels]]), dropped
 
 
-def part_labels(mesh: Mesh) -> np.ndarray:
+def label_parts(mesh: Mesh) -> np.ndarray:
     """(F,) index of the connected part of each face; parts are joined by shared vertices."""
     a, b, c = mesh.faces.T
     size = len(mesh.vertices)
@@ -136,7 +136,7 @@ def part_labels(mesh: Mesh) -> np.ndarray:
     return np.unique(connected_components(graph, directed=False)[1][a], return_inverse=True)[1]
 
 
-def _welded(mesh: Mesh) -> Mesh:
+def _weld(mesh: Mesh) -> Mesh:
     vertices, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces = index.reshape(-1)[mesh.faces]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
@@ -146,7 +146,7 @@ def _welded(mesh: Mesh) -> Mesh:
     return Mesh(vertices, faces[np.sort(first)])
 
 
-def _trimmed_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
+def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
     """Drop faces with a corner outside the masks of at least two photos: the object lies inside all of them."""
     import cv2
 
@@ -163,33 +163,33 @@ def _trimmed_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
     keep = (outside[mesh.faces] < 2).all(1)
     if not keep.any():
         raise StepError("the mesh lies outside the masks: mesh and cameras do not belong together, or the masks are of another object")
-    return _with_faces(mesh, mesh.faces[keep])
+    return _keep_faces(mesh, mesh.faces[keep])
 
 
-def _seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
+def _find_seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
     renderer = MeshRenderer(mesh)
-    seen = [hits.face[hits.mask] for hits in (renderer.cast_rays(_small_camera(view)) for view in views)]
+    seen = [hits.face[hits.mask] for hits in (renderer.cast_rays(_shrink_camera(view)) for view in views)]
     return np.unique(np.concatenate(seen))
 
 
-def _facing_cameras(mesh: Mesh, views: list[View]) -> Mesh:
+def _turn_towards_cameras(mesh: Mesh, views: list[View]) -> Mesh:
     """Turn all faces over when most of what the cameras see is the surface's back."""
     renderer = MeshRenderer(mesh)
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     balance = 0
     for view in views:
-        hits = renderer.cast_rays(_small_camera(view))
+        hits = renderer.cast_rays(_shrink_camera(view))
         face = hits.face[hits.mask]
         balance += np.sign(np.einsum("ij,ij->i", normals[face], view.camera.centre_in_world - corners[face, 0])).sum()
     return mesh if balance >= 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
 
 
-def _small_camera(view: View):
+def _shrink_camera(view: View):
     scale = min(1.0, RENDER_PX / max(view.camera.width_px, view.camera.height_px))
     return view.camera.resized(max(1, round(view.camera.width_px * scale)), max(1, round(view.camera.height_px * scale)))
 
 
-def _with_faces(mesh: Mesh, faces: np.ndarray) -> Mesh:
+def _keep_faces(mesh: Mesh, faces: np.ndarray) -> Mesh:
     used, index = np.unique(faces, return_inverse=True)
     return Mesh(mesh.vertices[used], index.reshape(faces.shape))

@@ -48,14 +48,14 @@ def run(args: argparse.Namespace) -> None:
     if mesh.uv is None:
         raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
     views, _ = read_views(args.cameras)
-    texture, figures = bake(mesh, views, args.texture_size)
+    texture, figures = bake_texture(mesh, views, args.texture_size)
     write_image(args.out, texture)
     figures |= {"parameters": {"texture_size": args.texture_size}, "seconds": round(time.monotonic() - start_s, 2)}
     write_json(args.out.with_suffix(".json"), figures)
     print(f"texture: {figures['seen_share']:.1%} of the surface seen, {figures['seconds']} s", file=sys.stderr)
 
 
-def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
+def bake_texture(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
     """Bake a (size, size, 3) uint8 texture for an unwrapped `mesh` in the frame of the views' cameras; see the module's text."""
     joined, index = weld(mesh)
     extent = float(np.linalg.norm(np.ptp(joined.vertices, axis=0)))
@@ -75,9 +75,9 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
     )
 
     quality = rate_vertex_views(joined, maps, extent)
-    images, gains = _equalised(images, quality, joined, maps)
-    broad, corrections = _broad_colors(images, quality, joined, maps, neighbours)
-    choice = _choice(quality, neighbours)
+    images, gains = _equalize_exposure(images, quality, joined, maps)
+    broad, corrections = _average_colors(images, quality, joined, maps, neighbours)
+    choice = _choose_photos(quality, neighbours)
     color, weight = np.zeros((count, 3), np.float32), np.zeros(count, np.float32)
     points = at_texels @ joined.vertices
     for threshold, needed in ((0.02, None), (0.0, 0.05)):  # the second round is for texels that the chosen photos miss
@@ -101,13 +101,15 @@ def bake(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
     return fill_gutters(texture, texels), figures
 
 
-def _equalised(images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps]) -> tuple[list[np.ndarray], np.ndarray]:
+def _equalize_exposure(
+    images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps]
+) -> tuple[list[np.ndarray], np.ndarray]:
     """The images without differences of exposure, and the factor of each."""
-    factors = exposure.estimate_gains(_vertex_colors(images, mesh, maps).mean(2), quality, quality > 0.05)
+    factors = exposure.estimate_gains(_sample_vertex_colors(images, mesh, maps).mean(2), quality, quality > 0.05)
     return [image * factor for image, factor in zip(images, factors, strict=True)], factors
 
 
-def _broad_colors(
+def _average_colors(
     images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps], neighbours
 ) -> tuple[np.ndarray, np.ndarray]:
     """The colour that all photos agree on at each vertex, and what each photo lacks to it.
@@ -116,7 +118,7 @@ def _broad_colors(
         broad: (V, 3) robust mean over photos, filled where no photo sees the vertex.
         corrections: (V, K, 3) smooth difference of the mean and photo k's own colour.
     """
-    colors = _vertex_colors(images, mesh, maps)
+    colors = _sample_vertex_colors(images, mesh, maps)
     weights = quality.copy()
     for _ in range(4):
         mean = np.einsum("vk,vkc->vc", weights, colors) / np.maximum(weights.sum(1), 1e-12)[:, None]
@@ -129,12 +131,12 @@ def _broad_colors(
     return broad, corrections
 
 
-def _vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:
+def _sample_vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:
     blurred = (cv2.GaussianBlur(image, (0, 0), 1.5) for image in images)
     return np.stack([sample_image(image, view.camera.project(mesh.vertices)[0]) for image, view in zip(blurred, maps, strict=True)], 1)
 
 
-def _choice(quality: np.ndarray, neighbours) -> np.ndarray:
+def _choose_photos(quality: np.ndarray, neighbours) -> np.ndarray:
     """(V, K) share of each photo in a vertex's detail: a sharp but smooth vote for the best one."""
     calm = smooth(quality, neighbours, QUALITY_SMOOTHING)
     share = (calm / np.maximum(calm.max(1, keepdims=True), 1e-12)) ** SELECT_POWER

@@ -1,4 +1,4 @@
-"""Unwrap the surface into a texture atlas: cut_into_charts it into charts, pack them with xatlas; vertices are split where a seam runs."""
+"""Unwrap the surface into a texture atlas: cut it into charts, pack them with xatlas; vertices are split where a seam runs."""
 
 import argparse
 import sys
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh, charts = unwrap_mesh(read_ply(args.mesh), args.texture_size)
     write_ply(args.out, mesh)
-    figures = {"charts": charts, "vertices": len(mesh.vertices), "atlas_use": round(atlas_use(mesh), 4)}
+    figures = {"charts": charts, "vertices": len(mesh.vertices), "atlas_use": round(measure_atlas_use(mesh), 4)}
     figures |= {"parameters": {"texture_size": args.texture_size}, "seconds": round(time.monotonic() - start_s, 2)}
     write_json(args.out.with_suffix(".json"), figures)
     print(f"unwrap: {charts} charts, {figures['atlas_use']:.0%} of the texture used, {figures['seconds']} s", file=sys.stderr)
@@ -55,15 +55,17 @@ def unwrap_mesh(mesh: Mesh, texture_size: int) -> tuple[Mesh, int]:
     faces, place = split.reshape(-1, 3), keys % len(mesh.vertices)
     uv = np.zeros((len(keys), 2))
     uv[faces.reshape(-1)] = flat.reshape(-1, 2)
-    atlas = _packed(uv, faces, chart, texture_size)
+    atlas = _pack_charts(uv, faces, chart, texture_size)
     source, packed_faces, packed_uv = atlas.get_mesh(0)
     longest = max(atlas.width, atlas.height)  # xatlas scales each axis to [0, 1]; keep texels square
     packed_uv = packed_uv.astype(float) * np.array([atlas.width, atlas.height]) / longest
-    faces, place, packed_uv = _without_stretched(packed_faces.astype(np.int64), place[source], packed_uv, flat)
+    faces, place, packed_uv = _collapse_stretched(packed_faces.astype(np.int64), place[source], packed_uv, flat)
     return Mesh(mesh.vertices[place], faces, mesh.normals[place], packed_uv), int(chart.max()) + 1
 
 
-def _without_stretched(faces: np.ndarray, place: np.ndarray, uv: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _collapse_stretched(
+    faces: np.ndarray, place: np.ndarray, uv: np.ndarray, flat: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shrink faces to a point of the atlas that packing did not move as a whole: xatlas leaves faces without area where they were.
 
     Such a face would run across other charts; it is a line in its own, so one colour is enough for it.
@@ -83,7 +85,7 @@ def _without_stretched(faces: np.ndarray, place: np.ndarray, uv: np.ndarray, fla
     return index.reshape(faces.shape), place[used], uv[used]
 
 
-def _packed(uv: np.ndarray, faces: np.ndarray, chart: np.ndarray, texture_size: int) -> xatlas.Atlas:
+def _pack_charts(uv: np.ndarray, faces: np.ndarray, chart: np.ndarray, texture_size: int) -> xatlas.Atlas:
     """Pack charts so that the longer side of the atlas comes out close to `texture_size` texels, which keeps the padding as asked."""
     a, b, c = (uv[faces[:, corner]] for corner in range(3))
     area = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() / 2
@@ -105,7 +107,7 @@ def _packed(uv: np.ndarray, faces: np.ndarray, chart: np.ndarray, texture_size: 
     return atlas
 
 
-def atlas_use(mesh: Mesh) -> float:
+def measure_atlas_use(mesh: Mesh) -> float:
     """Share of the texture that triangles cover."""
     a, b, c = (mesh.uv[mesh.faces[:, corner]] for corner in range(3))
     return float(np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() / 2)

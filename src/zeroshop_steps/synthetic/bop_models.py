@@ -34,11 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    models = args.models if args.models is not None else hosted_models(args.dataset, args.resources)
-    take_model(models, args.dataset, args.object, args.out)
+    models = args.models if args.models is not None else download_models(args.dataset, args.resources)
+    copy_model(models, args.dataset, args.object, args.out)
 
 
-def hosted_models(dataset: str, resources: Path) -> Path:
+def download_models(dataset: str, resources: Path) -> Path:
     """The folder of a hosted dataset's models under `resources`, downloaded and unpacked at first use."""
     if dataset not in HOSTED_MODELS:
         known = ", ".join(sorted(HOSTED_MODELS))
@@ -54,7 +54,7 @@ def hosted_models(dataset: str, resources: Path) -> Path:
     return folder
 
 
-def take_model(models: Path, dataset: str, name: str, out: Path) -> None:
+def copy_model(models: Path, dataset: str, name: str, out: Path) -> None:
     """Check one object of a BOP models folder and write model.ply, its texture and model_info.json into the folder `out`.
 
     Raises:
@@ -75,7 +75,7 @@ def take_model(models: Path, dataset: str, name: str, out: Path) -> None:
         raise StepError(f"model {path} has no texture (texture_u, texture_v and a TextureFile comment are needed); take a textured model")
     if mesh.normals is None:
         mesh = mesh.with_normals()
-    info = model_info(path, mesh, dataset, models)
+    info = make_model_info(path, mesh, dataset, models)
     texture = path.parent / read_texture_name(path)
     with atomic_directory(out) as folder:
         target = folder / f"model{texture.suffix.lower()}"
@@ -84,7 +84,7 @@ def take_model(models: Path, dataset: str, name: str, out: Path) -> None:
         write_json(folder / "model_info.json", info)
 
 
-def model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
+def make_model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
     """This object's entry of models_info.json, completed and checked against the mesh.
 
     Returns:

@@ -26,7 +26,7 @@ def write_webp(path: Path, image: np.ndarray, quality: int = 82) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def camera_on(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = (1.0, -0.55, 0.45)) -> Camera:
+def place_camera(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = (1.0, -0.55, 0.45)) -> Camera:
     """A square camera that sees the whole mesh from a direction in its own frame, z up."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9)
@@ -41,17 +41,17 @@ def camera_on(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = 
     return Camera("view", size_px, size_px, intrinsics, camera_from_world)
 
 
-def thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | None:
+def render_thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | None:
     """(320, 320, 4) uint8 RGBA: the first finished mesh, else the true model; None where there is neither."""
-    mesh = _first_whole([cell.folder / "mesh.ply" for run in runs for cell in run.cells if cell.state == "done"])
+    mesh = _read_first_whole([cell.folder / "mesh.ply" for run in runs for cell in run.cells if cell.state == "done"])
     mesh = mesh or (truth.mesh if truth else None)
     if mesh is None:
         return None
-    color, coverage = MeshRenderer(mesh).render_cut_out(camera_on(mesh, THUMBNAIL_PX), 3)
+    color, coverage = MeshRenderer(mesh).render_cut_out(place_camera(mesh, THUMBNAIL_PX), 3)
     return np.dstack([color, coverage])
 
 
-def _first_whole(paths: list[Path]) -> Mesh | None:
+def _read_first_whole(paths: list[Path]) -> Mesh | None:
     for path in paths:
         try:
             return read_ply(path)
@@ -60,7 +60,7 @@ def _first_whole(paths: list[Path]) -> Mesh | None:
     return None
 
 
-def fitted(image: np.ndarray, width_px: int) -> np.ndarray:
+def fit_width(image: np.ndarray, width_px: int) -> np.ndarray:
     """`image` at a width of `width_px` at most."""
     if image.shape[1] <= width_px:
         return image

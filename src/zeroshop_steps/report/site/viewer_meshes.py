@@ -10,7 +10,7 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.report.site.mesh_reduction import ReducedMesh, reduce_mesh
 from zeroshop_steps.report.site.results_index import Cell, Run
-from zeroshop_steps.report.site.viewer_data import encode_array, quantize_distances, encode_mesh, encode_scene, write_data
+from zeroshop_steps.report.site.viewer_data import encode_array, encode_mesh, encode_scene, quantize_distances, write_data
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
@@ -19,7 +19,7 @@ LIMIT_DIAMETERS = 0.02
 """End of the colour scale of distances: twice the F-score's threshold."""
 
 
-class Truth:
+class TrueModel:
     """The true model of an object; written once, seen from every run."""
 
     def __init__(self, folder: Path, max_faces: int, texture_px: int) -> None:
@@ -33,18 +33,18 @@ class Truth:
         return LIMIT_DIAMETERS * self.diameter_mm
 
 
-def read_truth(folder: Path, max_faces: int, texture_px: int) -> Truth | None:
+def read_true_model(folder: Path, max_faces: int, texture_px: int) -> TrueModel | None:
     """The true model in `folder`; None where there is none, as for photos, or where it is damaged, which is said."""
     if not (folder / "model.ply").is_file():
         return None
     try:
-        return Truth(folder, max_faces, texture_px)
+        return TrueModel(folder, max_faces, texture_px)
     except (StepError, KeyError, ValueError) as error:
         warn(f"the true model in {folder} is left out: {error}")
         return None
 
 
-def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int, texture_px: int) -> dict:
+def write_meshes(runs: list[Run], truth: TrueModel | None, out: Path, max_faces: int, texture_px: int) -> dict:
     """Write the meshes of every finished cell, the truth, and each run's cameras; return what the viewer needs to know of them."""
     manifest: dict = {"diameter_mm": truth.diameter_mm if truth else None, "runs": []}
     if truth:
@@ -53,7 +53,7 @@ def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int
         panes, frames, entry = [], {}, {"key": run.key, "scene": run.scene, "registration": run.registration}
         for cell in (cell for cell in run.cells if cell.state != "failed" and (cell.folder / "mesh.ply").is_file()):
             try:
-                frames[cell.key] = object_frame(cell)
+                frames[cell.key] = read_object_frame(cell)
                 panes.append(_write_cell(cell, run, truth, out, max_faces, texture_px))
             except StepError as error:
                 warn(f"{cell.key} is left out of the viewer: {error}")
@@ -64,7 +64,7 @@ def write_solids(runs: list[Run], truth: Truth | None, out: Path, max_faces: int
     return manifest
 
 
-def object_frame(cell: Cell) -> np.ndarray:
+def read_object_frame(cell: Cell) -> np.ndarray:
     """(4, 4) object_from_registration of a finished cell. Raises StepError where mesh.json does not say it."""
     try:
         return np.array(cell.facts["mesh"]["frame_facts"]["object_from_registration"], np.float64).reshape(4, 4)
@@ -72,11 +72,11 @@ def object_frame(cell: Cell) -> np.ndarray:
         raise StepError(f"{cell.folder / 'mesh.json'} has no frame; delete it and make the mesh again") from None
 
 
-def truth_from_object(cell: Cell, run: Run) -> np.ndarray:
+def compute_truth_from_object(cell: Cell, run: Run) -> np.ndarray:
     """(4, 4) similarity from the product's frame to the true one, by the cameras."""
     registered = read_sparse_model(run.folder / "cameras/sparse").cameras
     true_cameras = read_sparse_model(run.capture / "truth").cameras
-    return align_to_truth(pair_with_truth(registered, true_cameras)) @ np.linalg.inv(object_frame(cell))
+    return align_to_truth(pair_with_truth(registered, true_cameras)) @ np.linalg.inv(read_object_frame(cell))
 
 
 def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out: Path) -> str | None:
@@ -92,7 +92,7 @@ def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out
     return f"scene-{run.key}.js"
 
 
-def _write_cell(cell: Cell, run: Run, truth: Truth | None, out: Path, max_faces: int, texture_px: int) -> dict:
+def _write_cell(cell: Cell, run: Run, truth: TrueModel | None, out: Path, max_faces: int, texture_px: int) -> dict:
     mesh = read_ply(cell.folder / "mesh.ply")
     small = reduce_mesh(mesh, max_faces, texture_px)
     pane = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": f"mesh-{cell.key}.js", "faces": len(mesh.faces)}
@@ -100,23 +100,23 @@ def _write_cell(cell: Cell, run: Run, truth: Truth | None, out: Path, max_faces:
     if truth is None:
         write_data(out / pane["file"], encode_mesh(small))
         return pane
-    similarity = truth_from_object(cell, run)
-    away = measure_distances(truth.mesh, _moved(small.mesh, similarity).vertices)
-    away[_never_seen(small, mesh, cell.facts["mesh"].get("underside") or {})] = np.nan
+    similarity = compute_truth_from_object(cell, run)
+    away = measure_distances(truth.mesh, _transform_mesh(small.mesh, similarity).vertices)
+    away[_find_unseen(small, mesh, cell.facts["mesh"].get("underside") or {})] = np.nan
     content = encode_mesh(small, away, truth.limit_mm)
-    missing = measure_distances(_moved(mesh, similarity), truth.reduced.mesh.vertices)
-    missing[~_seen(truth, run)] = np.nan
+    missing = measure_distances(_transform_mesh(mesh, similarity), truth.reduced.mesh.vertices)
+    missing[~_find_seen(truth, run)] = np.nan
     content["truth_distances"] = encode_array(quantize_distances(missing, truth.limit_mm))
     write_data(out / pane["file"], content)
-    pane["object_from_truth"] = _rigid_inverse(similarity).round(6).tolist()
+    pane["object_from_truth"] = _invert_rigidly(similarity).round(6).tolist()
     return pane
 
 
-def _moved(mesh: Mesh, transform: np.ndarray) -> Mesh:
+def _transform_mesh(mesh: Mesh, transform: np.ndarray) -> Mesh:
     return replace(mesh, vertices=mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
 
 
-def _rigid_inverse(similarity: np.ndarray) -> np.ndarray:
+def _invert_rigidly(similarity: np.ndarray) -> np.ndarray:
     """The inverse without its scale: the true model stays as large as it is."""
     rotation = similarity[:3, :3] / np.cbrt(np.linalg.det(similarity[:3, :3]))
     inverse = np.eye(4)
@@ -124,8 +124,8 @@ def _rigid_inverse(similarity: np.ndarray) -> np.ndarray:
     return inverse
 
 
-def _never_seen(small: ReducedMesh, mesh: Mesh, underside: dict) -> np.ndarray:
-    """(V,) whether a reduce_mesh vertex lies on the underside that was closed without being seen: the mesh's last faces."""
+def _find_unseen(small: ReducedMesh, mesh: Mesh, underside: dict) -> np.ndarray:
+    """(V,) whether a reduced vertex lies on the underside that was closed without being seen: the mesh's last faces."""
     first = underside.get("first_face")
     if first is None or underside.get("seen", True):
         return np.zeros(len(small.mesh.vertices), bool)
@@ -133,8 +133,8 @@ def _never_seen(small: ReducedMesh, mesh: Mesh, underside: dict) -> np.ndarray:
     return answer["primitive_ids"].numpy().astype(np.int64) >= first
 
 
-def _seen(truth: Truth, run: Run) -> np.ndarray:
-    """(V,) whether at least two cameras see a vertex of the reduce_mesh true model."""
+def _find_seen(truth: TrueModel, run: Run) -> np.ndarray:
+    """(V,) whether at least two cameras see a vertex of the reduced true model."""
     cameras = list(read_sparse_model(run.capture / "truth").cameras)
     capture = read_json(run.capture / "capture.json")
     support = float(truth.mesh.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None

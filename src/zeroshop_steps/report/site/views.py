@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.report.site.pictures import fit_width, write_webp
 from zeroshop_steps.report.site.results_index import Cell, Run
-from zeroshop_steps.report.site.viewer_meshes import read_object_frame, compute_truth_from_object
+from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, read_object_frame
 from zeroshop_steps.runtime.errors import StepError
 
 TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
@@ -43,16 +43,16 @@ def write_sheets(run: Run, folder: Path) -> dict[str, str]:
         plain.append(tile)
         mask = next((mask for base in (source, run.capture) if (mask := base / "masks" / f"{path.stem}.png").is_file()), None)
         if mask is not None:
-            masked.append(dimmed(tile, read_mask(mask)))
-    write_webp(folder / f"photos-{run.key}.webp", sheet(plain), 78)
+            masked.append(dim_background(tile, read_mask(mask)))
+    write_webp(folder / f"photos-{run.key}.webp", make_contact_sheet(plain), 78)
     names = {"photos": f"photos-{run.key}.webp"}
     if masked:
-        write_webp(folder / f"masks-{run.key}.webp", sheet(masked), 78)
+        write_webp(folder / f"masks-{run.key}.webp", make_contact_sheet(masked), 78)
         names["masks"] = f"masks-{run.key}.webp"
     return names
 
 
-def dimmed(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def dim_background(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """A photo with its background faded and the mask's border drawn."""
     small = cv2.resize(mask.astype(np.uint8), (tile.shape[1], tile.shape[0]), interpolation=cv2.INTER_AREA)
     faded = np.where(small[..., None] > 0, tile, (tile * 0.25 + 170).astype(np.uint8))
@@ -61,7 +61,7 @@ def dimmed(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return faded
 
 
-def sheet(tiles: list[np.ndarray]) -> np.ndarray:
+def make_contact_sheet(tiles: list[np.ndarray]) -> np.ndarray:
     """Tiles of one width in rows of five, white between them."""
     height = max(tile.shape[0] for tile in tiles)
     rows = -(-len(tiles) // SHEET_COLUMNS)
@@ -83,12 +83,12 @@ def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
         return {}
     renderer, frame = MeshRenderer(mesh), read_object_frame(cell)
     names = {"shape": f"shape-{cell.key}.webp", "compared": f"compared-{cell.key}.webp"}
-    write_webp(folder / names["shape"], shape_strip(renderer, views[0], frame))
+    write_webp(folder / names["shape"], draw_shape_strip(renderer, views[0], frame))
     if (run.capture / "held_out/truth").is_dir():
         held_out, _ = read_views(run.capture / "held_out", sparse="truth")
-        strips = [compared_strip(renderer, view, np.linalg.inv(compute_truth_from_object(cell, run))) for view in held_out[:2]]
+        strips = [draw_comparison_strip(renderer, view, np.linalg.inv(compute_truth_from_object(cell, run))) for view in held_out[:2]]
     else:
-        strips = [compared_strip(renderer, view, frame) for view in (views[0], views[len(views) // 2])]
+        strips = [draw_comparison_strip(renderer, view, frame) for view in (views[0], views[len(views) // 2])]
     write_webp(folder / names["compared"], np.concatenate(strips))
     if mesh.texture is not None:
         names["atlas"] = f"atlas-{cell.key}.webp"
@@ -96,9 +96,9 @@ def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
     return names
 
 
-def shape_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
+def draw_shape_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
     """A photo, the mesh's depth there (near is bright) and its normals (as colours: right, up, towards the camera)."""
-    camera, photo, _ = tile_of(view, frame)
+    camera, photo, _ = cut_tile(view, frame)
     hits = renderer.cast_rays(camera)
     depth = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     normals = depth.copy()
@@ -113,16 +113,16 @@ def shape_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.nda
     return np.concatenate([photo, depth, normals], 1)
 
 
-def compared_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
+def draw_comparison_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
     """A photo cut out by its mask, the textured mesh from the same camera, and their difference, four times as strong."""
-    camera, photo, mask = tile_of(view, frame)
+    camera, photo, mask = cut_tile(view, frame)
     photo = np.where(mask[..., None], photo, 255)
     render = renderer.render_color(camera, (255, 255, 255), 2)
     difference = np.clip(255 - GAIN * np.abs(photo.astype(int) - render), 0, 255).astype(np.uint8)
     return np.concatenate([photo, render, difference], 1)
 
 
-def tile_of(view: View, frame: np.ndarray) -> tuple[Camera, np.ndarray, np.ndarray]:
+def cut_tile(view: View, frame: np.ndarray) -> tuple[Camera, np.ndarray, np.ndarray]:
     """A camera in the object's frame that sees a square around the object, its (300, 300, 3) photo and (300, 300) mask."""
     mask = view.mask()
     camera, left, top = crop_to_mask(transform_camera(view.camera, frame), mask)
