@@ -1,4 +1,16 @@
-"""Fetching one public file: retried, written whole or not at all, and always the same bytes as the first time."""
+"""Fetching one public file: retried, written whole or not at all, and always the same bytes as the first time.
+
+Pooch 1.9.0, tried instead, would replace the loop of `_download_once` alone, and does less for the user (800 MB from a local server):
+
+| | here | pooch.retrieve |
+|---|---|---|
+| seconds, of CPU | 1.0, 0.3 | 9.5, 3.5; with chunks of 1 MiB 2.4, 0.9 |
+| mode of the file | as the user's umask says | 0600: nobody else can read a shared resources/ |
+| certificates | the system's | its own list: a company's proxy is refused |
+| a file put there by hand with another checksum | refused, kept | downloaded again and overwritten |
+| a failed attempt | why it failed; 404 and the like end at once | no reason; 404 is tried again, too |
+| file: URLs, a lock between processes, room on the disk | yes | no |
+"""
 
 import contextlib
 import fcntl
@@ -17,9 +29,12 @@ from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.runtime.progress import ProgressReport
 
 TIMEOUT_S = 30.0
+"""Without a byte; hosts of weights answer within a few seconds."""
 ATTEMPTS = 3
 PAUSE_S = 3.0
 CHUNK_BYTES = 1 << 20
+FINAL_STATUSES = (400, 401, 403, 404, 410, 451)
+"""HTTP answers that stay the same when asked again: refused, or not there."""
 
 
 def download(
@@ -39,11 +54,11 @@ def download(
     Args:
         url: http, https or file URL.
         path: where the file belongs.
-        without: what a user without access to `url` can do besides, for the message of the error.
+        without: what a user without access to `url` can do instead, for the error message.
         attempts: how often to try.
         pause_s: pause after the first failed attempt; doubles each time.
         sha256: what the file must have, where that is known.
-        size_bytes: how much room it needs, for servers that do not say.
+        size_bytes: how much disk space it needs, for servers that do not say.
 
     Raises:
         StepError: the download failed, the disk has no room, or the bytes are not those expected or recorded.
@@ -56,7 +71,7 @@ def download(
                     _download_once(url, path, size_bytes)
                     break
                 except (OSError, http.client.HTTPException) as error:
-                    final = isinstance(error, urllib.error.HTTPError) and error.code in (400, 401, 403, 404, 410, 451)
+                    final = isinstance(error, urllib.error.HTTPError) and error.code in FINAL_STATUSES
                     if attempt < attempts and not final:
                         print(f"{url}: {error}; attempt {attempt} of {attempts}, trying again", file=sys.stderr)
                         time.sleep(pause_s * 2 ** (attempt - 1))
@@ -107,7 +122,7 @@ def _download_once(url: str, path: Path, size_bytes: int | None = None) -> None:
         announced = int(response.headers.get("Content-Length") or 0)
         needed = announced or size_bytes or 0
         if shutil.disk_usage(path.parent).free < needed:
-            raise StepError(f"{path} needs {needed / 1e6:.0f} MB, which {path.parent} has not free; make room")
+            raise StepError(f"{path} needs {needed / 1e6:.0f} MB, more than {path.parent} has free; make room")
         received = 0
         with atomic_write(path) as temporary, ProgressReport(f"download {path.name} (MB)", max(announced >> 20, 1)) as report:
             with open(temporary, "wb") as file:
@@ -120,7 +135,7 @@ def _download_once(url: str, path: Path, size_bytes: int | None = None) -> None:
 
 
 def _read(response: http.client.HTTPResponse) -> bytes:
-    """The next bytes. A connection that broke is no OSError here: those are faults of the disk to whoever writes the file."""
+    """The next bytes. A broken connection becomes an HTTPException, since `atomic_write` takes an OSError for a fault of the disk."""
     try:
         return response.read(CHUNK_BYTES)
     except OSError as error:
