@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from zeroshop_steps.capture.photos import take_photos
+from zeroshop_steps.capture.photos import import_photos
 from zeroshop_steps.geometry.images import read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -39,7 +39,7 @@ class Shoot:
         return (columns - x) ** 2 + (rows - y) ** 2 < 40**2
 
     def take(self, min_images: int = 8) -> None:
-        take_photos(self.images, self.masks, min_images, self.out)
+        import_photos(self.images, self.masks, min_images, self.out)
 
     def refused(self, **options) -> str:
         """The message of the error; nothing may be left behind, and the originals must be untouched."""
@@ -75,9 +75,9 @@ def test_too_few_images(tmp_path, count):
 
 def test_missing_folders(shoot):
     with pytest.raises(StepError, match="nowhere does not exist"):
-        take_photos(shoot.images.parent / "nowhere", shoot.masks, 8, shoot.out)
+        import_photos(shoot.images.parent / "nowhere", shoot.masks, 8, shoot.out)
     with pytest.raises(StepError, match="mask folder .*nowhere does not exist"):
-        take_photos(shoot.images, shoot.images.parent / "nowhere", 8, shoot.out)
+        import_photos(shoot.images, shoot.images.parent / "nowhere", 8, shoot.out)
 
 
 def test_all_problems_come_at_once(shoot):
@@ -136,12 +136,12 @@ def test_object_cut_off(shoot, capsys):
 
 def test_skull(shared_data, tmp_path):
     folder = shared_data / "dtu_scan65"
-    take_photos(folder / "images", folder / "masks", 8, tmp_path / "capture")
+    import_photos(folder / "images", folder / "masks", 8, tmp_path / "capture")
     assert read_json(tmp_path / "capture" / "capture.json")["images"] == 25
 
 
 def test_photos_without_masks(shoot):
-    take_photos(shoot.images, None, 8, shoot.out)
+    import_photos(shoot.images, None, 8, shoot.out)
     assert read_json(shoot.out / "capture.json")["images"] == 9
     assert not (shoot.out / "masks").exists()
     assert (shoot.out / "images" / "000003.jpg").read_bytes() == shoot.image(3).read_bytes()
@@ -154,7 +154,7 @@ def test_turned_photos_are_turned_upright_and_keep_their_focal_length(shoot):
             exif[0x0112] = 6  # stored lying, to be turned clockwise
             exif.get_ifd(0x8769)[0xA405] = 28  # focal length on a 35 mm film
             image.save(shoot.image(index), exif=exif)
-    take_photos(shoot.images, None, 8, shoot.out)
+    import_photos(shoot.images, None, 8, shoot.out)
     facts = read_json(shoot.out / "capture.json")
     assert (facts["width_px"], facts["height_px"]) == (HEIGHT, WIDTH)
     with Image.open(shoot.out / "images" / "000000.jpg") as image:
@@ -167,23 +167,23 @@ def test_portrait_and_landscape_mixed(shoot):
     with Image.open(shoot.image(4)) as image:
         image.transpose(Image.Transpose.ROTATE_90).save(shoot.image(4))
     with pytest.raises(StepError, match=r"different sizes.*IMG_0004.jpg \(120 x 160\)"):
-        take_photos(shoot.images, None, 8, shoot.out)
+        import_photos(shoot.images, None, 8, shoot.out)
 
 
 def test_heic_photos_are_refused(shoot):
     shoot.image(2).rename(shoot.images / "IMG_0002.HEIC")
     with pytest.raises(StepError, match="format that cannot be read: IMG_0002.HEIC; export them as JPEG"):
-        take_photos(shoot.images, None, 8, shoot.out)
+        import_photos(shoot.images, None, 8, shoot.out)
 
 
 def test_a_blurred_photo_is_told(shoot, capsys):
     write_image(shoot.image(5), cv2.GaussianBlur(cv2.imread(str(shoot.image(5))), (0, 0), 6))
-    take_photos(shoot.images, None, 8, shoot.out)
+    import_photos(shoot.images, None, 8, shoot.out)
     assert "blurred, much more than the others: IMG_0005.jpg" in capsys.readouterr().err
 
 
 def test_photos_that_are_all_blurred_are_told(shoot, capsys):
     for index in range(9):
         write_image(shoot.image(index), cv2.GaussianBlur(cv2.imread(str(shoot.image(index))), (0, 0), 3))
-    take_photos(shoot.images, None, 8, shoot.out)
+    import_photos(shoot.images, None, 8, shoot.out)
     assert "blurred throughout" in capsys.readouterr().err

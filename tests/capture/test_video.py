@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.capture.video import choose_frames, read_frames, take_frames, watch
+from zeroshop_steps.capture.video import choose_frames, extract_frames, read_frames, scan_video
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -41,7 +41,7 @@ def film(path: Path, offsets, blurred=(), light=1.0, smear_px=(25, 1)) -> Path:
 def test_frames_are_spread_over_the_way_not_over_time(tmp_path):
     """The camera rests for two thirds of the film."""
     way = np.concatenate([np.linspace(0, 900, 60), np.full(160, 900), np.linspace(900, 1800, 60)])
-    take_frames(film(tmp_path / "film.mp4", way), 12, 1920, tmp_path / "capture")
+    extract_frames(film(tmp_path / "film.mp4", way), 12, 1920, tmp_path / "capture")
     facts = read_json(tmp_path / "capture/capture.json")
     chosen = facts["source_frames"]
     assert chosen[0] == 0 and facts["images"] == 12 and chosen == sorted(set(chosen))
@@ -54,7 +54,7 @@ def test_frames_are_spread_over_the_way_not_over_time(tmp_path):
 
 def test_a_film_that_is_blurred_throughout_is_said(tmp_path):
     path = film(tmp_path / "film.mp4", np.linspace(0, 1800, 120), set(range(120)), smear_px=(9, 9))
-    take_frames(path, 10, 1920, tmp_path / "capture")
+    extract_frames(path, 10, 1920, tmp_path / "capture")
     facts = read_json(tmp_path / "capture/capture.json")
     assert any("blurred throughout" in warning for warning in facts["warnings"]) and min(facts["edge_blur_px"]) > 1.5
 
@@ -62,7 +62,7 @@ def test_a_film_that_is_blurred_throughout_is_said(tmp_path):
 def test_sharp_frames_are_preferred(tmp_path):
     way = np.linspace(0, 1800, 120)
     blurred = set(range(1, 120)) - set(range(0, 120, 5))
-    found = watch(film(tmp_path / "film.mp4", way, blurred))
+    found = scan_video(film(tmp_path / "film.mp4", way, blurred))
     chosen = choose_frames(found, 10)
     assert len(chosen) == 10 and not set(chosen) & blurred
 
@@ -70,7 +70,7 @@ def test_sharp_frames_are_preferred(tmp_path):
 def test_the_same_film_gives_the_same_bytes(tmp_path):
     path = film(tmp_path / "film.mp4", np.linspace(0, 900, 40))
     for name in ("one", "two"):
-        take_frames(path, 8, 1920, tmp_path / name)
+        extract_frames(path, 8, 1920, tmp_path / name)
     facts = [read_json(tmp_path / name / "capture.json") | {"seconds": 0} for name in ("one", "two")]
     assert facts[0] == facts[1]
     pictures = [one for one in sorted((tmp_path / "one").rglob("*.*")) if one.name != "capture.json"]
@@ -80,19 +80,19 @@ def test_the_same_film_gives_the_same_bytes(tmp_path):
 
 
 def test_large_frames_are_scaled_down(tmp_path):
-    take_frames(film(tmp_path / "film.avi", np.linspace(0, 900, 40)), 8, 160, tmp_path / "capture")
+    extract_frames(film(tmp_path / "film.avi", np.linspace(0, 900, 40)), 8, 160, tmp_path / "capture")
     assert read_image(tmp_path / "capture/images/000000.png").shape == (120, 160, 3)
 
 
 def test_a_film_of_one_place_is_refused(tmp_path):
     with pytest.raises(StepError, match="only 1 different views, 8 are needed"):
-        take_frames(film(tmp_path / "film.mp4", np.zeros(40)), 20, 1920, tmp_path / "capture")
+        extract_frames(film(tmp_path / "film.mp4", np.zeros(40)), 20, 1920, tmp_path / "capture")
     assert not (tmp_path / "capture").exists()
 
 
 def test_one_frame_is_refused(tmp_path):
     with pytest.raises(StepError, match="a single frame"):
-        watch(film(tmp_path / "film.mp4", [0]))
+        scan_video(film(tmp_path / "film.mp4", [0]))
 
 
 def test_no_video_at_all(tmp_path):
@@ -103,9 +103,9 @@ def test_no_video_at_all(tmp_path):
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(StepError, match=message):
-            watch(tmp_path / name)
+            scan_video(tmp_path / name)
     with pytest.raises(StepError, match="does not exist"):
-        watch(tmp_path / "nowhere.mp4")
+        scan_video(tmp_path / "nowhere.mp4")
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".avi"])
@@ -114,19 +114,19 @@ def test_a_film_cut_off_in_the_middle_is_refused(tmp_path, suffix):
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(StepError, match="cut off|cannot be read as a video"):
-        watch(path)
+        scan_video(path)
 
 
 def test_dark_and_fast_films_are_told(tmp_path):
-    take_frames(film(tmp_path / "dark.mp4", np.linspace(0, 900, 40), light=0.2), 8, 1920, tmp_path / "dark")
+    extract_frames(film(tmp_path / "dark.mp4", np.linspace(0, 900, 40), light=0.2), 8, 1920, tmp_path / "dark")
     assert any("dark" in line for line in read_json(tmp_path / "dark/capture.json")["warnings"])
-    take_frames(film(tmp_path / "fast.mp4", np.linspace(0, 1900, 13)), 8, 1920, tmp_path / "fast")
+    extract_frames(film(tmp_path / "fast.mp4", np.linspace(0, 1900, 13)), 8, 1920, tmp_path / "fast")
     assert any("too fast" in line for line in read_json(tmp_path / "fast/capture.json")["warnings"])
 
 
 @pytest.mark.parametrize("suffix", [".mov", ".mkv", ".avi"])
 def test_other_containers_are_read(tmp_path, suffix):
-    found = watch(film(tmp_path / f"film{suffix}", np.linspace(0, 900, 20)))
+    found = scan_video(film(tmp_path / f"film{suffix}", np.linspace(0, 900, 20)))
     assert len(found.changes) == 20
 
 
@@ -142,7 +142,7 @@ def test_a_phone_held_upright_is_turned_as_the_file_says(tmp_path):
     upright = next(read_frames(path))
     assert upright.shape == (WIDTH, HEIGHT, 3)
     np.testing.assert_array_equal(upright, np.rot90(lying, -1))
-    take_frames(path, 8, 1920, tmp_path / "capture")
+    extract_frames(path, 8, 1920, tmp_path / "capture")
     facts = read_json(tmp_path / "capture/capture.json")
     assert (facts["width_px"], facts["height_px"]) == (HEIGHT, WIDTH)
 
@@ -151,5 +151,5 @@ def test_a_film_whose_end_is_damaged_is_said(tmp_path, capsys):
     path = film(tmp_path / "film.mkv", np.linspace(0, 900, 60))
     whole = path.read_bytes()
     path.write_bytes(whole[: int(len(whole) * 0.96)])
-    found = watch(path)
+    found = scan_video(path)
     assert 50 < len(found.changes) < 60 and "of its 60 frames can be read" in capsys.readouterr().err

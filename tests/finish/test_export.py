@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
 from zeroshop_steps.height.object_pose import measure_above_plane
-from zeroshop_steps.height.record import Scale, height_record
+from zeroshop_steps.height.record import Scale, describe_height
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.open3d_loader import o3d
@@ -30,7 +30,7 @@ def product(carton, tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_image(folder / "texture.png", carton.mesh.texture)
     object_pose = measure_above_plane(carton.mesh, views, None)
     scale = Scale("known_height", 0.18 / object_pose.extent, 0.001, {})  # twice its size
-    write_json(folder / "frame.json", compute_object_frame(carton.mesh, views, height_record(object_pose, scale)) | {"seconds": 1.5})
+    write_json(folder / "frame.json", compute_object_frame(carton.mesh, views, describe_height(object_pose, scale)) | {"seconds": 1.5})
     write_json(folder / "clean.json", {"seconds": 2.0, "parameters": {"smooth": 5}})
     write_json(folder / "registration.json", {"seconds": {"total": 30.25}})
     export.run(

@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
 from zeroshop_steps.height.object_pose import measure_above_plane
-from zeroshop_steps.height.record import Scale, height_record
+from zeroshop_steps.height.record import Scale, describe_height
 from zeroshop_steps.runtime.files import read_json, write_json
 
 HEIGHT_M = SIZE_MM[2] / 1000
@@ -41,7 +41,7 @@ def frame_of(mesh: Mesh, views: list[View], points: np.ndarray, height_m: float 
 def frame_on(mesh: Mesh, views: list[View], plane: SupportPlane | None, height_m: float | None = HEIGHT_M) -> dict:
     object_pose = measure_above_plane(mesh, views, plane)
     scale = Scale("known_height", height_m / object_pose.extent, 0.001, {}) if height_m else None
-    return compute_object_frame(mesh, views, height_record(object_pose, scale))
+    return compute_object_frame(mesh, views, describe_height(object_pose, scale))
 
 
 def test_the_frame_of_a_box_on_a_table(scene):
@@ -166,7 +166,7 @@ def test_a_spike_on_top_does_not_change_the_scale(scene):
 def test_an_unknown_scale_is_kept_as_it_is(carton, scene, tmp_path):
     mesh, views, _ = scene
     write_ply(tmp_path / "underside.ply", Mesh(mesh.vertices, mesh.faces))
-    write_json(tmp_path / "height.json", height_record(measure_above_plane(mesh, views, None), None))
+    write_json(tmp_path / "height.json", describe_height(measure_above_plane(mesh, views, None), None))
     files = {"mesh": tmp_path / "underside.ply", "height": tmp_path / "height.json", "out": tmp_path / "frame.json"}
     frame_method.run(argparse.Namespace(**files, cameras=carton.cameras, capture=tmp_path))
     frame = read_json(tmp_path / "frame.json")

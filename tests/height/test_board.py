@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.printed_board import BOARDS, MM_PER_INCH, Board, draw_board, draw_sheet
 from zeroshop_steps.height.board_fit import fit_board
-from zeroshop_steps.height.board_photos import BoardView, board_in, check_views, corners_in, view_of
+from zeroshop_steps.height.board_photos import BoardView, check_board_views, detect_board, detect_corners, identify_board
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.camera_rings import look_at
@@ -31,12 +31,12 @@ def test_the_sheet_shows_the_board_at_its_size(board):
     canvas.draw()
     page = np.asarray(canvas.buffer_rgba())[:, :, :3]
     assert page.shape[:2] == pytest.approx((board.paper_mm[1] * 8, board.paper_mm[0] * 8), abs=2)
-    numbers, pixels = corners_in(np.ascontiguousarray(page), board)
+    numbers, pixels = detect_corners(np.ascontiguousarray(page), board)
     assert len(numbers) == (board.columns - 1) * (board.rows - 1)
     offset = pixels / 8 - board.corners_mm()[numbers, :2]
     assert np.abs(offset - offset.mean(0)).max() < 0.1
     assert offset.mean(0)[0] == pytest.approx((board.paper_mm[0] - board.size_mm[0]) / 2, abs=0.1), "in the middle of the paper"
-    assert board_in(page) == board.name
+    assert identify_board(page) == board.name
 
 
 def test_the_pdf_is_a_vector_drawing_of_exact_size(tmp_path):
@@ -110,7 +110,7 @@ def views_of(poses: list[np.ndarray], scale: float = 1.0, turn: np.ndarray | Non
         moved = pose.copy()
         moved[:3, :3] = pose[:3, :3] @ turn.T
         moved[:3, 3] *= scale
-        found.append(view_of(f"{number}", photo(pose, **how), A4, to_rays, moved, FOCAL_PX))
+        found.append(detect_board(f"{number}", photo(pose, **how), A4, to_rays, moved, FOCAL_PX))
     return [view for view in found if view]
 
 
@@ -187,24 +187,24 @@ def test_views_from_one_place_are_refused(six_views):
 def test_photos_of_nothing_of_another_board_of_too_little_of_it_are_refused(six_views):
     blank = np.full((480, 640, 3), 90, np.uint8)
     with pytest.raises(StepError, match="the 1 photos show no board a4.*too small"):
-        check_views([], A4, [blank], "the 1 photos")
+        check_board_views([], A4, [blank], "the 1 photos")
     with pytest.raises(StepError, match="show the board a3, not a4"):
-        check_views([], A4, [photo(cameras(1, distance_mm=700.0)[0], BOARDS["a3"])], "the 1 photos")
+        check_board_views([], A4, [photo(cameras(1, distance_mm=700.0)[0], BOARDS["a3"])], "the 1 photos")
     few = [replace(view, numbers=view.numbers[:5], rays=view.rays[:5]) for view in six_views]
     with pytest.raises(StepError, match="cut off or hidden"):
-        check_views(few, A4, [], "the 6 photos")
+        check_board_views(few, A4, [], "the 6 photos")
     with pytest.raises(StepError, match="cut off or hidden: 1 of"):
-        check_views(six_views[:1], A4, [], "the 6 photos")
+        check_board_views(six_views[:1], A4, [], "the 6 photos")
     with pytest.raises(StepError, match="too small"):
-        check_views([replace(view, square_px=7.0) for view in six_views], A4, [], "the 6 photos")
+        check_board_views([replace(view, square_px=7.0) for view in six_views], A4, [], "the 6 photos")
 
 
 def test_a_board_far_away_is_not_read():
-    assert corners_in(photo(cameras(1, distance_mm=4000.0)[0]), A4)[0].size == 0
+    assert detect_corners(photo(cameras(1, distance_mm=4000.0)[0]), A4)[0].size == 0
 
 
 def test_half_a_board_is_read():
     image = photo(cameras(1)[0])
     image[:, :320] = 128
-    numbers, _ = corners_in(image, A4)
+    numbers, _ = detect_corners(image, A4)
     assert 8 <= len(numbers) < 40

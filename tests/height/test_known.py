@@ -6,7 +6,7 @@ import yaml
 
 from helpers.paths import REPOSITORY
 from zeroshop_steps.geometry.meshes import write_ply
-from zeroshop_steps.height.record import HEIGHT_RANGE_M, known_height_m
+from zeroshop_steps.height.record import HEIGHT_RANGE_M, read_known_height_m
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
@@ -57,13 +57,13 @@ def test_a_known_height_that_is_missing_is_an_error(height, capsys):
 def test_absurd_heights_are_refused(tmp_path, absurd):
     write_json(tmp_path / "capture.json", {"known_height_m": absurd})
     with pytest.raises(StepError, match="capture.json: known_height_m is"):
-        known_height_m(tmp_path / "capture.json")
+        read_known_height_m(tmp_path / "capture.json")
 
 
 @pytest.mark.parametrize("height_m", [-0.1, 0.0, 190.0, 3.5, float("nan"), float("inf")])
 def test_absurd_heights_of_the_user_are_refused(tmp_path, height_m):
     with pytest.raises(StepError) as error:
-        known_height_m(tmp_path / "capture.json", height_m)
+        read_known_height_m(tmp_path / "capture.json", height_m)
     assert f"height {height_m:g} m is out of range" in str(error.value) and "0.005 to 3" in str(error.value)
 
 
@@ -74,5 +74,5 @@ def test_both_bounds_of_a_given_height_are_those_of_the_table():
 
 def test_the_height_that_the_user_gives_goes_before_that_of_the_capture(tmp_path):
     write_json(tmp_path / "capture.json", {"known_height_m": 0.2})
-    assert known_height_m(tmp_path / "capture.json") == 0.2
-    assert known_height_m(tmp_path / "capture.json", 0.1) == 0.1
+    assert read_known_height_m(tmp_path / "capture.json") == 0.2
+    assert read_known_height_m(tmp_path / "capture.json", 0.1) == 0.1

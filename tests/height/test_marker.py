@@ -9,7 +9,7 @@ import pytest
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import list_images, read_image, write_image
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.height.scene_photos import place
+from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
@@ -113,7 +113,7 @@ def test_photos_of_the_empty_scene_are_placed_where_they_were_taken(apart):
     cameras, empty = apart
     views, _ = read_views(cameras)
     true = {camera.name: camera for camera in read_sparse_model(empty / "truth").cameras}
-    placed = place(empty / "images", views, SiftOptions())
+    placed = localize_photos(empty / "images", views, SiftOptions())
     assert len(placed) >= 5
     for photo in placed:
         centre = -photo.camera_from_world[:3, :3].T @ photo.camera_from_world[:3, 3]

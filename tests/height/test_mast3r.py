@@ -11,8 +11,8 @@ from helpers.made_pairs import MadePairs, Noise
 from helpers.made_scene import SIZE_MM, made_scene
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.height.mast3r import object_views, scale_of
-from zeroshop_steps.networks.mast3r.alignment import align
+from zeroshop_steps.height.mast3r import choose_object_views, measure_scale
+from zeroshop_steps.networks.mast3r.alignment import align_images
 from zeroshop_steps.runtime.errors import StepError
 
 UNITS_A_MM = 0.0137
@@ -79,7 +79,7 @@ def made(scenes, noise, width_px):
 
 def test_the_true_height_comes_back(scenes, registered):
     noise, limit = Noise(feature=0.03, point=0.01, scale=0.02), 0.02
-    scale = scale_of(registered, [Path("empty") / f"{number}.png" for number in range(4)], made(scenes, noise, 128))
+    scale = measure_scale(registered, [Path("empty") / f"{number}.png" for number in range(4)], made(scenes, noise, 128))
     height_m = SIZE_MM[2] * UNITS_A_MM * scale.metres_per_unit
     assert abs(height_m / (SIZE_MM[2] * 1e-3) - 1.0) < limit
     assert 0.08 <= scale.deviation < 0.1
@@ -90,7 +90,7 @@ def test_the_true_height_comes_back(scenes, registered):
 def test_the_alignment_finds_the_true_cameras(scenes):
     views = list(zip(scenes[0].cameras, scenes[0].depths, strict=True))[:2] + list(zip(scenes[1].cameras, scenes[1].depths, strict=True))
     cameras = [camera for camera, _ in views]
-    alignment = align(MadePairs(cameras, [depth for _, depth in views], 1e-3, Noise(), 192), 1.0)
+    alignment = align_images(MadePairs(cameras, [depth for _, depth in views], 1e-3, Noise(), 192), 1.0)
     first = cameras[0].camera_from_world
     for number, camera in enumerate(cameras):
         true = first @ np.linalg.inv(camera.camera_from_world)
@@ -105,10 +105,10 @@ def test_photos_of_another_place_are_refused(scenes, registered):
     nothing = [np.zeros_like(depth) for depth in scenes[1].depths]
     elsewhere = (scenes[0], type(scenes[1])(scenes[1].cameras, nothing, scenes[1].masks))
     with pytest.raises(StepError, match=r"pictures 2, 3, 4, 5 .* match none of the others"):
-        scale_of(registered, [Path("empty") / f"{number}.png" for number in range(4)], made(elsewhere, Noise(), 128))
+        measure_scale(registered, [Path("empty") / f"{number}.png" for number in range(4)], made(elsewhere, Noise(), 128))
 
 
 def test_views_are_taken_a_little_apart(registered):
-    names = [view.camera.name for view in object_views(registered.views, 2)]
+    names = [view.camera.name for view in choose_object_views(registered.views, 2)]
     assert names[0] == "000000.png" and names[1] in ("000001.png", "000002.png")
-    assert len(object_views(registered.views, 6)) == len(object_views(registered.views, 9)) == 6
+    assert len(choose_object_views(registered.views, 6)) == len(choose_object_views(registered.views, 9)) == 6

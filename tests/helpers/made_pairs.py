@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.networks.mast3r.model import Prediction
-from zeroshop_steps.networks.mast3r.pictures import Framing, framing_of
+from zeroshop_steps.networks.mast3r.framing import Framing, fit_framing
+from zeroshop_steps.networks.mast3r.model import ImagePrediction
 
 WAVES = 12
 
@@ -34,7 +34,7 @@ class MadePairs:
         """`depths`: (height, width) along the optical axis in the cameras' unit, 0 where nothing is; `unit_m`: metres a unit."""
         self.noise, self.unit_m = noise, unit_m
         self.cameras = cameras
-        self.framings = [framing_of(camera.width_px, camera.height_px, long_side_px) for camera in cameras]
+        self.framings = [fit_framing(camera.width_px, camera.height_px, long_side_px) for camera in cameras]
         pairs = zip(cameras, depths, self.framings, strict=True)
         self.points, self.known = zip(*(_points_in_world(camera, depth, framing) for camera, depth, framing in pairs), strict=True)
         rng = np.random.default_rng(0)
@@ -45,7 +45,7 @@ class MadePairs:
         self.waves = directions / np.linalg.norm(directions, axis=1, keepdims=True) / lengths[:, None]
         self.features = [self._features(points, known, rng) for points, known in zip(self.points, self.known, strict=True)]
 
-    def pair(self, first: int, second: int) -> tuple[Prediction, Prediction]:
+    def pair(self, first: int, second: int) -> tuple[ImagePrediction, ImagePrediction]:
         """The points of both in the camera frame of the first, in metres."""
         rng = np.random.default_rng([1, first, second])
         scale = self.unit_m * (1.0 + self.noise.scale * rng.normal())
@@ -57,7 +57,7 @@ class MadePairs:
             known = torch.from_numpy(self.known[image])[None]
             confidence = torch.where(known, 10.0, 1.01)
             sides.append(
-                Prediction(torch.from_numpy(points).float()[None], confidence, self.features[image], torch.where(known, 5.0, 1e-3))
+                ImagePrediction(torch.from_numpy(points).float()[None], confidence, self.features[image], torch.where(known, 5.0, 1e-3))
             )
         return sides[0], sides[1]
 

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_depth_mm
 from zeroshop_steps.networks.vggt.model import Vggt
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
+from zeroshop_steps.register.vggt.dense_points import unproject
 from zeroshop_steps.register.vggt.frames import Frames
-from zeroshop_steps.register.vggt.network import Predicted
-from zeroshop_steps.register.vggt.predicted import unproject
+from zeroshop_steps.register.vggt.network import VggtOutput
 from zeroshop_steps.runtime.files import write_json
 
-SETTINGS = Settings(
+SETTINGS = VggtSettings(
     image_px=140,
     width=32,
     depth=4,
@@ -81,13 +81,13 @@ class TrueNetwork:
         self.cameras = list(read_sparse_model(self.capture / "truth").cameras)
         self.depth_mm = [read_depth_mm(path) for path in list_images(self.capture / "depth")]
 
-    def predict(self, pixels: np.ndarray) -> Predicted:
+    def predict(self, pixels: np.ndarray) -> VggtOutput:
         encodings = encode(self.cameras, self.frames, self.turn_deg, self.fov_error, self.rng)
         width, height = self.frames.network_size_px
         grid = self.frames.to_image(np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2)).astype(np.float32) - 0.5
         maps = [cv2.remap(depth, grid[..., 0], grid[..., 1], cv2.INTER_NEAREST) / UNIT_MM for depth in self.depth_mm]
         depth = np.array(maps) * (1 + self.depth_error * self.rng.normal(size=(len(maps), height, width)))
-        return Predicted(encodings, depth, np.where(np.array(maps) > 0, 10.0, 1.0))
+        return VggtOutput(encodings, depth, np.where(np.array(maps) > 0, 10.0, 1.0))
 
     def track(self, pixels: np.ndarray, view: int, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         places = self.frames.to_image(xy)

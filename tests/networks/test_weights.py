@@ -13,7 +13,7 @@ from torch import nn
 
 from zeroshop_steps import methods
 from zeroshop_steps.networks import weights
-from zeroshop_steps.networks.weights import WeightsFile, fetch, read_table, require, strict_load
+from zeroshop_steps.networks.weights import WeightsFile, fetch_weights, load_strictly, read_table, require_weights
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
 
@@ -43,18 +43,18 @@ def test_the_table_is_whole_and_names_all_that_methods_need():
 
 def test_a_download_is_checked_and_found_again(published, tmp_path):
     path = tmp_path / "resources/weights/net.pth"
-    fetch("net.pth", path)
+    fetch_weights("net.pth", path)
     assert path.read_bytes() == CONTENT
-    assert require("net.pth", tmp_path) == path
+    assert require_weights("net.pth", tmp_path) == path
 
 
 def test_absent_weights_say_where_to_get_them_and_what_needs_none(published, tmp_path):
     with pytest.raises(StepError) as error:
-        require("net.pth", tmp_path)
+        require_weights("net.pth", tmp_path)
     for part in (str(tmp_path / "resources/weights/net.pth"), published.as_uri(), "CC BY-NC 4.0", "use colmap", "snakemake resources/"):
         assert part in str(error.value)
     with pytest.raises(StepError, match="unknown weights: other.pth"):
-        require("other.pth", tmp_path)
+        require_weights("other.pth", tmp_path)
 
 
 def test_weights_that_are_cut_short_or_others_are_refused(published, tmp_path):
@@ -62,23 +62,23 @@ def test_weights_that_are_cut_short_or_others_are_refused(published, tmp_path):
     path.parent.mkdir(parents=True)
     path.write_bytes(CONTENT[:-1])
     with pytest.raises(StepError, match="cut short"):
-        require("net.pth", tmp_path)
+        require_weights("net.pth", tmp_path)
     path.write_bytes(CONTENT[::-1])
     with pytest.raises(StepError, match="sha256"):
-        require("net.pth", tmp_path)
+        require_weights("net.pth", tmp_path)
     path.write_bytes(CONTENT)
-    require("net.pth", tmp_path)
+    require_weights("net.pth", tmp_path)
     path.write_bytes(CONTENT[::-1])
     later = path.stat().st_mtime + 5
     os.utime(path, (later, later))
     with pytest.raises(StepError, match="sha256"):
-        require("net.pth", tmp_path)
+        require_weights("net.pth", tmp_path)
 
 
 def test_a_download_of_other_bytes_is_refused(published, tmp_path):
     published.write_bytes(CONTENT[::-1])
     with pytest.raises(StepError, match="expected .* damaged or another file"):
-        fetch("net.pth", tmp_path / "net.pth")
+        fetch_weights("net.pth", tmp_path / "net.pth")
 
 
 def test_offline_says_where_to_put_the_file(tmp_path):
@@ -91,7 +91,7 @@ def test_a_full_disk_is_said_before_the_download(published, tmp_path, monkeypatc
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10, 9, 1))
     with pytest.raises(StepError, match="make room"):
-        fetch("net.pth", tmp_path / "net.pth")
+        fetch_weights("net.pth", tmp_path / "net.pth")
     assert not (tmp_path / "net.pth").exists()
 
 
@@ -110,7 +110,7 @@ def test_both_kinds_of_checkpoints_are_loaded(checkpoint, tmp_path, device):
     save_file(network.state_dict(), tmp_path / "net.safetensors")
     for file in (path, tmp_path / "net.safetensors"):
         loaded = nn.Linear(3, 2, device=device)
-        strict_load(loaded, file)
+        load_strictly(loaded, file)
         assert torch.equal(loaded.weight, network.weight) and torch.equal(loaded.bias, network.bias)
 
 
@@ -118,7 +118,7 @@ def test_missing_extra_and_misshapen_parameters_are_named(tmp_path):
     path = tmp_path / "net.pth"
     torch.save({"weight": torch.zeros(2, 4), "scale": torch.zeros(1)}, path)
     with pytest.raises(StepError) as error:
-        strict_load(nn.Linear(3, 2), path)
+        load_strictly(nn.Linear(3, 2), path)
     for part in ("1 missing (bias)", "1 unknown (scale)", "weight (2, 4) instead of (2, 3)", "another model"):
         assert part in str(error.value)
 
@@ -131,12 +131,12 @@ def test_a_damaged_checkpoint_is_said(tmp_path, suffix, keep):
     save_file(state, path) if suffix == ".safetensors" else torch.save(state, path)
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(StepError, match="cut short"):
-        strict_load(nn.Linear(3, 200), path)
+        load_strictly(nn.Linear(3, 200), path)
 
 
 def test_what_is_no_checkpoint_is_said(tmp_path):
     torch.save([1, 2], tmp_path / "list.pth")
     with pytest.raises(StepError, match="no tensors by name"):
-        strict_load(nn.Linear(3, 2), tmp_path / "list.pth")
+        load_strictly(nn.Linear(3, 2), tmp_path / "list.pth")
     with pytest.raises(StepError, match="do not exist"):
-        strict_load(nn.Linear(3, 2), tmp_path / "gone.pth")
+        load_strictly(nn.Linear(3, 2), tmp_path / "gone.pth")

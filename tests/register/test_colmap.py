@@ -12,7 +12,7 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.sift import SiftOptions, extract, focal_source
+from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 
@@ -115,8 +115,8 @@ def test_the_mapper_starts_from_the_focal_length_in_exif(tmp_path, focal_35mm, s
         if focal_35mm:
             exif.get_ifd(0x8769)[0xA405] = focal_35mm
         photo.save(tmp_path / f"images/{number:06d}.jpg", exif=exif)
-    extract(tmp_path / "database.db", read_image_set(tmp_path), SiftOptions(max_features=300))
-    assert focal_source(tmp_path / "database.db") == source
+    extract_features(tmp_path / "database.db", read_image_set(tmp_path), SiftOptions(max_features=300))
+    assert find_focal_source(tmp_path / "database.db") == source
     with pycolmap.Database.open(tmp_path / "database.db") as opened:
         (camera,) = opened.read_all_cameras()
     assert camera.mean_focal_length() == pytest.approx(focal_35mm / 36 * 640 if focal_35mm else 1.2 * 640, rel=0.04)

@@ -6,7 +6,7 @@ import pytest
 
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.undistort import undistort, undistortion_map
+from zeroshop_steps.register.undistort import make_undistortion_map, undistort
 
 WIDTH, HEIGHT = 160, 120
 
@@ -19,14 +19,14 @@ def lens(distortion: float) -> pycolmap.Camera:
 
 @pytest.mark.parametrize("distortion", [-0.3, -0.05, 0.0, 0.05, 0.3])
 def test_every_pixel_has_a_source(distortion):
-    pinhole, (map_x, map_y) = undistortion_map(lens(distortion))
+    pinhole, (map_x, map_y) = make_undistortion_map(lens(distortion))
     assert pinhole.model.name == "PINHOLE" and (pinhole.width, pinhole.height) == (WIDTH, HEIGHT)
     assert map_x.min() > -0.51 and map_x.max() < WIDTH - 0.49
     assert map_y.min() > -0.51 and map_y.max() < HEIGHT - 0.49
 
 
 def test_no_distortion_changes_nothing():
-    pinhole, (map_x, map_y) = undistortion_map(lens(0.0))
+    pinhole, (map_x, map_y) = make_undistortion_map(lens(0.0))
     assert pinhole.focal_length_x == pytest.approx(150.0, rel=1e-9)
     assert np.abs(map_x - np.arange(WIDTH)).max() < 1e-4 and np.abs(map_y - np.arange(HEIGHT)[:, None]).max() < 1e-4
 

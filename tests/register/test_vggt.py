@@ -10,17 +10,17 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, write_image
 from zeroshop_steps.networks import devices
-from zeroshop_steps.networks.vggt.settings import Settings
-from zeroshop_steps.networks.weights import known
+from zeroshop_steps.networks.vggt.settings import VggtSettings
+from zeroshop_steps.networks.weights import look_up_weights
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.vggt.frames import fitted_size, read_frames
-from zeroshop_steps.register.vggt.memory import check_fits, peak_bytes
+from zeroshop_steps.register.vggt.dense_points import decode_cameras
+from zeroshop_steps.register.vggt.frames import fit_size, read_frames
+from zeroshop_steps.register.vggt.memory import check_fits, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import memory_errors
 from zeroshop_steps.register.vggt.options import VggtOptions
-from zeroshop_steps.register.vggt.points import query_views
-from zeroshop_steps.register.vggt.predicted import decode
 from zeroshop_steps.register.vggt.solve import CHUNK, register
+from zeroshop_steps.register.vggt.tracks import choose_query_views
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import is_result
@@ -48,7 +48,7 @@ def solved(capture, out, options, network):
 
 def test_tracks_and_rough_cameras_give_the_true_cameras(carton_capture, frames, tmp_path):
     network = TrueNetwork(carton_capture, frames, turn_deg=2.0, fov_error=0.02, depth_error=0.01, track_px=0.5, wrong=0.05)
-    rough = decode(network.predict(frames.pixels).encodings, frames)
+    rough = decode_cameras(network.predict(frames.pixels).encodings, frames)
     before = compare_cameras(rough, read_sparse_model(carton_capture / "truth").cameras)
     assert before.centre_mm.mean() > 3.0 and before.rotation_deg.max() > 1.0
     record, model, after = solved(carton_capture, tmp_path / "cameras", FEWER, network)
@@ -60,7 +60,7 @@ def test_tracks_and_rough_cameras_give_the_true_cameras(carton_capture, frames, 
 
 def test_feed_forward_cameras_are_the_networks_own(carton_capture, frames, tmp_path):
     network = TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002, depth_error=0.003)
-    expected = decode(TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002).predict(frames.pixels).encodings, frames)
+    expected = decode_cameras(TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002).predict(frames.pixels).encodings, frames)
     record, model, error = solved(carton_capture, tmp_path / "cameras", VggtOptions(refine="none"), network)
     assert record["registered"] == 10 and min(record["consistency"]["depth_agreement"].values()) > 0.8
     assert 0.0 < error.rotation_deg.max() < 0.5
@@ -83,7 +83,7 @@ def test_tracks_that_are_noise_are_refused(carton_capture, frames, tmp_path):
 
 def test_true_encodings_are_the_true_cameras(carton_capture, frames):
     truth = read_sparse_model(carton_capture / "truth").cameras
-    found = decode(encode(list(truth), frames, 0.0, 0.0, np.random.default_rng(0)), frames)
+    found = decode_cameras(encode(list(truth), frames, 0.0, 0.0, np.random.default_rng(0)), frames)
     error = compare_cameras(found, truth)
     assert error.centre_mm.max() < 1e-6 and error.rotation_deg.max() < 1e-5
     for ours, theirs in zip(found, truth, strict=True):
@@ -93,7 +93,7 @@ def test_true_encodings_are_the_true_cameras(carton_capture, frames):
 @pytest.mark.parametrize("encoding", [[0] * 9, [0, 0, 1, 0, 0, 0, 1, 0, 0.8], [0, 0, 1, 0, 0, 0, 1, 0.8, np.nan]])
 def test_what_is_no_camera_is_refused(frames, encoding):
     with pytest.raises(RegistrationFailed, match="found no camera for 000010.png"):
-        decode(np.array([encoding] * 10, float), frames)
+        decode_cameras(np.array([encoding] * 10, float), frames)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_what_is_no_camera_is_refused(frames, encoding):
     [((1000, 750), ((518, 392), 0)), ((750, 1000), ((392, 518), 63)), ((640, 640), ((518, 518), 0)), ((4000, 90), ((518, 14), 0))],
 )
 def test_images_fit_the_network(size_px, expected):
-    assert fitted_size(size_px, *PX) == expected
+    assert fit_size(size_px, *PX) == expected
 
 
 def test_upright_images_get_black_sides_and_places_come_back(tmp_path):
@@ -117,12 +117,12 @@ def test_upright_images_get_black_sides_and_places_come_back(tmp_path):
 
 def test_query_views_are_apart_from_each_other(carton_capture):
     cameras = list(read_sparse_model(carton_capture / "truth").cameras)
-    assert query_views(cameras, 2) == [0, 5] and sorted(query_views(cameras, 20)) == list(range(10))
+    assert choose_query_views(cameras, 2) == [0, 5] and sorted(choose_query_views(cameras, 20)) == list(range(10))
 
 
 def test_the_memory_is_predicted_and_too_much_is_refused():
-    arguments = (Settings(), 5_000_000_000)
-    assert peak_bytes(*arguments, 20, (518, 392), 1024, 1) < peak_bytes(*arguments, 300, (518, 392), 1024, 1)
+    arguments = (VggtSettings(), 5_000_000_000)
+    assert predict_peak_bytes(*arguments, 20, (518, 392), 1024, 1) < predict_peak_bytes(*arguments, 300, (518, 392), 1024, 1)
     with pytest.raises(
         StepError, match=r"needs about .* GB for 300 images of 518 x 392 px, the cpu has 24.0 GB free; \d+ images would fit"
     ) as caught:
@@ -135,8 +135,8 @@ def test_the_memory_is_predicted_and_too_much_is_refused():
 
 
 def test_the_rule_asks_for_the_memory_of_twenty_images():
-    file = known(methods.REGISTRATIONS["vggt"].weights[0])
-    needed = peak_bytes(Settings(), file.size_bytes, 20, (518, 392), VggtOptions().tracked_points, CHUNK["cuda"])
+    file = look_up_weights(methods.REGISTRATIONS["vggt"].weights[0])
+    needed = predict_peak_bytes(VggtSettings(), file.size_bytes, 20, (518, 392), VggtOptions().tracked_points, CHUNK["cuda"])
     assert needed < 1e6 * methods.REGISTRATIONS["vggt"].mem_mb < 1.5 * needed
 
 
@@ -152,9 +152,9 @@ def test_memory_that_runs_out_is_no_result_about_the_pictures():
 
 def test_a_device_that_is_absent_is_refused(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert devices.chosen_device("auto") == "cpu" and devices.chosen_precision("auto", "cpu") == torch.float32
+    assert devices.choose_device("auto") == "cpu" and devices.choose_precision("auto", "cpu") == torch.float32
     with pytest.raises(StepError, match="no CUDA device"):
-        devices.chosen_device("cuda")
+        devices.choose_device("cuda")
 
 
 def run(capture, out, weights, *words) -> int:
@@ -222,5 +222,5 @@ def test_two_images_are_refused(blank_capture, weights, tmp_path, capsys):
 
 
 def test_settings_fit_the_patches():
-    for settings in (Settings(), SETTINGS):
+    for settings in (VggtSettings(), SETTINGS):
         assert settings.image_px % settings.patch_px == 0 and settings.width % (4 * settings.heads) == 0

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.register.record import write_registration
-from zeroshop_steps.register.view_coverage import directions_of
+from zeroshop_steps.register.view_coverage import measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.synthetic.camera_rings import look_at
@@ -31,14 +31,14 @@ AROUND = np.arange(0, 360, 30)
 
 @pytest.mark.parametrize("turn", [None, Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix()], ids=["upright", "turned"])
 def test_two_rounds_are_enough(turn):
-    found = directions_of(cameras(AROUND, np.where(AROUND % 60 == 0, 15, 45), turn))
+    found = measure_view_coverage(cameras(AROUND, np.where(AROUND % 60 == 0, 15, 45), turn))
     assert found.largest_gap_deg == pytest.approx(30, abs=1) and found.elevations_deg == pytest.approx((15, 45), abs=1)
     assert found.advice() == []
 
 
 def test_a_missing_side_is_named():
     kept = AROUND[(AROUND <= 90) | (AROUND >= 210)]
-    found = directions_of(cameras(kept, np.where(kept % 60 == 0, 15, 45)))
+    found = measure_view_coverage(cameras(kept, np.where(kept % 60 == 0, 15, 45)))
     assert found.largest_gap_deg == pytest.approx(120, abs=1)
     assert set(found.gap_between) == {f"{list(kept).index(90):06d}.png", f"{list(kept).index(210):06d}.png"}
     [line] = found.advice()
@@ -49,19 +49,19 @@ def test_a_missing_side_is_named():
     ("elevation_deg", "words"), [(30, ["from about one height"]), (4, ["one height", "the top"]), (72, ["one height", "from above"])]
 )
 def test_one_round_alone_is_told(elevation_deg, words):
-    advice = directions_of(cameras(AROUND, np.full(len(AROUND), float(elevation_deg)))).advice()
+    advice = measure_view_coverage(cameras(AROUND, np.full(len(AROUND), float(elevation_deg)))).advice()
     assert len(advice) == len(words) and all(any(word in line for line in advice) for word in words)
 
 
 def test_a_photo_from_straight_above_closes_no_gap():
-    found = directions_of(cameras([0, 30, 60, 90, 200], [20, 40, 20, 40, 88]))
+    found = measure_view_coverage(cameras([0, 30, 60, 90, 200], [20, 40, 20, 40, 88]))
     assert found.largest_gap_deg == pytest.approx(270, abs=2)
 
 
 def test_cameras_that_look_apart_have_no_directions():
     away = [Camera(c.name, 640, 480, K, np.diag([-1.0, 1.0, -1.0, 1.0]) @ c.camera_from_world) for c in cameras(AROUND, AROUND * 0 + 20)]
     with pytest.raises(StepError, match="look away"):
-        directions_of(away)
+        measure_view_coverage(away)
 
 
 def test_the_record_and_the_log_have_it(tmp_path, capsys):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault
 from zeroshop_steps.register.image_set import read_image_set, read_masks
-from zeroshop_steps.register.pair_evidence import PairEvidence
-from zeroshop_steps.register.verdict import Limits, Verdict, first_fault
+from zeroshop_steps.register.pair_support import PairSupport
 from zeroshop_steps.runtime.errors import StepError
 
 
@@ -22,8 +22,8 @@ def test_images_without_masks_are_a_set(tmp_path):
 def test_the_other_checks_still_judge():
     names = tuple("abcd")
     supporting, contradicting = np.full((4, 4), 100), np.zeros((4, 4), int)
-    evidence = PairEvidence(names, supporting, contradicting)
-    assert first_fault(None, evidence, dict.fromkeys(names, 0.3), Limits(), 1.0) == (None, ())
-    reason, culprits = first_fault(None, evidence, {**dict.fromkeys(names, 0.3), "b": 1.4}, Limits(), 1.0)
+    evidence = PairSupport(names, supporting, contradicting)
+    assert find_first_fault(None, evidence, dict.fromkeys(names, 0.3), ConsistencyLimits(), 1.0) == (None, ())
+    reason, culprits = find_first_fault(None, evidence, {**dict.fromkeys(names, 0.3), "b": 1.4}, ConsistencyLimits(), 1.0)
     assert "b fits with 1.40 px" in reason and culprits == ("b",)
-    assert "silhouette_worst_px" not in Verdict(None, evidence, dict.fromkeys(names, 0.3), None, ()).figures()
+    assert "silhouette_worst_px" not in ConsistencyReport(None, evidence, dict.fromkeys(names, 0.3), None, ()).figures()

@@ -9,9 +9,9 @@ from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.detector import Box, choose_box
-from zeroshop_steps.segment.grounded_sam import Pictures, find_masks
-from zeroshop_steps.segment.mask_agreement import common_hulls, corners_of, overlap
-from zeroshop_steps.segment.tracker import Tracked
+from zeroshop_steps.segment.grounded_sam import ImageSequence, find_masks
+from zeroshop_steps.segment.mask_agreement import compute_overlap, find_corners, render_common_hull
+from zeroshop_steps.segment.tracker import TrackedMask
 
 SIZE = (160, 120)
 MIDDLE, CORNER, WHOLE = Box((60, 40, 100, 80), 0.5), Box((0, 0, 40, 30), 0.55), Box((1, 1, 159, 119), 0.9)
@@ -36,9 +36,9 @@ def test_what_masks_have_in_common_is_found_in_spite_of_some_that_show_something
     for index in (1, 6, 9):
         shown[index] = ball_mask(cameras[index], (0.9, -0.5, 0.3), 0.3)
     shown[4][:] = False
-    hulls = common_hulls(cameras, shown)
-    assert min(overlap(hull, mask) for hull, mask in zip(hulls, masks, strict=True)) > 0.8
-    assert not any(hull.any() for hull in common_hulls(cameras, [np.zeros_like(mask) for mask in masks]))
+    hulls = render_common_hull(cameras, shown)
+    assert min(compute_overlap(hull, mask) for hull, mask in zip(hulls, masks, strict=True)) > 0.8
+    assert not any(hull.any() for hull in render_common_hull(cameras, [np.zeros_like(mask) for mask in masks]))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def ball(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ball")
     masks = write_ball_scene(folder)
     views, model = read_views(folder)
-    return Pictures([view.image_path for view in views], SIZE, list(model.cameras)), masks
+    return ImageSequence([view.image_path for view in views], SIZE, list(model.cameras)), masks
 
 
 class Oracle:
@@ -59,13 +59,13 @@ class Oracle:
 
     def detect(self, image):
         red = (image[..., 0] > 150) & (image[..., 1] < 100)
-        index = int(np.argmax([overlap(red, mask) for mask in self.masks]))
+        index = int(np.argmax([compute_overlap(red, mask) for mask in self.masks]))
         self.asked.append(index)
         if index in self.blind:
             return []
         if index in self.unseen:
             return [Box((0, 0, 12, 12), 0.4), Box((5, 5, 30, 20), 0.1)]
-        return [Box((0, 0, 12, 12), 0.7), Box(corners_of(self.masks[index]), 0.6)]
+        return [Box((0, 0, 12, 12), 0.7), Box(find_corners(self.masks[index]), 0.6)]
 
     def follow(self, boxes):
         self.followed.append(sorted(boxes))
@@ -73,7 +73,7 @@ class Oracle:
         for index, mask in enumerate(self.masks):
             if index in self.lost and index not in boxes:
                 mask = self.wrong.get(index, np.zeros_like(mask))
-            found.append(Tracked(mask, 5.0 if mask.any() else -5.0))
+            found.append(TrackedMask(mask, 5.0 if mask.any() else -5.0))
         return found
 
 
@@ -82,7 +82,7 @@ def test_a_film_that_keeps_the_object_is_followed_from_its_first_picture(ball):
     oracle = Oracle(masks)
     found, record = find_masks(pictures, oracle.detect, oracle.follow, "red ball.", 0.25)
     assert oracle.asked == [0] and oracle.followed == [[0]]
-    assert min(overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.97
+    assert min(compute_overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.97
     assert record["good_masks"] == 12 and record["lost_at_first"] == [] and list(record["boxes"]) == ["000000.png"]
 
 
@@ -93,7 +93,7 @@ def test_pictures_in_which_it_was_lost_are_looked_at_again(ball):
     found, record = find_masks(pictures, oracle.detect, oracle.follow, "red ball.", 0.25)
     assert oracle.asked == [0, 3, 7, 8] and oracle.followed == [[0], [0, 3, 7, 8]]
     assert record["lost_at_first"] == ["000003.png", "000007.png", "000008.png"]
-    assert record["good_masks"] == 12 and min(overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.97
+    assert record["good_masks"] == 12 and min(compute_overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.97
 
 
 def test_a_picture_that_stays_lost_is_dropped(ball):

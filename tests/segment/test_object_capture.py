@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.images import list_images, read_mask, write_mask
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.segment.mask_agreement import overlap
+from zeroshop_steps.segment.mask_agreement import compute_overlap
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_networks_find_masks_where_there_are_none(pictures, capfd):
     write_tracker(folder / "resources/weights/small-sam")
     assert object_capture("capture", "--detector", "small-dino", "--tracker", "small-sam") == 0, capfd.readouterr().err
     found = [read_mask(path) for path in list_images(folder / "object/masks")]
-    assert len(found) == 12 and min(overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.8
+    assert len(found) == 12 and min(compute_overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.8
     record = read_json(folder / "object/segmentation.json")
     assert record["method"] == "grounded_sam" and record["median_disagreement"] is None
 

@@ -7,7 +7,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.object_selection import select_object
-from zeroshop_steps.segment.voxel_carving import splat
+from zeroshop_steps.segment.voxel_carving import splat_voxels
 from zeroshop_steps.synthetic.camera_rings import look_at
 
 INTRINSICS = np.array([[200.0, 0, 80], [0, 200, 60], [0, 0, 1]])
@@ -25,7 +25,7 @@ def blocks(*boxes):
         grid = np.stack(np.meshgrid(*[np.linspace(-half, half, 15)] * 2, np.linspace(0, height, 15), indexing="ij"), -1).reshape(-1, 3)
         points.append(grid + [x, y, 0])
     points = np.concatenate(points)
-    return [np.where(splat(points, 1.5, camera), 1.0, -1.0).astype(np.float32) for camera in CAMERAS]
+    return [np.where(splat_voxels(points, 1.5, camera), 1.0, -1.0).astype(np.float32) for camera in CAMERAS]
 
 
 def extent(selection):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from zeroshop_steps.segment.refine import _closed, _with_lost_foot, _without_floating
+from zeroshop_steps.segment.refine import _close_holes, _drop_floating, _restore_lost_foot
 
 
 def block(*boxes):
@@ -17,23 +17,21 @@ def test_what_floats_goes_and_what_stands_or_touches_stays():
     finial = ((19, 19, 32), (21, 21, 36))  # a thin neck of two voxels was lost between them
     foot = ((30, 30, 3), (33, 33, 20))  # a part of its own that stands
     floating = ((2, 2, 45), (30, 30, 58))
-    assert np.array_equal(
-        _without_floating(block(body, finial, foot, floating), 2.0), block(body, finial, foot, floating) & ~block(floating)
-    )
+    assert np.array_equal(_drop_floating(block(body, finial, foot, floating), 2.0), block(body, finial, foot, floating) & ~block(floating))
     kept = block(body, finial, foot)
-    assert np.array_equal(_without_floating(kept | block(floating), 2.0), kept)
-    assert np.array_equal(_without_floating(block(body), 2.0), block(body))
-    assert not _without_floating(block(), 2.0).any()
+    assert np.array_equal(_drop_floating(kept | block(floating), 2.0), kept)
+    assert np.array_equal(_drop_floating(block(body), 2.0), block(body))
+    assert not _drop_floating(block(), 2.0).any()
 
 
 def test_an_object_whose_foot_was_carved_off_is_kept_and_may_have_it_back():
     body, splinter = ((15, 15, 14), (25, 25, 50)), ((33, 33, 2), (35, 35, 4))
-    kept = _without_floating(block(body, splinter), 2.0)
+    kept = _drop_floating(block(body, splinter), 2.0)
     assert np.array_equal(kept, block(body))
-    assert np.array_equal(_with_lost_foot(kept, 2.0), block(((15, 15, 2), (25, 25, 50))))
+    assert np.array_equal(_restore_lost_foot(kept, 2.0), block(((15, 15, 2), (25, 25, 50))))
     standing = block(((15, 15, 3), (25, 25, 50)), ((12, 12, 45), (28, 28, 50)))
-    assert np.array_equal(_with_lost_foot(standing, 2.0), standing), "what lies below a rim is no foot where the body stands"
-    assert not _with_lost_foot(block(), 2.0).any()
+    assert np.array_equal(_restore_lost_foot(standing, 2.0), standing), "what lies below a rim is no foot where the body stands"
+    assert not _restore_lost_foot(block(), 2.0).any()
 
 
 def test_a_hole_in_the_objects_own_colours_is_none():
@@ -43,9 +41,9 @@ def test_a_hole_in_the_objects_own_colours_is_none():
     mask[40:55, 30:34] = 0.0  # no hole: it opens to the outside
     color = np.where(mask > 0, 1.5, -1.0)
     color[20:30, 20:30] = color[40:55, 30:34] = 1.2
-    found = _closed(mask, color)
+    found = _close_holes(mask, color)
     expected = mask.copy()
     expected[20:30, 20:30] = 1.0
     assert np.array_equal(found, expected)
-    assert np.array_equal(_closed(np.zeros((5, 6), np.float32), np.ones((5, 6))), np.zeros((5, 6)))
-    assert np.array_equal(_closed(np.ones((5, 6), np.float32), np.ones((5, 6))), np.ones((5, 6)))
+    assert np.array_equal(_close_holes(np.zeros((5, 6), np.float32), np.ones((5, 6))), np.zeros((5, 6)))
+    assert np.array_equal(_close_holes(np.ones((5, 6), np.float32), np.ones((5, 6))), np.ones((5, 6)))

@@ -15,8 +15,8 @@ from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment import grounded_sam
 from zeroshop_steps.segment.detector import Detector
-from zeroshop_steps.segment.mask_agreement import corners_of, overlap
-from zeroshop_steps.segment.tracker import Tracker
+from zeroshop_steps.segment.mask_agreement import compute_overlap, find_corners
+from zeroshop_steps.segment.tracker import ObjectTracker
 
 CPU = torch.device("cpu")
 
@@ -56,10 +56,10 @@ def test_boxes_lie_in_the_image_the_best_first(models):
 def test_pictures_are_followed_forwards_and_backwards(models, tmp_path):
     masks = write_ball_scene(tmp_path)
     views, _ = read_views(tmp_path)
-    tracker = Tracker(models / "small-sam", CPU)
-    boxes = {4: corners_of(masks[4]), 9: corners_of(masks[9])}
+    tracker = ObjectTracker(models / "small-sam", CPU)
+    boxes = {4: find_corners(masks[4]), 9: find_corners(masks[9])}
     found = tracker.follow(lambda index: views[index].image(), len(views), (160, 120), boxes)
-    assert min(overlap(one.mask, other) for one, other in zip(found, masks, strict=True)) > 0.8
+    assert min(compute_overlap(one.mask, other) for one, other in zip(found, masks, strict=True)) > 0.8
     assert all(one.score > 0 for one in found)
 
 
@@ -72,7 +72,7 @@ def test_the_command_masks_the_object(workplace, capfd):
     assert record["good_masks"] == 12 and record["prompt"] == "Red ball" and record["device"] in ("cpu", "cuda")
     assert len(list_images(folder / "cameras/images")) == 12 and (folder / "cameras/contact_sheet.png").is_file()
     found = [read_mask(path) for path in list_images(folder / "cameras/masks")]
-    assert min(overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.8
+    assert min(compute_overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.8
 
 
 def test_the_same_pictures_give_the_same_bytes(workplace, monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.scene_support import find_focus, fit_scene_support
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.support_plane import find_masks, tidy
+from zeroshop_steps.segment.support_plane import find_masks, tidy_mask
 
 
 def overlap(one, other):
@@ -64,7 +64,7 @@ def test_an_empty_ground_is_an_error(carton_scene, monkeypatch):
     from zeroshop_steps.segment import ground
 
     views, model = carton_scene
-    monkeypatch.setattr(ground.Ground, "evidence", lambda self, camera, image: np.full(image.shape[:2], -1.0, np.float32))
+    monkeypatch.setattr(ground.GroundPicture, "evidence", lambda self, camera, image: np.full(image.shape[:2], -1.0, np.float32))
     with pytest.raises(StepError, match="nothing stands on the ground"):
         find_masks(views, model, 120, seed=0)
 
@@ -75,8 +75,8 @@ def test_islands_and_pinholes_go():
     hull = mask > 0.5
     mask[20:22, 20:22] = 0.0  # a pinhole
     mask[30:50, 65:80] = 1.0  # an island off the hull
-    assert np.array_equal(tidy(mask, hull) > 0.5, hull)
+    assert np.array_equal(tidy_mask(mask, hull) > 0.5, hull)
     handle = hull.copy()
     handle[30:40, 30:40] = False  # a hole that the hull has, too
     mask[30:40, 30:40] = 0.0
-    assert np.array_equal(tidy(mask, handle) > 0.5, handle)
+    assert np.array_equal(tidy_mask(mask, handle) > 0.5, handle)

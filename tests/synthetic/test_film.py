@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from helpers.capture_box import box_mesh, write_box
-from zeroshop_steps.capture.video import take_frames
+from zeroshop_steps.capture.video import extract_frames
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_mask
 from zeroshop_steps.runtime.files import read_json
@@ -42,7 +42,7 @@ def filmed(tmp_path_factory):
 
 
 def test_the_film_is_a_video_that_frames_are_taken_from(filmed, tmp_path):
-    take_frames(filmed / "film.mp4", 8, 1920, tmp_path / "capture")
+    extract_frames(filmed / "film.mp4", 8, 1920, tmp_path / "capture")
     assert len(list_images(tmp_path / "capture" / "images")) >= 7
     record = read_json(tmp_path / "capture" / "capture.json")
     assert (record["width_px"], record["height_px"], record["video_frames"]) == (*SIZE_PX, FRAMES)

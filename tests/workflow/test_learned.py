@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.crops import fit_object_sphere
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.geometry.visual_hull import VisualHull
-from zeroshop_steps.networks.mast3r.model import Configuration, MASt3R
+from zeroshop_steps.networks.mast3r.model import MASt3R, Mast3rSettings
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.surface.seeds import Seeds, write_seeds
 from zeroshop_steps.surface.training_views import make_grid_view, make_seed_views, read_camera_set
@@ -33,7 +33,7 @@ def photos(tmp_path):
 def weights(tmp_path):
     """Small random weights of MASt3R, their sizes beside them."""
     with torch.device("meta"):
-        network = MASt3R(Configuration(**SMALL))
+        network = MASt3R(Mast3rSettings(**SMALL))
     path = tmp_path / "own weights.pth"
     torch.save({"model": parameters({name: tuple(tensor.shape) for name, tensor in network.state_dict().items()})}, path)
     write_json(path.with_suffix(".json"), SMALL)

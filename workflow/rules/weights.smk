@@ -5,7 +5,7 @@ resources/weights/FILE   one file of src/zeroshop_steps/networks/weights.csv, it
 
 import re
 
-from zeroshop_steps.networks.weights import known as known_weights, read_table as weights_table
+from zeroshop_steps.networks.weights import look_up_weights, read_table as weights_table
 
 
 rule weights:
@@ -24,7 +24,7 @@ rule weights:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(240),
     params:
-        licence=lambda wildcards: known_weights(wildcards.file).licence,
+        licence=lambda wildcards: look_up_weights(wildcards.file).licence,
     message:
         "Downloading the weights {wildcards.file}, whose licence is: {params.licence}"
     shell:

@@ -21,25 +21,25 @@ MOST_EDGE_BLUR_PX = 1.5
 SHEET_COLUMNS, TILE_WIDTH_PX = 5, 320
 
 
-def small_grey(image: np.ndarray) -> np.ndarray:
+def shrink_to_grey(image: np.ndarray) -> np.ndarray:
     """(h, w) float32 grey picture, `SMALL_WIDTH_PX` wide, of an (H, W, 3) uint8 RGB image."""
-    return _grey(image, SMALL_WIDTH_PX)
+    return _resize_to_grey(image, SMALL_WIDTH_PX)
 
 
-def sharpness(image: np.ndarray) -> float:
+def measure_sharpness(image: np.ndarray) -> float:
     """Mean absolute Laplacian over mean level of an RGB image: lower where it is blurred, however light it is."""
-    grey = _grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1]))
+    grey = _resize_to_grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1]))
     return float(np.abs(cv2.Laplacian(grey, cv2.CV_32F)).mean() / (grey.mean() + 1.0))
 
 
-def edge_blur_px(image: np.ndarray) -> float:
+def measure_edge_blur_px(image: np.ndarray) -> float:
     """How wide the sharpest edges of an (H, W, 3) RGB image are: the standard deviation of the blur in pixels of a picture 960 px wide.
 
     From how much weaker a strong edge becomes when it is blurred once more (Zhuo and Sim, Defocus map estimation from a single
     image, 2011). 0 where there are too few edges to tell.
     """
-    calm = cv2.GaussianBlur(_grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1])), (0, 0), EDGE_SMOOTHING_PX)
-    slope, blurred = _slope(calm), _slope(cv2.GaussianBlur(calm, (0, 0), REBLUR_PX))
+    calm = cv2.GaussianBlur(_resize_to_grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1])), (0, 0), EDGE_SMOOTHING_PX)
+    slope, blurred = _compute_gradient(calm), _compute_gradient(cv2.GaussianBlur(calm, (0, 0), REBLUR_PX))
     ridge = blurred >= cv2.dilate(blurred, np.ones((3, 3)))
     edges = ridge & (blurred > max(float(np.quantile(blurred, 1 - STRONG_EDGES)), EDGE_LEVELS))
     if edges.sum() < LEAST_EDGES:
@@ -48,27 +48,27 @@ def edge_blur_px(image: np.ndarray) -> float:
     return float(np.quantile(REBLUR_PX / np.sqrt(np.maximum(ratio**2 - 1, 1e-3)), SHARPEST))
 
 
-def _grey(image: np.ndarray, width_px: int) -> np.ndarray:
+def _resize_to_grey(image: np.ndarray, width_px: int) -> np.ndarray:
     height_px = max(1, round(image.shape[0] * width_px / image.shape[1]))
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     return cv2.resize(grey, (width_px, height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
-def _slope(grey: np.ndarray) -> np.ndarray:
+def _compute_gradient(grey: np.ndarray) -> np.ndarray:
     return np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
 
 
-def thumbnail(image: np.ndarray) -> np.ndarray:
+def make_thumbnail(image: np.ndarray) -> np.ndarray:
     """(48, 64) float32 grey picture of an RGB image, for comparing views."""
     return cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), THUMBNAIL_PX, interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
-def alike(one: np.ndarray, other: np.ndarray) -> bool:
+def look_alike(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two thumbnails show the same view: 99 % of their pixels differ by less than `ALIKE_LEVELS` of 255."""
     return bool(np.percentile(np.abs(one - other), 99) < ALIKE_LEVELS)
 
 
-def picture_warnings(names: list[str], sharpnesses: Sequence[float], levels: Sequence[float], blurs_px: Sequence[float]) -> list[str]:
+def collect_image_warnings(names: list[str], sharpnesses: Sequence[float], levels: Sequence[float], blurs_px: Sequence[float]) -> list[str]:
     """What to film again, from the sharpness, the mean level (0 to 255) and the edges' blur of every picture."""
     warnings = []
     usual = float(np.median(sharpnesses))
@@ -89,7 +89,7 @@ def picture_warnings(names: list[str], sharpnesses: Sequence[float], levels: Seq
     return warnings
 
 
-def contact_sheet(images: Iterable[np.ndarray], names: list[str]) -> np.ndarray:
+def draw_contact_sheet(images: Iterable[np.ndarray], names: list[str]) -> np.ndarray:
     """(H, W, 3) uint8: all pictures, small, in rows, with their names."""
     tiles = []
     for image, name in zip(images, names, strict=True):
@@ -98,16 +98,16 @@ def contact_sheet(images: Iterable[np.ndarray], names: list[str]) -> np.ndarray:
         )
         cv2.putText(tile, name, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(tile)
-    return rows_of(tiles)
+    return arrange_in_rows(tiles)
 
 
-def rows_of(tiles: list[np.ndarray]) -> np.ndarray:
+def arrange_in_rows(tiles: list[np.ndarray]) -> np.ndarray:
     """Pictures of one size in rows of `SHEET_COLUMNS`."""
     tiles = tiles + [np.zeros_like(tiles[0])] * (-len(tiles) % SHEET_COLUMNS)
     return np.vstack([np.hstack(tiles[start : start + SHEET_COLUMNS]) for start in range(0, len(tiles), SHEET_COLUMNS)])
 
 
-def write_record(
+def write_capture_record(
     folder: Path,
     size_px: tuple[int, int],
     sharpnesses: Sequence[float],

@@ -13,7 +13,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from zeroshop_steps.capture.frames import alike, contact_sheet, edge_blur_px, picture_warnings, sharpness, thumbnail, write_record
+from zeroshop_steps.capture.frames import (
+    collect_image_warnings,
+    draw_contact_sheet,
+    look_alike,
+    make_thumbnail,
+    measure_edge_blur_px,
+    measure_sharpness,
+    write_capture_record,
+)
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
@@ -34,7 +42,7 @@ class Photo:
         size_px: (width, height).
         mask: (height, width) bool; None where the capture has no masks.
         thumbnail: small float32 grey picture, for comparing photos.
-        sharpness, level, blur_px: as `frames.picture_warnings` wants them.
+        sharpness, level, blur_px: as `frames.collect_image_warnings` wants them.
         turned: whether the file records a rotation, which is applied unless there are masks.
     """
 
@@ -58,10 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    take_photos(args.images, args.masks, args.min_images, args.out)
+    import_photos(args.images, args.masks, args.min_images, args.out)
 
 
-def take_photos(images: Path, masks: Path | None, min_images: int, out: Path) -> None:
+def import_photos(images: Path, masks: Path | None, min_images: int, out: Path) -> None:
     """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
 
     Refused besides unreadable, missing and mismatched files: fewer than `min_images` photos, or photos that differ from each
@@ -72,7 +80,7 @@ def take_photos(images: Path, masks: Path | None, min_images: int, out: Path) ->
         StepError: with a line for every problem found.
     """
     start_s = time.monotonic()
-    problems = format_problems(images)
+    problems = find_format_problems(images)
     paths = [] if problems else list_images(images)
     if masks is not None and not Path(masks).is_dir():
         raise StepError(f"mask folder {masks} does not exist; give one mask a photo, named like it but .png")
@@ -82,14 +90,14 @@ def take_photos(images: Path, masks: Path | None, min_images: int, out: Path) ->
             photos.append(_read(path, None if masks is None else Path(masks)))
         except StepError as error:
             problems.append(str(error))
-    problems += _size_problems(photos)
+    problems += _find_size_problems(photos)
     if paths and len(paths) < min_images:
         problems.append(f"{images} holds {len(paths)} image(s), at least {min_images} are needed: take more, all around the object")
     warnings: list[str] = []
     if not problems:
-        problems, warnings = _view_problems(photos, min_images)
+        problems, warnings = _find_view_problems(photos, min_images)
     if problems:
-        raise StepError(_report(problems))
+        raise StepError(_join_problems(problems))
     for warning in warnings:
         warn(warning)
     with atomic_directory(out) as folder:
@@ -99,7 +107,7 @@ def take_photos(images: Path, masks: Path | None, min_images: int, out: Path) ->
             _copy_upright(photo, folder / "images" / f"{index:06d}{suffix}")
             if photo.mask is not None:
                 write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
-        sheet = contact_sheet(map(read_image, list_images(folder / "images")), [photo.path.stem for photo in photos])
+        sheet = draw_contact_sheet(map(read_image, list_images(folder / "images")), [photo.path.stem for photo in photos])
         write_image(folder / "contact_sheet.png", sheet)
         facts = {
             "source_names": [photo.path.name for photo in photos],
@@ -107,15 +115,15 @@ def take_photos(images: Path, masks: Path | None, min_images: int, out: Path) ->
             "seconds": round(time.monotonic() - start_s, 2),
         }
         measured = ([getattr(photo, name) for photo in photos] for name in ("sharpness", "level", "blur_px"))
-        write_record(folder, photos[0].size_px, *measured, facts)
+        write_capture_record(folder, photos[0].size_px, *measured, facts)
 
 
-def format_problems(images: Path) -> list[str]:
+def find_format_problems(images: Path) -> list[str]:
     """Photos in formats that nothing here reads, in words."""
     if not Path(images).is_dir():
         return []
     odd = sorted(path.name for path in Path(images).iterdir() if path.suffix.lower() in UNREADABLE_SUFFIXES)
-    return [f"{images} holds photos in a format that cannot be read: {_list(odd)}; export them as JPEG"] if odd else []
+    return [f"{images} holds photos in a format that cannot be read: {_join_names(odd)}; export them as JPEG"] if odd else []
 
 
 def _copy_upright(photo: Photo, target: Path) -> None:
@@ -133,7 +141,7 @@ def _is_turned(path: Path) -> bool:
         return image.getexif().get(ORIENTATION_TAG, UPRIGHT) != UPRIGHT
 
 
-def _upright_size_px(path: Path) -> tuple[int, int]:
+def _read_upright_size_px(path: Path) -> tuple[int, int]:
     with Image.open(path) as image:
         return ImageOps.exif_transpose(image).size
 
@@ -142,9 +150,9 @@ def _read(path: Path, masks: Path | None) -> Photo:
     image = read_image(path)
     height, width = image.shape[:2]
     turned = _is_turned(path)
-    facts = (thumbnail(image), sharpness(image), float(image.mean()), edge_blur_px(image), turned)
+    facts = (make_thumbnail(image), measure_sharpness(image), float(image.mean()), measure_edge_blur_px(image), turned)
     if masks is None:
-        return Photo(path, _upright_size_px(path) if turned else (width, height), None, *facts)
+        return Photo(path, _read_upright_size_px(path) if turned else (width, height), None, *facts)
     candidates = [masks / f"{path.stem}.png", masks / f"{path.name}.png"]
     mask_path = next((candidate for candidate in candidates if candidate.is_file()), None)
     if mask_path is None:
@@ -164,24 +172,24 @@ def _read(path: Path, masks: Path | None) -> Photo:
     return Photo(path, (width, height), mask, *facts)
 
 
-def _size_problems(photos: list[Photo]) -> list[str]:
+def _find_size_problems(photos: list[Photo]) -> list[str]:
     sizes = [photo.size_px for photo in photos]
     if len(set(sizes)) <= 1:
         return []
     usual = max(sorted(set(sizes)), key=sizes.count)
     odd = [f"{photo.path.name} ({photo.size_px[0]} x {photo.size_px[1]})" for photo in photos if photo.size_px != usual]
     return [
-        f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_list(odd)}; take all with one camera, held the same way"
+        f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_join_names(odd)}; take all with one camera held the same way"
     ]
 
 
-def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
+def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
     """Problems and warnings that only the set of photos shows: copies of one view, and the object cut off."""
     problems, warnings = [], []
     distinct: list[Photo] = []
     copies = []
     for photo in photos:
-        twin = next((other for other in distinct if alike(photo.thumbnail, other.thumbnail)), None)
+        twin = next((other for other in distinct if look_alike(photo.thumbnail, other.thumbnail)), None)
         if twin is None:
             distinct.append(photo)
         else:
@@ -189,20 +197,20 @@ def _view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], lis
     if len(distinct) < min_images:
         problems.append(
             f"images in {photos[0].path.parent} are alike: only {len(distinct)} of {len(photos)} differ, {min_images} are needed;"
-            f" move the camera around the object between photos. Alike: {_list(copies)}"
+            f" move the camera around the object between photos. Alike: {_join_names(copies)}"
         )
     elif copies:
-        warnings.append(f"images that add nothing: {_list(copies)}")
+        warnings.append(f"images that add nothing: {_join_names(copies)}")
     names, sharpnesses = [photo.path.name for photo in photos], [photo.sharpness for photo in photos]
-    warnings += picture_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
+    warnings += collect_image_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
     cut = [photo.path.name for photo in photos if photo.mask is not None and _touches_border(photo.mask)]
     if len(photos) - len(cut) < min_images:
         problems.append(
             f"the object is cut off at the border in {len(cut)} of {len(photos)} images, {min_images} must show all of it;"
-            f" step back, or correct the masks: {_list(cut)}"
+            f" step back, or correct the masks: {_join_names(cut)}"
         )
     elif cut:
-        warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_list(cut)}")
+        warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_join_names(cut)}")
     return problems, warnings
 
 
@@ -212,12 +220,12 @@ def _touches_border(mask: np.ndarray) -> bool:
     return touching > max(3, 0.005 * 2 * sum(mask.shape))
 
 
-def _list(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
     more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
     return ", ".join(names[:MOST_LISTED]) + more
 
 
-def _report(problems: list[str]) -> str:
+def _join_problems(problems: list[str]) -> str:
     if len(problems) == 1:
         return problems[0]
     lines = problems[:MOST_LISTED] + ([f"... and {len(problems) - MOST_LISTED} more"] if len(problems) > MOST_LISTED else [])

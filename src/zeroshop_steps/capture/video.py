@@ -14,14 +14,14 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.capture.frames import (
-    alike,
-    contact_sheet,
-    edge_blur_px,
-    picture_warnings,
-    sharpness,
-    small_grey,
-    thumbnail,
-    write_record,
+    collect_image_warnings,
+    draw_contact_sheet,
+    look_alike,
+    make_thumbnail,
+    measure_edge_blur_px,
+    measure_sharpness,
+    shrink_to_grey,
+    write_capture_record,
 )
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -38,7 +38,7 @@ BLURRED_SHARE = 0.5  # of the sharpness of the film's best frames
 
 
 @dataclass(frozen=True)
-class Film:
+class VideoScan:
     """What a first pass over a video tells.
 
     Attributes:
@@ -63,17 +63,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    take_frames(args.images, args.frames, args.max_side_px, args.out)
+    extract_frames(args.images, args.frames, args.max_side_px, args.out)
 
 
-def take_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
+def extract_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
     """Write `count` frames to `out`/images, a picture of them all, and what to film again to capture.json.
 
     Raises:
         StepError: no video, a damaged or cut-off one, or one in which the camera hardly moves.
     """
     start_s = time.monotonic()
-    film = watch(video)
+    film = scan_video(video)
     chosen = choose_frames(film, count)
     needed = min(MIN_FRAMES, count)
     if len(chosen) < needed:
@@ -81,8 +81,8 @@ def take_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
     wanted = set(chosen)
     images = {number: frame for number, frame in enumerate(read_frames(video)) if number in wanted}
     names = [f"{index:06d}" for index in range(len(chosen))]
-    blurs_px = [edge_blur_px(images[number]) for number in chosen]
-    warnings = picture_warnings(names, film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist(), blurs_px)
+    blurs_px = [measure_edge_blur_px(images[number]) for number in chosen]
+    warnings = collect_image_warnings(names, film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist(), blurs_px)
     moving = int((film.changes > STILL_CHANGE).sum())
     if moving < MOVING_FRAMES * count:
         warnings.append(f"the camera moved too fast: only {moving} frames show its way; take twice the time for it")
@@ -91,10 +91,10 @@ def take_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
     if len(chosen) < count:
         warnings.append(f"only {len(chosen)} of {count} frames differ enough: film a longer way around the object")
     with atomic_directory(out) as folder:
-        scaled = [_scaled(images[number], max_side_px) for number in chosen]
+        scaled = [_shrink(images[number], max_side_px) for number in chosen]
         for name, image in zip(names, scaled, strict=True):
             write_image(folder / "images" / f"{name}.png", image)
-        write_image(folder / "contact_sheet.png", contact_sheet(scaled, names))
+        write_image(folder / "contact_sheet.png", draw_contact_sheet(scaled, names))
         facts = {
             "video": video.name,
             "video_frames": len(film.changes),
@@ -103,41 +103,41 @@ def take_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
             "seconds": round(time.monotonic() - start_s, 2),
         }
         height_px, width_px = scaled[0].shape[:2]
-        write_record(folder, (width_px, height_px), film.sharpnesses[chosen], film.levels[chosen], blurs_px, facts)
+        write_capture_record(folder, (width_px, height_px), film.sharpnesses[chosen], film.levels[chosen], blurs_px, facts)
     for warning in warnings:
         warn(warning)
 
 
-def watch(video: Path) -> Film:
+def scan_video(video: Path) -> VideoScan:
     """Measure every frame. Raises StepError where the file cannot be read to its end, or holds one picture only."""
     sharpnesses, levels, changes, thumbnails = [], [], [], []
     before = None
     for frame in read_frames(video):
-        small = cv2.GaussianBlur(small_grey(frame), (0, 0), 1.5)
-        sharpnesses.append(sharpness(frame))
+        small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), 1.5)
+        sharpnesses.append(measure_sharpness(frame))
         levels.append(float(small.mean()))
         # Changing exposure is no way of the camera's.
         even = small - small.mean()
         changes.append(0.0 if before is None else float(np.abs(even - before).mean() / (even.std() + 1.0)))
-        thumbnails.append(thumbnail(frame))
+        thumbnails.append(make_thumbnail(frame))
         before = even
     if not sharpnesses:
         raise StepError(f"{video} holds no frames that can be read; export it again as mp4 (H.264)")
     if len(sharpnesses) == 1:
         raise StepError(f"{video} holds a single frame; film the object from all around")
-    promised = _promised_frames(video)
+    promised = _count_promised_frames(video)
     if len(sharpnesses) < READABLE_SHARE * promised:
         raise StepError(
             f"{video} is cut off or damaged: {len(sharpnesses)} of its {promised} frames can be read; copy it from the camera again"
         )
     if len(sharpnesses) < promised:
         warn(f"{video}: {len(sharpnesses)} of its {promised} frames can be read; its end is damaged, the rest is taken")
-    return Film(*(np.array(values) for values in (sharpnesses, levels, changes, thumbnails)))
+    return VideoScan(*(np.array(values) for values in (sharpnesses, levels, changes, thumbnails)))
 
 
 def read_frames(video: Path) -> Iterator[np.ndarray]:
     """All frames in order, (H, W, 3) uint8 RGB, upright as the file's rotation says."""
-    capture = _opened(video)
+    capture = _open(video)
     try:
         while True:
             found, frame = capture.read()
@@ -148,7 +148,7 @@ def read_frames(video: Path) -> Iterator[np.ndarray]:
         capture.release()
 
 
-def choose_frames(film: Film, count: int) -> list[int]:
+def choose_frames(film: VideoScan, count: int) -> list[int]:
     """Numbers of up to `count` frames: the first, and the sharpest around the middle of each equal stretch of change."""
     way = np.cumsum(np.maximum(film.changes - STILL_CHANGE, 0.0))
     if way[-1] <= 0:
@@ -163,12 +163,12 @@ def choose_frames(film: Film, count: int) -> list[int]:
         if not len(near):
             near = np.array([int(np.abs(way - middle).argmin())])
         best = int(near[film.sharpnesses[near].argmax()])
-        if best not in chosen and not any(alike(film.thumbnails[best], film.thumbnails[other]) for other in chosen):
+        if best not in chosen and not any(look_alike(film.thumbnails[best], film.thumbnails[other]) for other in chosen):
             chosen.append(best)
     return sorted(chosen)
 
 
-def _opened(video: Path) -> cv2.VideoCapture:
+def _open(video: Path) -> cv2.VideoCapture:
     video = Path(video)
     if not video.is_file():
         raise StepError(f"video {video} does not exist; check the path")
@@ -183,15 +183,15 @@ def _opened(video: Path) -> cv2.VideoCapture:
     return capture
 
 
-def _promised_frames(video: Path) -> int:
-    capture = _opened(video)
+def _count_promised_frames(video: Path) -> int:
+    capture = _open(video)
     try:
         return max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
     finally:
         capture.release()
 
 
-def _scaled(image: np.ndarray, max_side_px: int) -> np.ndarray:
+def _shrink(image: np.ndarray, max_side_px: int) -> np.ndarray:
     scale = max_side_px / max(image.shape[:2])
     if scale >= 1:
         return image

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.frames import SHEET_COLUMNS, TILE_WIDTH_PX, rows_of
+from zeroshop_steps.capture.frames import SHEET_COLUMNS, TILE_WIDTH_PX, arrange_in_rows
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image
 from zeroshop_steps.register.record import read_registration
-from zeroshop_steps.register.undistort import undistortion_map
+from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json
 
@@ -101,7 +101,7 @@ def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.n
         label = f"{frame.name} IoU {frame.overlap:.3f}"
         cv2.putText(tile, label, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(tile)
-    return rows_of(tiles) if tiles else np.zeros((TILE_WIDTH_PX, TILE_WIDTH_PX, 3), np.uint8)
+    return arrange_in_rows(tiles) if tiles else np.zeros((TILE_WIDTH_PX, TILE_WIDTH_PX, 3), np.uint8)
 
 
 def undistort_mask(mask: np.ndarray, lens: dict | None) -> np.ndarray:
@@ -109,7 +109,7 @@ def undistort_mask(mask: np.ndarray, lens: dict | None) -> np.ndarray:
     if not lens:
         return mask
     camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
-    map_x, map_y = undistortion_map(camera)[1]
+    map_x, map_y = make_undistortion_map(camera)[1]
     return cv2.remap(mask.astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
 
 

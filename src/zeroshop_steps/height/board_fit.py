@@ -50,33 +50,33 @@ def fit_board(board: Board, views: Sequence[BoardView]) -> BoardFit:
         StepError: the cameras stand too close together, the board moved or is bent, or the print is stretched.
     """
     corners = board.corners_mm()
-    triangulated = triangulate(views, len(corners))
+    triangulated = triangulate_corners(views, len(corners))
     known = np.isfinite(triangulated).all(1)
     if known.sum() < 4:
         raise StepError("the photos that show the board were taken from nearly one place; move the camera around it between them")
-    start = _robust_similarity(corners[known], triangulated[known])
+    start = _fit_robust_similarity(corners[known], triangulated[known])
     linear = start[:3, :3]
     size = np.cbrt(np.linalg.det(linear))
     seed = np.r_[np.log(size), Rotation.from_matrix(linear / size).as_rotvec(), start[:3, 3], 0.0]
-    seed = _refined(seed, corners, views, stretched=False)
-    residual_px = float(np.median(np.linalg.norm(_residuals(seed, corners, views).reshape(-1, 2), axis=1)))
+    seed = _refine(seed, corners, views, stretched=False)
+    residual_px = float(np.median(np.linalg.norm(_compute_residuals(seed, corners, views).reshape(-1, 2), axis=1)))
     if residual_px > LARGEST_PX:
         raise StepError(
             f"the board's corners miss their places by {residual_px:.1f} px: it moved between the photos, is bent, or the cameras are "
             "wrong; lay it flat, leave it where it is, and take the photos again"
         )
-    stretch = float(np.exp(_refined(seed, corners, views, stretched=True)[7]))
+    stretch = float(np.exp(_refine(seed, corners, views, stretched=True)[7]))
     if abs(stretch - 1.0) > LARGEST_STRETCH:
         raise StepError(
             f"the board was printed out of shape: its height to width is {100 * (stretch - 1):+.1f} % off. It is of another size than the "
             "PDF; print it again at 100 %"
         )
     return BoardFit(
-        float(np.exp(seed[0])), _deviation(seed, corners, views, triangulated), stretch, residual_px, int(known.sum()), len(views)
+        float(np.exp(seed[0])), _estimate_deviation(seed, corners, views, triangulated), stretch, residual_px, int(known.sum()), len(views)
     )
 
 
-def triangulate(views: Sequence[BoardView], count: int) -> np.ndarray:
+def triangulate_corners(views: Sequence[BoardView], count: int) -> np.ndarray:
     """(count, 3) corners in the world frame; NaN where fewer than two views, or rays too parallel, show one."""
     points = np.full((count, 3), np.nan)
     for number in range(count):
@@ -95,7 +95,7 @@ def triangulate(views: Sequence[BoardView], count: int) -> np.ndarray:
     return points
 
 
-def _robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+def _fit_robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Least squares, again without what lies three times as far off as the median, until that settles."""
     kept = np.ones(len(source), bool)
     for _ in range(10):
@@ -108,19 +108,19 @@ def _robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     return similarity
 
 
-def _refined(start: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], stretched: bool) -> np.ndarray:
+def _refine(start: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], stretched: bool) -> np.ndarray:
     """Parameters (log scale, rotation vector, shift, log stretch) that bring the corners closest to where the views saw them."""
     free = 8 if stretched else 7
     unit = np.r_[1.0, 1.0, 1.0, 1.0, np.full(3, np.exp(start[0]) * 100.0), 1.0]  # a shift of 100 mm is as much as a radian
 
     def cost(change: np.ndarray) -> np.ndarray:
-        return _residuals(start + unit * np.r_[change, np.zeros(8 - free)], corners, views)
+        return _compute_residuals(start + unit * np.r_[change, np.zeros(8 - free)], corners, views)
 
     found = least_squares(cost, np.zeros(free), loss="soft_l1", f_scale=LOSS_PX, max_nfev=100)
     return start + unit * np.r_[found.x, np.zeros(8 - free)]
 
 
-def _residuals(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView]) -> np.ndarray:
+def _compute_residuals(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView]) -> np.ndarray:
     """(2 N,) distances in pixels between all corners seen and where the parameters put them."""
     shape = np.array([np.exp(-parameters[7] / 2), np.exp(parameters[7] / 2), 1.0])
     world = np.exp(parameters[0]) * (corners * shape) @ Rotation.from_rotvec(parameters[1:4]).as_matrix().T + parameters[4:7]
@@ -131,7 +131,7 @@ def _residuals(parameters: np.ndarray, corners: np.ndarray, views: Sequence[Boar
     return np.concatenate(parts).ravel()
 
 
-def _deviation(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], triangulated: np.ndarray) -> float:
+def _estimate_deviation(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], triangulated: np.ndarray) -> float:
     """Standard deviation of the log scale: from leaving photos out, where there are enough, and from the triangulated sides."""
     known = np.flatnonzero(np.isfinite(triangulated).all(1))
     first, second = np.triu_indices(len(known), 1)
@@ -140,6 +140,6 @@ def _deviation(parameters: np.ndarray, corners: np.ndarray, views: Sequence[Boar
     spread = 1.4826 * np.median(np.abs(ratios / np.median(ratios) - 1.0)) / np.sqrt(len(known))
     if len(views) < 3:
         return float(spread)
-    without = [_refined(parameters, corners, [*views[:k], *views[k + 1 :]], stretched=False)[0] for k in range(len(views))]
+    without = [_refine(parameters, corners, [*views[:k], *views[k + 1 :]], stretched=False)[0] for k in range(len(views))]
     jackknife = np.sqrt((len(views) - 1) / len(views) * np.sum((np.array(without) - np.mean(without)) ** 2))
     return float(np.hypot(jackknife, spread))

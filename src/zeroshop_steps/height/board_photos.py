@@ -36,7 +36,7 @@ class BoardView:
     square_px: float
 
 
-def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
+def detect_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
     """(N,) numbers and (N, 2) pixels (pixel (0, 0)'s centre is (0.5, 0.5)) of the board's corners in a (height, width, 3) photo."""
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(board.charuco).detectBoard(grey)
@@ -45,22 +45,22 @@ def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]
     numbers, corners = np.asarray(numbers).reshape(-1).astype(int), np.asarray(corners, float).reshape(-1, 2)
     # The board is flat and a lens is nearly straight: a homography tells corners that were mistaken.
     flat = board.corners_mm()[numbers, :2]
-    homography, kept = cv2.findHomography(flat, corners, cv2.RANSAC, BEYOND_A_SQUARE * _square_px(numbers, corners, board))
+    homography, kept = cv2.findHomography(flat, corners, cv2.RANSAC, BEYOND_A_SQUARE * _measure_square_px(numbers, corners, board))
     if homography is None or kept.sum() < LEAST_IN_A_PHOTO:
         return np.zeros(0, int), np.zeros((0, 2))
     kept = kept.reshape(-1).astype(bool)
     return numbers[kept], corners[kept] + 0.5
 
 
-def view_of(name: str, image: np.ndarray, board: Board, to_rays, camera_from_world: np.ndarray, focal_px: float) -> BoardView | None:
+def detect_board(name: str, image: np.ndarray, board: Board, to_rays, camera_from_world: np.ndarray, focal_px: float) -> BoardView | None:
     """What a photo shows of the board, None where that is too little; `to_rays` turns (N, 2) pixels into (N, 2) rays."""
-    numbers, pixels = corners_in(image, board)
+    numbers, pixels = detect_corners(image, board)
     if len(numbers) == 0:
         return None
-    return BoardView(name, numbers, to_rays(pixels), camera_from_world, focal_px, _square_px(numbers, pixels, board))
+    return BoardView(name, numbers, to_rays(pixels), camera_from_world, focal_px, _measure_square_px(numbers, pixels, board))
 
 
-def check_views(views: Sequence[BoardView], board: Board, images: Sequence[np.ndarray], where: str) -> None:
+def check_board_views(views: Sequence[BoardView], board: Board, images: Sequence[np.ndarray], where: str) -> None:
     """Raise StepError where the photos show no board, another one, or too little of it.
 
     Args:
@@ -70,7 +70,7 @@ def check_views(views: Sequence[BoardView], board: Board, images: Sequence[np.nd
         where: the photos in words.
     """
     if not views:
-        other = next((name for name in (board_in(image) for image in images) if name and name != board.name), None)
+        other = next((name for name in (identify_board(image) for image in images) if name and name != board.name), None)
         if other:
             raise StepError(f"{where} show the board {other}, not {board.name}; give height.marker.board the board that was printed")
         raise StepError(
@@ -91,7 +91,7 @@ def check_views(views: Sequence[BoardView], board: Board, images: Sequence[np.nd
         )
 
 
-def board_in(image: np.ndarray) -> str | None:
+def identify_board(image: np.ndarray) -> str | None:
     """The name of the board whose markers a photo shows most of, None without any."""
     dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
     _, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
@@ -101,7 +101,7 @@ def board_in(image: np.ndarray) -> str | None:
     return best if counts[best] >= 2 else None
 
 
-def _square_px(numbers: np.ndarray, pixels: np.ndarray, board: Board) -> float:
+def _measure_square_px(numbers: np.ndarray, pixels: np.ndarray, board: Board) -> float:
     """Median distance in pixels of corners that are neighbours on the board; 0 where no two are."""
     place = {int(number): pixel for number, pixel in zip(numbers, pixels, strict=True)}
     across = board.columns - 1

@@ -15,7 +15,7 @@ from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
-from zeroshop_steps.register.undistort import undistortion_map
+from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -42,11 +42,14 @@ def run(args: argparse.Namespace) -> None:
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     else_wrong = "the depth images have another unit (height.depth_camera.step_mm)"
     write_height(
-        args, "depth_camera", lambda registered: scale_of(registered, MeshRenderer(mesh), diagonal, args.depth, args.step_mm), else_wrong
+        args,
+        "depth_camera",
+        lambda registered: measure_scale(registered, MeshRenderer(mesh), diagonal, args.depth, args.step_mm),
+        else_wrong,
     )
 
 
-def scale_of(registered: RegisteredObject, renderer: MeshRenderer, diagonal: float, folder: Path, step_mm: float) -> Scale:
+def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal: float, folder: Path, step_mm: float) -> Scale:
     """The scale that the depth images agree on.
 
     Args:
@@ -61,13 +64,13 @@ def scale_of(registered: RegisteredObject, renderer: MeshRenderer, diagonal: flo
     """
     if not folder.is_dir():
         raise StepError(f"the folder of depth images {folder} does not exist")
-    files = depth_files(registered, folder)
+    files = find_depth_files(registered, folder)
     if len(files) < LEAST_IMAGES:
         raise StepError(
             f"{folder} has depth images for {len(files)} of the {len(registered.views)} registered photos, {LEAST_IMAGES} are needed; each "
             "is named like its photo, but .png"
         )
-    to_pinhole = _undistortion(registered)
+    to_pinhole = _make_undistortion(registered)
     ratios, off = {}, {}
     for view, path in files:
         measured_mm = to_pinhole(read_depth(path, view)) * step_mm
@@ -96,7 +99,7 @@ def scale_of(registered: RegisteredObject, renderer: MeshRenderer, diagonal: flo
     return Scale("depth_camera", scale_mm / 1000.0, spread / np.sqrt(len(values)), evidence)
 
 
-def depth_files(registered: RegisteredObject, folder: Path) -> list[tuple[View, Path]]:
+def find_depth_files(registered: RegisteredObject, folder: Path) -> list[tuple[View, Path]]:
     """Each view's depth image, where there is one, named like the user's photo. Raises StepError for a video."""
     facts = read_json(registered.capture / "capture.json")
     if "source_frames" in facts:
@@ -135,12 +138,12 @@ def _check_unit(path: Path, median_mm: float, step_mm: float) -> None:
         )
 
 
-def _undistortion(registered: RegisteredObject):
+def _make_undistortion(registered: RegisteredObject):
     """What moves a depth image, aligned with the photo as it was taken, to the undistorted photo."""
     record = registered.cameras / "registration.json"
     lens = read_json(record).get("lens") if record.is_file() else None
     if not lens:
         return lambda depth: depth
     camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
-    map_x, map_y = undistortion_map(camera)[1]
+    map_x, map_y = make_undistortion_map(camera)[1]
     return lambda depth: cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)

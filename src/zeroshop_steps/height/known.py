@@ -13,10 +13,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write height.json."""
-    write_height(args, "known", scale_of)
+    write_height(args, "known", measure_scale)
 
 
-def scale_of(registered: RegisteredObject) -> Scale:
+def measure_scale(registered: RegisteredObject) -> Scale:
     """The scale that gives the object its known height. Raises StepError where none is given."""
     if registered.known_height_m is None:
         raise StepError(

@@ -14,9 +14,9 @@ import numpy as np
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.printed_board import BOARDS, RULER_MM, Board
 from zeroshop_steps.height.board_fit import BoardFit, fit_board
-from zeroshop_steps.height.board_photos import BoardView, check_views, view_of
+from zeroshop_steps.height.board_photos import BoardView, check_board_views, detect_board
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
-from zeroshop_steps.height.scene_photos import place
+from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.errors import StepError
 
@@ -46,54 +46,56 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"--ruler-mm is {args.ruler_mm:g}; the line is {RULER_MM:g} mm long, give the length in mm that was measured")
     options = SiftOptions(threads=args.threads, seed=args.seed)
 
-    measure = partial(scale_of, BOARDS[args.board], args.marker_images, args.ruler_mm / RULER_MM, options)
+    measure = partial(measure_scale, BOARDS[args.board], args.marker_images, args.ruler_mm / RULER_MM, options)
     write_height(args, "marker", measure, None if args.blind else WRONG_PRINT)
 
 
-def scale_of(board: Board, marker_images: Path | None, print_scale: float, options: SiftOptions, registered: RegisteredObject) -> Scale:
+def measure_scale(
+    board: Board, marker_images: Path | None, print_scale: float, options: SiftOptions, registered: RegisteredObject
+) -> Scale:
     """The scale that the board gives.
 
     Raises:
         StepError: no board, another one, too little of it, or one that does not fit.
     """
-    views = board_in_scene(board, marker_images, registered, options) if marker_images else board_beside_object(board, registered)
+    views = find_board_in_scene(board, marker_images, registered, options) if marker_images else find_board_beside_object(board, registered)
     fit = fit_board(board, views)
     deviation = float(np.hypot(fit.deviation, RULER_ERROR_MM / RULER_MM))
-    return Scale("marker", 0.001 * print_scale / fit.units_per_mm, deviation, _evidence(board, fit, marker_images, print_scale))
+    return Scale("marker", 0.001 * print_scale / fit.units_per_mm, deviation, _describe_evidence(board, fit, marker_images, print_scale))
 
 
-def board_beside_object(board: Board, registered: RegisteredObject) -> list[BoardView]:
+def find_board_beside_object(board: Board, registered: RegisteredObject) -> list[BoardView]:
     """What the object's own photos show of the board."""
     found = []
     for view in registered.views:
         k = view.camera.intrinsics
-        to_rays = partial(_pinhole_rays, np.array([k[0, 2], k[1, 2]]), np.array([k[0, 0], k[1, 1]]))
-        found.append(view_of(view.camera.name, view.image(), board, to_rays, view.camera.camera_from_world, float(k[0, 0])))
+        to_rays = partial(_compute_rays, np.array([k[0, 2], k[1, 2]]), np.array([k[0, 0], k[1, 1]]))
+        found.append(detect_board(view.camera.name, view.image(), board, to_rays, view.camera.camera_from_world, float(k[0, 0])))
     views = [view for view in found if view]
-    check_views(views, board, [] if views else [view.image() for view in registered.views], f"the {len(found)} photos of the object")
+    check_board_views(views, board, [] if views else [view.image() for view in registered.views], f"the {len(found)} photos of the object")
     return views
 
 
-def board_in_scene(board: Board, folder: Path, registered: RegisteredObject, options: SiftOptions) -> list[BoardView]:
+def find_board_in_scene(board: Board, folder: Path, registered: RegisteredObject, options: SiftOptions) -> list[BoardView]:
     """What the photos of the empty scene show of the board, once they are placed among the object's photos."""
     if not folder.is_dir():
         raise StepError(f"{folder} does not exist; marker_images names the folder of the photos of the empty scene")
-    photos = place(folder, registered.views, options)
+    photos = localize_photos(folder, registered.views, options)
     images = [read_image(photo.path) for photo in photos]
     found = [
-        view_of(photo.path.name, image, board, photo.rays, photo.camera_from_world, photo.camera.mean_focal_length())
+        detect_board(photo.path.name, image, board, photo.rays, photo.camera_from_world, photo.camera.mean_focal_length())
         for photo, image in zip(photos, images, strict=True)
     ]
     views = [view for view in found if view]
-    check_views(views, board, images, f"the {len(photos)} photos in {folder} whose camera was found")
+    check_board_views(views, board, images, f"the {len(photos)} photos in {folder} whose camera was found")
     return views
 
 
-def _pinhole_rays(centre: np.ndarray, focal: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def _compute_rays(centre: np.ndarray, focal: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return (pixels - centre) / focal
 
 
-def _evidence(board: Board, fit: BoardFit, marker_images: Path | None, print_scale: float) -> dict:
+def _describe_evidence(board: Board, fit: BoardFit, marker_images: Path | None, print_scale: float) -> dict:
     return {
         "board": board.name,
         "board_seen_in": "photos of the empty scene" if marker_images else "the object's photos",

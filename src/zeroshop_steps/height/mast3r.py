@@ -16,12 +16,12 @@ import torch
 from zeroshop_steps.geometry.images import list_images
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
-from zeroshop_steps.networks.devices import DEVICES, chosen_device
-from zeroshop_steps.networks.mast3r.alignment import Alignment, align
-from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
+from zeroshop_steps.networks.devices import DEVICES, choose_device
+from zeroshop_steps.networks.mast3r.alignment import Alignment, align_images
+from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing
+from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
-from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, published_or_own
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.runtime.errors import StepError
 
 OBJECT_VIEWS, SCENE_VIEWS = 2, 4
@@ -48,18 +48,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write height.json."""
-    device = torch.device(chosen_device(args.device))
-    weights = published_or_own(args.weights, NAME, SIZES)
-    scene = _spread(list_images(args.marker_images), SCENE_VIEWS) if args.marker_images else []
+    device = torch.device(choose_device(args.device))
+    weights = resolve_weights(args.weights, NAME, SIZES)
+    scene = _take_evenly(list_images(args.marker_images), SCENE_VIEWS) if args.marker_images else []
 
-    def predictor(paths: Sequence[Path]) -> Predictor:
-        return PairPredictor(load_mast3r(weights), paths, device, args.long_side_px)
+    def predictor(paths: Sequence[Path]) -> Mast3rPredictor:
+        return Mast3rPredictor(load_mast3r(weights), paths, device, args.long_side_px)
 
-    measure = partial(scale_of, scene_photos=scene, predictor=predictor)
+    measure = partial(measure_scale, scene_photos=scene, predictor=predictor)
     write_height(args, "mast3r", measure, "the network takes the object for another one of another size")
 
 
-def scale_of(registered: RegisteredObject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], Predictor]) -> Scale:
+def measure_scale(
+    registered: RegisteredObject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], Mast3rPredictor]
+) -> Scale:
     """The scale that the network gives: its metres beside the registration's units, where the registration has points.
 
     Args:
@@ -70,13 +72,13 @@ def scale_of(registered: RegisteredObject, scene_photos: Sequence[Path], predict
     Raises:
         StepError: photos match none of the others, or the registration has too few points in them.
     """
-    chosen = object_views(registered.views, OBJECT_VIEWS if scene_photos else OBJECT_VIEWS + SCENE_VIEWS)
+    chosen = choose_object_views(registered.views, OBJECT_VIEWS if scene_photos else OBJECT_VIEWS + SCENE_VIEWS)
     prepared = predictor([view.image_path for view in chosen] + list(scene_photos))
     torch.manual_seed(0)
-    alignment = align(prepared, MIN_CONFIDENCE)
+    alignment = align_images(prepared, MIN_CONFIDENCE)
     model = pycolmap.Reconstruction(str(registered.cameras / "sparse"))
     ratios = [
-        depth_ratios(model, view, prepared.framings[number], alignment.depth_m[number], alignment.confidence[number])
+        compute_depth_ratios(model, view, prepared.framings[number], alignment.depth_m[number], alignment.confidence[number])
         for number, view in enumerate(chosen)
     ]
     points = sum(map(len, ratios))
@@ -96,12 +98,12 @@ def scale_of(registered: RegisteredObject, scene_photos: Sequence[Path], predict
         "error_px": round(alignment.error_px, 3),
         "photos_disagree_share": round(disagreement, 5),
         "pairs_disagree_share": round(alignment.scale_deviation, 5),
-        "metres_per_unit_by_camera_distance": baseline_ratio(alignment, chosen),
+        "metres_per_unit_by_camera_distance": compute_baseline_ratio(alignment, chosen),
     }
     return Scale("mast3r", scale, deviation, evidence)
 
 
-def object_views(views: Sequence[View], count: int) -> list[View]:
+def choose_object_views(views: Sequence[View], count: int) -> list[View]:
     """`count` views: the first, and then each time the one that is most nearly `APART_DEG` from the nearest that was taken."""
     axes = np.stack([view.camera.camera_from_world[2, :3] for view in views])
     angles = np.degrees(np.arccos(np.clip(axes @ axes.T, -1.0, 1.0)))
@@ -113,7 +115,9 @@ def object_views(views: Sequence[View], count: int) -> list[View]:
     return [views[number] for number in taken]
 
 
-def depth_ratios(model: pycolmap.Reconstruction, view: View, framing: Framing, depth_m: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+def compute_depth_ratios(
+    model: pycolmap.Reconstruction, view: View, framing: Framing, depth_m: np.ndarray, confidence: np.ndarray
+) -> np.ndarray:
     """(P,) the network's metres a unit of the registration, at the registration's points that this photo shows and the network trusts."""
     image = next(image for image in model.images.values() if image.name == view.camera.name)
     seen = [point for point in image.points2D if point.has_point3D()]
@@ -127,12 +131,12 @@ def depth_ratios(model: pycolmap.Reconstruction, view: View, framing: Framing, d
     return found[trusted] / depth[inside][trusted]
 
 
-def baseline_ratio(alignment: Alignment, views: Sequence[View]) -> float:
+def compute_baseline_ratio(alignment: Alignment, views: Sequence[View]) -> float:
     """Metres a unit by the distance of the first two cameras alone: less exact, for comparison."""
     found = np.linalg.norm(alignment.world_from_camera[1, :3, 3] - alignment.world_from_camera[0, :3, 3])
     return float(found / np.linalg.norm(views[1].camera.centre_in_world - views[0].camera.centre_in_world))
 
 
-def _spread(paths: list[Path], count: int) -> list[Path]:
+def _take_evenly(paths: list[Path], count: int) -> list[Path]:
     """`count` of the paths, evenly from the first to the last."""
     return [paths[number] for number in np.unique(np.linspace(0, len(paths) - 1, min(count, len(paths))).round().astype(int))]

@@ -66,8 +66,8 @@ def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | Non
     if measured.sum() < LEAST_MEASURED * areas.sum():
         measured = areas
     shares = (TOP_SHARE / 2, TOP_SHARE, TOP_SHARE * 2)
-    lows, tops_of_mesh = zip(*(robust_extent(heights, mesh, areas, share) for share in shares), strict=True)
-    _, highs = zip(*(robust_extent(heights, mesh, measured, share) for share in shares), strict=True)
+    lows, tops_of_mesh = zip(*(measure_robust_extent(heights, mesh, areas, share) for share in shares), strict=True)
+    _, highs = zip(*(measure_robust_extent(heights, mesh, measured, share) for share in shares), strict=True)
     low, top_of_mesh, high = lows[1], tops_of_mesh[1], highs[1]
     low_deviation, high_deviation = abs(lows[2] - lows[0]) / 2, abs(highs[2] - highs[0]) / 2
     bottom = plane.offset if plane else low
@@ -86,7 +86,7 @@ def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | Non
     return ObjectPose(up, float(bottom), high, top_of_mesh, deviation, plane, certainty)
 
 
-def robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float) -> tuple[float, float]:
+def measure_robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float) -> tuple[float, float]:
     """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the faces' (F,) areas each."""
     weights = np.zeros(len(heights))
     for corner in range(3):

@@ -84,16 +84,18 @@ def write_height(
     """
     start_s = time.monotonic()
     views, model = read_views(args.cameras)
-    pose = measure_object_pose(_mesh_with_evidence(args, views), views, model)
+    pose = measure_object_pose(_read_mesh(args, views), views, model)
     if pose.top_of_mesh - pose.top > BULGE * pose.extent:
         warn(BULGES.format((pose.top_of_mesh - pose.top) / pose.extent))
-    registered = RegisteredObject(pose, views, args.cameras, args.capture, known_height_m(args.capture / "capture.json", args.height_m))
+    registered = RegisteredObject(
+        pose, views, args.cameras, args.capture, read_known_height_m(args.capture / "capture.json", args.height_m)
+    )
     scale = measure(registered)
     if scale and else_wrong:
-        check_known(scale, registered, else_wrong)
+        check_against_known_height(scale, registered, else_wrong)
     content = {
         "method": method,
-        **height_record(pose, scale),
+        **describe_height(pose, scale),
         "known_height_m": registered.known_height_m,
         "seconds": round(time.monotonic() - start_s, 2),
     }
@@ -101,10 +103,10 @@ def write_height(
     if content["scale"] == "unknown":
         warn(UNKNOWN)
     else:
-        print(height_line(content), file=sys.stderr)
+        print(format_height(content), file=sys.stderr)
 
 
-def _mesh_with_evidence(args: argparse.Namespace, views: list[View]) -> Mesh:
+def _read_mesh(args: argparse.Namespace, views: list[View]) -> Mesh:
     """The mesh, with the evidence of its vertices as quality where stereo is given."""
     mesh = read_ply(args.mesh)
     if args.stereo is None:
@@ -116,7 +118,7 @@ def _mesh_with_evidence(args: argparse.Namespace, views: list[View]) -> Mesh:
     return replace(mesh, quality=classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views)) / MEASURED)
 
 
-def check_known(scale: Scale, registered: RegisteredObject, else_wrong: str) -> None:
+def check_against_known_height(scale: Scale, registered: RegisteredObject, else_wrong: str) -> None:
     """Raise StepError where a height that is known as well differs: a wrong unit or a wrong print shows nowhere else."""
     if registered.known_height_m is None:
         return
@@ -130,7 +132,7 @@ def check_known(scale: Scale, registered: RegisteredObject, else_wrong: str) -> 
         )
 
 
-def height_record(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:
+def describe_height(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:
     """The content of height.json. `up`, `bottom` and `top` are in the registration frame and its unit."""
     plane = pose.plane
     height_m = pose.extent * scale.metres_per_unit if scale else None
@@ -160,12 +162,12 @@ def height_record(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:
     }
 
 
-def height_line(content: dict[str, Any]) -> str:
+def format_height(content: dict[str, Any]) -> str:
     """One line for people, of a known scale."""
     return f"height: {content['height_m'] * 1000:.1f} mm +- {content['height_deviation_m'] * 1000:.1f} mm, from {content['scale_source']}"
 
 
-def known_height_m(path: Path, given_m: float | None = None) -> float | None:
+def read_known_height_m(path: Path, given_m: float | None = None) -> float | None:
     """The height that the user gives, or else that in capture.json; None where neither is known."""
     if given_m is not None:
         low, high = HEIGHT_RANGE_M

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.photos import format_problems
+from zeroshop_steps.capture.photos import find_format_problems
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.register.mapping import mapping_options
-from zeroshop_steps.register.sift import SiftOptions, extraction_options, match
+from zeroshop_steps.register.mapping import make_mapping_options
+from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, match_features
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_PLACED = 2
@@ -25,7 +25,7 @@ OBJECT, SCENE = "object", "scene"
 
 
 @dataclass(frozen=True)
-class PlacedPhoto:
+class LocalizedPhoto:
     """A photo of the empty scene whose camera was found.
 
     Attributes:
@@ -43,7 +43,7 @@ class PlacedPhoto:
         return np.asarray(self.camera.cam_from_img(pixels), float)[:, :2]
 
 
-def place(folder: Path, views: list[View], options: SiftOptions) -> list[PlacedPhoto]:
+def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> list[LocalizedPhoto]:
     """Find the cameras of the photos in `folder`.
 
     Args:
@@ -54,7 +54,7 @@ def place(folder: Path, views: list[View], options: SiftOptions) -> list[PlacedP
     Raises:
         StepError: fewer than two could be placed.
     """
-    odd = format_problems(folder)
+    odd = find_format_problems(folder)
     if odd:
         raise StepError("; ".join(odd))
     photos = list_images(folder)
@@ -69,11 +69,11 @@ def place(folder: Path, views: list[View], options: SiftOptions) -> list[PlacedP
             os.symlink(view.image_path.resolve(), images / f"{OBJECT}_{view.image_path.name}")
         for name, photo in placed_as.items():
             os.symlink(photo.resolve(), images / name)
-        _extract(database, images, objects, list(placed_as), options)
-        match(database, options)
-        model = _joint_model(database, images, objects, scratch, options)
+        _extract_features(database, images, objects, list(placed_as), options)
+        match_features(database, options)
+        model = _map_jointly(database, images, objects, scratch, options)
     placed = [
-        PlacedPhoto(placed_as[image.name], model.cameras[image.camera_id], _square(image.cam_from_world()))
+        LocalizedPhoto(placed_as[image.name], model.cameras[image.camera_id], _to_matrix(image.cam_from_world()))
         for image in sorted(model.images.values(), key=lambda image: image.name)
         if image.has_pose and image.name in placed_as
     ]
@@ -85,7 +85,7 @@ def place(folder: Path, views: list[View], options: SiftOptions) -> list[PlacedP
     return placed
 
 
-def _extract(database: Path, images: Path, objects: dict[str, Camera], scene: list[str], options: SiftOptions) -> None:
+def _extract_features(database: Path, images: Path, objects: dict[str, Camera], scene: list[str], options: SiftOptions) -> None:
     """Features of all photos; the object's have their known cameras, the empty scene's one unknown lens."""
     sizes = {read_image(images / name).shape for name in scene}
     mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.PER_IMAGE
@@ -102,11 +102,11 @@ def _extract(database: Path, images: Path, objects: dict[str, Camera], scene: li
                 params = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
                 fields = {"model": "PINHOLE", "width": camera.width_px, "height": camera.height_px, "params": params}
                 opened.update_camera(pycolmap.Camera({**fields, "camera_id": image.camera_id, "has_prior_focal_length": True}))
-    extraction = extraction_options(options, options.first_octave)
+    extraction = make_extraction_options(options, options.first_octave)
     pycolmap.extract_features(database, images, sorted([*objects, *scene]), mode, lens, extraction)
 
 
-def _joint_model(database: Path, images: Path, objects: dict[str, Camera], scratch: Path, options: SiftOptions) -> pycolmap.Reconstruction:
+def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scratch: Path, options: SiftOptions) -> pycolmap.Reconstruction:
     """Points from the object's photos with their cameras fixed, then the other photos placed against them."""
     model = pycolmap.Reconstruction()
     lenses = set()
@@ -120,7 +120,7 @@ def _joint_model(database: Path, images: Path, objects: dict[str, Camera], scrat
             pose = objects[image.name].camera_from_world
             pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
             model.add_image_with_trivial_frame(pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id), pose)
-    mapper = mapping_options(LEAST_PLACED, options.seed)
+    mapper = make_mapping_options(LEAST_PLACED, options.seed)
     for name in ("triangulated", "joint"):
         (scratch / name).mkdir()
     pycolmap.set_random_seed(options.seed)
@@ -132,7 +132,7 @@ def _joint_model(database: Path, images: Path, objects: dict[str, Camera], scrat
     return max(found.values(), key=lambda joint: joint.num_reg_images(), default=model)
 
 
-def _square(pose: pycolmap.Rigid3d) -> np.ndarray:
+def _to_matrix(pose: pycolmap.Rigid3d) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3] = pose.matrix()
     return matrix

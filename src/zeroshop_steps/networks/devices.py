@@ -16,7 +16,7 @@ RESERVE = 0.9
 """Share of the free memory that a network may take."""
 
 
-def chosen_device(name: str) -> str:
+def choose_device(name: str) -> str:
     """ "cpu" or "cuda" for one of auto, cpu and cuda. Raises StepError where cuda is asked for and absent."""
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
@@ -26,27 +26,27 @@ def chosen_device(name: str) -> str:
     return name
 
 
-def chosen_precision(name: str, device: str) -> torch.dtype:
+def choose_precision(name: str, device: str) -> torch.dtype:
     """The number format for one of auto, float32 and bfloat16: auto is bfloat16 where a CUDA device calculates in it."""
     if name == "auto":
         return torch.bfloat16 if device == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False) else torch.float32
     return {"float32": torch.float32, "bfloat16": torch.bfloat16}[name]
 
 
-def free_bytes(device: str) -> int:
+def measure_free_bytes(device: str) -> int:
     """Memory that a new process can have: of the CUDA device, or of this machine within the limits of its control group."""
     if device == "cuda":
         return torch.cuda.mem_get_info()[0]
     free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    for line in _text(Path("/proc/meminfo")).splitlines():
+    for line in _read_text(Path("/proc/meminfo")).splitlines():
         if line.startswith("MemAvailable:"):
             free = 1024 * int(line.split()[1])
-    limit, used = _text(CGROUP / "memory.max").strip(), _text(CGROUP / "memory.current").strip()
+    limit, used = _read_text(CGROUP / "memory.max").strip(), _read_text(CGROUP / "memory.current").strip()
     return min(free, int(limit) - int(used)) if limit.isdigit() and used.isdigit() else free
 
 
 @dataclass(frozen=True)
-class Needs:
+class MemoryNeeds:
     """Memory that a run will take at its peak.
 
     Attributes:
@@ -60,15 +60,15 @@ class Needs:
     instead: str
 
 
-def fits(peak_bytes: int, device: torch.device) -> bool:
+def fits_in_memory(peak_bytes: int, device: torch.device) -> bool:
     """Whether so much memory can be taken on a device."""
-    return peak_bytes <= RESERVE * free_bytes(device.type)
+    return peak_bytes <= RESERVE * measure_free_bytes(device.type)
 
 
-def check_fits(needs: Needs, device: torch.device) -> None:
+def check_memory(needs: MemoryNeeds, device: torch.device) -> None:
     """Raise StepError with the numbers where a run cannot fit on a device."""
-    if not fits(needs.peak_bytes, device):
-        free = free_bytes(device.type)
+    if not fits_in_memory(needs.peak_bytes, device):
+        free = measure_free_bytes(device.type)
         raise StepError(
             f"{needs.what} takes {needs.peak_bytes / 1e9:.1f} GB at its peak, the device {device.type} has {free / 1e9:.1f} GB free:"
             f" {needs.instead}"
@@ -76,13 +76,13 @@ def check_fits(needs: Needs, device: torch.device) -> None:
 
 
 @contextlib.contextmanager
-def running(device: torch.device, what: str) -> Iterator[None]:
+def run_network(device: torch.device, what: str) -> Iterator[None]:
     """Run a network without gradients, in bfloat16 where a CUDA device has it.
 
     Raises:
         StepError: out of memory all the same.
     """
-    precision = chosen_precision("auto", device.type)
+    precision = choose_precision("auto", device.type)
     try:
         with torch.inference_mode(), torch.autocast(device.type, dtype=precision, enabled=precision != torch.float32):
             yield
@@ -93,7 +93,7 @@ def running(device: torch.device, what: str) -> Iterator[None]:
         raise StepError(f"{what} ran out of memory on {device.type}: {str(error).splitlines()[0]}; {remedy}") from MemoryError()
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return path.read_text()
     except OSError:

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from zeroshop_steps.networks.weights import fetch, known
+from zeroshop_steps.networks.weights import fetch_weights, look_up_weights
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,6 +15,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the file."""
-    row = known(args.file)
+    row = look_up_weights(args.file)
     print(f"{row.file}: for {row.purpose}, from {row.url}. Its licence: {row.licence}. By using it you accept that.", file=sys.stderr)
-    fetch(args.file, args.out)
+    fetch_weights(args.file, args.out)

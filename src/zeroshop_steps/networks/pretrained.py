@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table, require
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table, require_weights
 from zeroshop_steps.runtime.errors import StepError
 
 WEIGHTS_FILE = "model.safetensors"
@@ -22,7 +22,7 @@ def require_model(name: str, files: Sequence[str]) -> Path:
     """
     table = read_table()
     for file in files:
-        require(f"{name}/{file}") if f"{name}/{file}" in table else require_file(WEIGHTS_FOLDER / name / file)
+        require_weights(f"{name}/{file}") if f"{name}/{file}" in table else require_file(WEIGHTS_FOLDER / name / file)
     return WEIGHTS_FOLDER / name
 
 

@@ -67,7 +67,7 @@ def read_table(table: Path = TABLE) -> dict[str, WeightsFile]:
     return {row.file: row for row in rows}
 
 
-def known(name: str) -> WeightsFile:
+def look_up_weights(name: str) -> WeightsFile:
     """The row of a file; raises StepError with the known ones for another name."""
     table = read_table()
     if name not in table:
@@ -75,7 +75,7 @@ def known(name: str) -> WeightsFile:
     return table[name]
 
 
-def require(name: str, root: Path = Path()) -> Path:
+def require_weights(name: str, root: Path = Path()) -> Path:
     """The path of a file of weights that is there and is the right one.
 
     Its bytes are checked at the first use and again when it is newer than the record of that, `path`.sha256.
@@ -83,7 +83,7 @@ def require(name: str, root: Path = Path()) -> Path:
     Raises:
         StepError: it is not there (says where to get it, its licence, and what needs none), was cut short, or is another file.
     """
-    row = known(name)
+    row = look_up_weights(name)
     path = root / row.path
     if not path.is_file():
         raise StepError(f"the weights {path} are not there, which are for {row.purpose}. {row.advice}")
@@ -95,8 +95,8 @@ def require(name: str, root: Path = Path()) -> Path:
     return path
 
 
-def published_or_own(path: Path, name: str, sizes: str) -> Path:
-    """The weights at `path`: the published ones, checked as `require` does, or one's own, which only have to fit.
+def resolve_weights(path: Path, name: str, sizes: str) -> Path:
+    """The weights at `path`: the published ones, checked as `require_weights` does, or one's own, which only have to fit.
 
     Args:
         path: where they are.
@@ -107,24 +107,24 @@ def published_or_own(path: Path, name: str, sizes: str) -> Path:
         StepError: they are not there, or not what was published.
     """
     if path == WEIGHTS_FOLDER / name and not path.with_suffix(sizes).is_file():
-        return require(name)
+        return require_weights(name)
     if not path.is_file():
         raise StepError(f"the weights {path} do not exist; check the path, or leave the option out for the published ones")
     return path
 
 
-def fetch(name: str, path: Path) -> None:
+def fetch_weights(name: str, path: Path) -> None:
     """Download a file of weights to `path` and check it.
 
     Raises:
         StepError: no network, no disk space, or not the file that the table describes.
     """
-    row = known(name)
+    row = look_up_weights(name)
     download(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
     _check_size(row, path)
 
 
-def strict_load(module: "torch.nn.Module", path: Path) -> None:
+def load_strictly(module: "torch.nn.Module", path: Path) -> None:
     """Give `module` the parameters and buffers in a checkpoint: all of them, and none besides.
 
     The module may be on the meta device; it then takes the tensors as they are in the file, which is mapped, not read.

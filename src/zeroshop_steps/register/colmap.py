@@ -12,12 +12,12 @@ from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, write_registration
-from zeroshop_steps.register.sift import SiftOptions, extract, focal_source, match
+from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source, match_features
+from zeroshop_steps.register.stretched_features import add_stretched_features, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
-from zeroshop_steps.register.tilted import add_stretched_features, weak_images
-from zeroshop_steps.register.verdict import Limits
 from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
@@ -46,7 +46,7 @@ class ColmapOptions:
     min_share: float = 0.8
     min_images: int = 8
     max_dropped: int = 6
-    limits: Limits = field(default_factory=Limits)
+    limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,12 +88,12 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=".colmap.") as scratch_name:
         scratch = Path(scratch_name)
         database = scratch / "database.db"
-        figures["median_features"] = extract(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
-        figures["focal_source"] = "given" if options.sift.focal_px is not None else focal_source(database)
+        figures["median_features"] = extract_features(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
+        figures["find_focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
         stopwatch.lap("extract")
-        match(database, options.sift)
+        match_features(database, options.sift)
         stopwatch.lap("match")
-        weak = [] if options.object_only else weak_images(database, options.weak_matches, options.weak_share)
+        weak = [] if options.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
         if weak:
             add_stretched_features(database, image_set, weak, options.tilt, options.sift)
         figures["stretched"] = weak

@@ -5,7 +5,7 @@ from pathlib import Path
 import pycolmap
 
 
-def mapping_options(min_registered: int, seed: int) -> pycolmap.IncrementalPipelineOptions:
+def make_mapping_options(min_registered: int, seed: int) -> pycolmap.IncrementalPipelineOptions:
     """Options of the incremental mapper.
 
     Args:

@@ -16,15 +16,15 @@ import numpy as np
 import pycolmap
 import torch
 
-from zeroshop_steps.networks.devices import DEVICES, chosen_device
-from zeroshop_steps.networks.mast3r.inference import NAME, PairPredictor, Predictor
-from zeroshop_steps.networks.mast3r.matching import Matches, match
+from zeroshop_steps.networks.devices import DEVICES, choose_device
+from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing
+from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor
+from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
-from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, published_or_own
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
 from zeroshop_steps.register.match_database import PairMatches, write_matches
-from zeroshop_steps.register.pairs import chosen_pairs
+from zeroshop_steps.register.pair_selection import choose_pairs
 from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, add_common_arguments, write_registration
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
@@ -41,7 +41,7 @@ class Mast3rOptions:
 
     Attributes:
         object_only: matches inside the masks only, for images without a surface.
-        anchors: up to so many images all pairs are matched, beyond it those of pairs.chosen_pairs.
+        anchors: up to so many images all pairs are matched, beyond it those of pair_selection.choose_pairs.
         neighbours: of each image, beyond that.
         subsampling: pixels of the network's picture from one start of a match to the next.
         min_confidence: of the features of a match.
@@ -95,19 +95,19 @@ def run(args: argparse.Namespace) -> None:
         focal_px=args.focal_px,
         structure=StructureOptions(min_share=args.min_share, min_images=args.min_images, seed=args.seed, object_only=bare),
     )
-    device = torch.device(chosen_device(args.device))
-    weights = published_or_own(args.weights, NAME, SIZES)
+    device = torch.device(choose_device(args.device))
+    weights = resolve_weights(args.weights, NAME, SIZES)
     image_set = read_image_set(args.capture)
     torch.set_num_threads(args.threads)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
 
-    def predictor() -> PairPredictor:
-        return PairPredictor(load_mast3r(weights), image_set.images, device, args.long_side_px)
+    def predictor() -> Mast3rPredictor:
+        return Mast3rPredictor(load_mast3r(weights), image_set.images, device, args.long_side_px)
 
     write_registration(args.out, args.keep_going, lambda folder: register(image_set, folder, options, predictor))
 
 
-def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: Callable[[], Predictor]) -> dict[str, Any]:
+def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: Callable[[], Mast3rPredictor]) -> dict[str, Any]:
     """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`; returns the record.
 
     Raises:
@@ -119,7 +119,7 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
     figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__, "torch": torch.__version__}}
     prepared = predictor()
     stopwatch.lap("encode")
-    keypoints, matches = matched(prepared, image_set, options)
+    keypoints, matches = match_images(prepared, image_set, options)
     stopwatch.lap("match")
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=".mast3r.") as scratch_name:
         database = Path(scratch_name) / "database.db"
@@ -135,28 +135,26 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
         return reconstruct(database, image_set, out, structure, figures, stopwatch)
 
 
-def matched(predictor: Predictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:
+def match_images(predictor: Mast3rPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:
     """Match the chosen pairs: keypoints of each image, in pixels of the image, and which of them match."""
     count = len(image_set.images)
-    pairs = chosen_pairs(count, options.anchors, options.neighbours, lambda: predictor.similarities().numpy())
+    pairs = choose_pairs(count, options.anchors, options.neighbours, lambda: predictor.similarities().numpy())
     masks = read_masks(image_set) if options.object_only else None
     inside = (
-        [_seen_by_network(masks[name], framing) for name, framing in zip(image_set.names, predictor.framings, strict=True)]
-        if masks
-        else None
+        [_sample_mask(masks[name], framing) for name, framing in zip(image_set.names, predictor.framings, strict=True)] if masks else None
     )
     found: dict[tuple[int, int], Matches] = {}
     for pair in track(pairs, "matching pairs", len(pairs)):
-        matches = match(*predictor.pair(*pair), options.min_confidence, options.subsampling)
+        matches = match_pair(*predictor.pair(*pair), options.min_confidence, options.subsampling)
         if inside:
             kept = inside[pair[0]][tuple(matches.first.T[::-1])] & inside[pair[1]][tuple(matches.second.T[::-1])]
             matches = Matches(matches.first[kept], matches.second[kept], matches.confidence[kept])
         if len(matches.confidence):
             found[pair] = matches
-    return shared_keypoints(found, predictor.framings)
+    return merge_keypoints(found, predictor.framings)
 
 
-def shared_keypoints(found: dict[tuple[int, int], Matches], framings: list[Framing]) -> tuple[list[np.ndarray], PairMatches]:
+def merge_keypoints(found: dict[tuple[int, int], Matches], framings: list[Framing]) -> tuple[list[np.ndarray], PairMatches]:
     """Give each pixel that is matched one number in its image, whatever the pair."""
     flat: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
     used: list[list[np.ndarray]] = [[] for _ in framings]
@@ -179,7 +177,7 @@ def shared_keypoints(found: dict[tuple[int, int], Matches], framings: list[Frami
     return keypoints, numbers
 
 
-def _seen_by_network(mask: np.ndarray, framing: Framing) -> np.ndarray:
+def _sample_mask(mask: np.ndarray, framing: Framing) -> np.ndarray:
     """(height, width) bool: the mask where the network's pixels have their centres."""
     columns, rows = np.arange(framing.width_px) + 0.5, np.arange(framing.height_px) + 0.5
     x = framing.to_original(np.stack([columns, np.zeros_like(columns)], axis=1))[:, 0]

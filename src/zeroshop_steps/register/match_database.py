@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.sift import two_view_options
+from zeroshop_steps.register.sift import make_verification_options
 
 PairMatches = Mapping[tuple[int, int], tuple[np.ndarray, np.ndarray]]
 """By numbers of two images, the first smaller: (M,) numbers of the keypoints that match, in the one and in the other."""
@@ -37,7 +37,7 @@ def write_matches(
     Returns:
         How many keypoints and matches were kept.
     """
-    kept = long_tracks([len(points) for points in keypoints], matches, min_track)
+    kept = find_long_tracks([len(points) for points in keypoints], matches, min_track)
     number = [np.cumsum(mask) - 1 for mask in kept]
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "SIMPLE_RADIAL"
@@ -61,11 +61,11 @@ def write_matches(
     pairs = database.with_name("pairs.txt")
     pairs.write_text("".join(listed))
     if listed:
-        pycolmap.verify_matches(database, pairs, two_view_options(seed))
+        pycolmap.verify_matches(database, pairs, make_verification_options(seed))
     return {"keypoints": int(sum(mask.sum() for mask in kept)), "matches": count, "matched_pairs": len(listed)}
 
 
-def long_tracks(counts: list[int], matches: PairMatches, min_track: int) -> list[np.ndarray]:
+def find_long_tracks(counts: list[int], matches: PairMatches, min_track: int) -> list[np.ndarray]:
     """For each image the (K,) mask of the keypoints that hang together with at least `min_track`, themselves among them."""
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = [(start[first] + one, start[second] + other) for (first, second), (one, other) in matches.items()]

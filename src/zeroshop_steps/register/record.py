@@ -14,7 +14,7 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.register.view_coverage import directions_record
+from zeroshop_steps.register.view_coverage import record_view_coverage
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
@@ -48,7 +48,7 @@ def write_registration(out: Path, keep_going: bool, register: Callable[[Path], d
     """
     try:
         with atomic_directory(out) as folder:
-            record = {"status": "ok", "reason": None, **register(folder)} | directions_record(folder)
+            record = {"status": "ok", "reason": None, **register(folder)} | record_view_coverage(folder)
             write_json(folder / "registration.json", record)
     except RegistrationFailed as failure:
         if not keep_going:
@@ -74,7 +74,7 @@ def read_registration(cameras: Path) -> dict[str, Any]:
     return record
 
 
-def model_figures(model: pycolmap.Reconstruction) -> dict[str, Any]:
+def describe_model(model: pycolmap.Reconstruction) -> dict[str, Any]:
     """Size and fit of a sparse model, as they stand in registration.json."""
     return {
         "registered": model.num_reg_images(),
@@ -84,7 +84,7 @@ def model_figures(model: pycolmap.Reconstruction) -> dict[str, Any]:
     }
 
 
-def lens_figures(model: pycolmap.Reconstruction) -> dict[str, Any] | None:
+def describe_lens(model: pycolmap.Reconstruction) -> dict[str, Any] | None:
     """The one lens of all images before they were undistorted, for what else is aligned with them; None where there are several."""
     if len(model.cameras) != 1:
         return None

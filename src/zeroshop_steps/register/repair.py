@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.mapping import mapping_options
+from zeroshop_steps.register.mapping import make_mapping_options
 
 STRICT_ERROR_PX = 3.0  # of absolute pose estimation, per 1000 px of image width
 LOSS_SCALE_PX = 0.5  # of the Cauchy loss; a good match is within 0.3 px
 
 
-def reprojection_errors_px(model: pycolmap.Reconstruction) -> dict[str, float]:
+def measure_reprojection_errors_px(model: pycolmap.Reconstruction) -> dict[str, float]:
     """{image name: median reprojection error of its points}."""
     errors = {}
     for image_id in sorted(model.reg_image_ids()):
@@ -33,14 +33,14 @@ def reprojection_errors_px(model: pycolmap.Reconstruction) -> dict[str, float]:
     return errors
 
 
-def suspicious_images(model: pycolmap.Reconstruction, ratio: float) -> list[str]:
+def find_suspicious_images(model: pycolmap.Reconstruction, ratio: float) -> list[str]:
     """Names of the images whose median reprojection error is more than `ratio` times that of the median image."""
-    errors = reprojection_errors_px(model)
+    errors = measure_reprojection_errors_px(model)
     limit = ratio * float(np.median(list(errors.values())))
     return [name for name, error in errors.items() if error > limit]
 
 
-def without_images(model: pycolmap.Reconstruction, names: list[str]) -> pycolmap.Reconstruction:
+def remove_images(model: pycolmap.Reconstruction, names: list[str]) -> pycolmap.Reconstruction:
     """A copy of the model in which the images `names` have no pose."""
     copy = pycolmap.Reconstruction(model)
     for image_id in sorted(copy.reg_image_ids()):
@@ -66,7 +66,7 @@ def refine_robustly(model: pycolmap.Reconstruction) -> None:
     pycolmap.ObservationManager(model).filter_all_points3D(STRICT_ERROR_PX, 1.5)
 
 
-def repaired(
+def repair(
     model: pycolmap.Reconstruction, database: Path, images: Path, scratch: Path, seed: int, ratio: float = 1.5, rounds: int = 3
 ) -> tuple[pycolmap.Reconstruction, list[str]]:
     """Refine the model, place suspicious images again, and repeat while there are any.
@@ -77,16 +77,16 @@ def repaired(
     refine_robustly(model)
     again: set[str] = set()
     for _ in range(rounds):
-        doubtful = suspicious_images(model, ratio)
+        doubtful = find_suspicious_images(model, ratio)
         if not doubtful or set(doubtful) <= again:
             break
         again |= set(doubtful)
-        model = place_again(model, doubtful, database, images, scratch, seed)
+        model = register_again(model, doubtful, database, images, scratch, seed)
         refine_robustly(model)
     return model, sorted(again)
 
 
-def place_again(
+def register_again(
     model: pycolmap.Reconstruction, names: list[str], database: Path, images: Path, scratch: Path, seed: int
 ) -> pycolmap.Reconstruction:
     """Take the images `names` out, refine the rest, then register what is missing under a strict error limit.
@@ -96,9 +96,9 @@ def place_again(
     for folder in (scratch / "without", scratch / "again"):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-    rest = without_images(model, names)
+    rest = remove_images(model, names)
     rest.write_binary(str(scratch / "without"))
-    options = mapping_options(3, seed)
+    options = make_mapping_options(3, seed)
     options.multiple_models = False
     strict_px = STRICT_ERROR_PX * max(camera.width for camera in model.cameras.values()) / 1000
     options.mapper.abs_pose_max_error = strict_px

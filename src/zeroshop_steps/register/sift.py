@@ -35,7 +35,7 @@ class SiftOptions:
     seed: int = 0
 
 
-def extract(
+def extract_features(
     database: Path,
     image_set: ImageSet,
     options: SiftOptions,
@@ -72,7 +72,7 @@ def extract(
         pycolmap.import_images(database, folder, mode, image_set.names, reader)
         if known_cameras is not None:
             _write_known_cameras(database, known_cameras)
-        extraction = extraction_options(options, octave)
+        extraction = make_extraction_options(options, octave)
         pycolmap.extract_features(database, folder, image_set.names, pycolmap.CameraMode.SINGLE, reader, extraction)
         with pycolmap.Database.open(database) as opened:
             median = float(np.median([opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()]))
@@ -81,12 +81,12 @@ def extract(
     return median
 
 
-def match(database: Path, options: SiftOptions) -> None:
+def match_features(database: Path, options: SiftOptions) -> None:
     """Match all image pairs and keep what one epipolar geometry (or homography) explains."""
-    pycolmap.match_exhaustive(database, matching_options(), verification_options=two_view_options(options.seed))
+    pycolmap.match_exhaustive(database, make_matching_options(), verification_options=make_verification_options(options.seed))
 
 
-def extraction_options(options: SiftOptions, first_octave: int) -> pycolmap.FeatureExtractionOptions:
+def make_extraction_options(options: SiftOptions, first_octave: int) -> pycolmap.FeatureExtractionOptions:
     """Options of the extraction: SIFT with affine shapes."""
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.num_threads = options.threads
@@ -96,7 +96,7 @@ def extraction_options(options: SiftOptions, first_octave: int) -> pycolmap.Feat
     return extraction
 
 
-def matching_options() -> pycolmap.FeatureMatchingOptions:
+def make_matching_options() -> pycolmap.FeatureMatchingOptions:
     """Options of the descriptor matching: on one thread, whatever else runs on more.
 
     pycolmap 4.2.1 holds a BLAS that is not safe to call from two threads at once, and its matcher's threads do: in about
@@ -108,13 +108,13 @@ def matching_options() -> pycolmap.FeatureMatchingOptions:
     return matching
 
 
-def focal_source(database: Path) -> str:
+def find_focal_source(database: Path) -> str:
     """Where the focal length comes from with which the mapper starts: `exif`, or `estimated`, a guess from the images' size."""
     with pycolmap.Database.open(database) as opened:
         return "exif" if all(camera.has_prior_focal_length for camera in opened.read_all_cameras()) else "estimated"
 
 
-def two_view_options(seed: int) -> pycolmap.TwoViewGeometryOptions:
+def make_verification_options(seed: int) -> pycolmap.TwoViewGeometryOptions:
     """Options of the geometric verification, with a fixed seed."""
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed

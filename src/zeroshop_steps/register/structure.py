@@ -8,12 +8,12 @@ from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.mapping import map_incrementally, mapping_options
-from zeroshop_steps.register.record import RegistrationFailed, lens_figures, model_figures
-from zeroshop_steps.register.repair import place_again, refine_robustly, repaired, without_images
+from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
+from zeroshop_steps.register.record import RegistrationFailed, describe_lens, describe_model
+from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.undistort import undistort
-from zeroshop_steps.register.verdict import Limits, Verdict, judge
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class StructureOptions:
     min_share: float = 0.8
     min_images: int = 8
     max_dropped: int = 6
-    limits: Limits = field(default_factory=Limits)
+    limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
     seed: int = 0
     object_only: bool = False
 
@@ -70,11 +70,11 @@ def reconstruct(
     """
     count, scratch = len(image_set.images), database.parent
     needed = max(options.min_images, math.ceil(options.min_share * count))
-    mapper = mapping_options(min(needed, count), options.seed)
+    mapper = make_mapping_options(min(needed, count), options.seed)
     model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
     stopwatch.lap("map")
     if model is not None:
-        model, verdict = _settled(model, image_set, database, scratch, options, figures)
+        model, report = _settle(model, image_set, database, scratch, options, figures)
         stopwatch.lap("repair")
     registered = model.num_reg_images() if model else 0
     if model is None or registered < needed:
@@ -85,33 +85,33 @@ def reconstruct(
         )
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
-    figures["lens"] = lens_figures(model)
-    figures |= model_figures(pinhole_model) | {"consistency": verdict.figures()}
+    figures["lens"] = describe_lens(model)
+    figures |= describe_model(pinhole_model) | {"consistency": report.figures()}
     stopwatch.stop()
-    if verdict.reason:
-        raise RegistrationFailed(verdict.reason, figures, pinhole_model)
+    if report.reason:
+        raise RegistrationFailed(report.reason, figures, pinhole_model)
     return figures
 
 
-def _settled(
+def _settle(
     model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: StructureOptions, figures: dict[str, Any]
-) -> tuple[pycolmap.Reconstruction, Verdict]:
+) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
     """Refine, place suspicious images again, and leave out those that the pictures contradict even then."""
     images = image_set.images[0].parent
-    model, again = repaired(model, database, images, scratch, options.seed)
-    verdict = judge(model, image_set, database, options.limits)
+    model, again = repair(model, database, images, scratch, options.seed)
+    report = check_consistency(model, image_set, database, options.limits)
     dropped: list[str] = []
     for _ in range(options.max_dropped):
-        if verdict.reason is None or model.num_reg_images() - len(verdict.culprits) < options.min_images:
+        if report.reason is None or model.num_reg_images() - len(report.culprits) < options.min_images:
             break
-        names = list(verdict.culprits)
+        names = list(report.culprits)
         if set(names) <= set(again):
             dropped += names
-            model = without_images(model, names)
+            model = remove_images(model, names)
         else:
             again += names
-            model = place_again(model, names, database, images, scratch, options.seed)
+            model = register_again(model, names, database, images, scratch, options.seed)
         refine_robustly(model)
-        verdict = judge(model, image_set, database, options.limits)
+        report = check_consistency(model, image_set, database, options.limits)
     figures |= {"placed_again": again, "left_out": dropped}
-    return model, verdict
+    return model, report

@@ -14,8 +14,8 @@ import pycolmap
 
 from zeroshop_steps.register import sift
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.mapping import mapping_options
-from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, model_figures, write_registration
+from zeroshop_steps.register.mapping import make_mapping_options
+from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, describe_model, write_registration
 from zeroshop_steps.register.undistort import undistort
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
@@ -53,20 +53,20 @@ def register(image_set: ImageSet, truth: Path, scene: str, out: Path, options: s
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=".truth.") as scratch_name:
         scratch = Path(scratch_name)
         database = scratch / "database.db"
-        sift.extract(database, image_set, options, scratch / "masks" if scene in OBJECT_ONLY else None, cameras)
-        sift.match(database, options)
-        model = triangulate(database, image_set, {stem: image.cam_from_world() for stem, image in true_images.items()}, options)
+        sift.extract_features(database, image_set, options, scratch / "masks" if scene in OBJECT_ONLY else None, cameras)
+        sift.match_features(database, options)
+        model = triangulate_points(database, image_set, {stem: image.cam_from_world() for stem, image in true_images.items()}, options)
     undistort(model, image_set, out)
     return {
         "method": "truth",
         "images": len(image_set.images),
-        **model_figures(model),
+        **describe_model(model),
         "seconds": {"total": round(time.monotonic() - start_s, 3)},
         "versions": {"pycolmap": pycolmap.__version__},
     }
 
 
-def triangulate(
+def triangulate_points(
     database: Path, image_set: ImageSet, camera_from_world: dict[str, pycolmap.Rigid3d], options: sift.SiftOptions
 ) -> pycolmap.Reconstruction:
     """Sparse points from the matches of a database, with its cameras held fixed at {image stem: pose}."""
@@ -77,7 +77,7 @@ def triangulate(
         for image in sorted(opened.read_all_images(), key=lambda image: image.name):
             placed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
             model.add_image_with_trivial_frame(placed, camera_from_world[Path(image.name).stem])
-    mapper = mapping_options(len(image_set.images), options.seed)
+    mapper = make_mapping_options(len(image_set.images), options.seed)
     output = database.parent / "triangulated"
     output.mkdir()
     return pycolmap.triangulate_points(model, database, image_set.images[0].parent, output, options=mapper)

@@ -26,7 +26,7 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
     Returns:
         The model written, whose images are named `STEM.png`.
     """
-    maps = {camera_id: undistortion_map(camera) for camera_id, camera in model.cameras.items()}
+    maps = {camera_id: make_undistortion_map(camera) for camera_id, camera in model.cameras.items()}
     files = {path.name: path for path in image_set.images}
     masks = dict(zip(image_set.names, image_set.masks or (), strict=image_set.masks is not None))
     pinhole_model = pycolmap.Reconstruction()
@@ -40,7 +40,7 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         pixels = cv2.remap(read_image(image_file), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         write_image(out / "images" / f"{image_file.stem}.png", pixels)
         if image.name in masks:
-            write_mask(out / "masks" / f"{image_file.stem}.png", _remapped_mask(masks[image.name], map_x, map_y))
+            write_mask(out / "masks" / f"{image_file.stem}.png", _remap_mask(masks[image.name], map_x, map_y))
         points = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
         rays = model.cameras[image.camera_id].cam_from_img(points)
         points = rays * [pinhole.focal_length_x, pinhole.focal_length_y] + [pinhole.principal_point_x, pinhole.principal_point_y]
@@ -58,7 +58,7 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
     return pinhole_model
 
 
-def pinhole_views(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[list[Camera], dict[str, np.ndarray]]:
+def undistort_masks(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[list[Camera], dict[str, np.ndarray]]:
     """Registered cameras as `undistort` would write them, under their images' names, with their undistorted masks; writes nothing.
 
     Raises:
@@ -66,7 +66,7 @@ def pinhole_views(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[
     """
     if image_set.masks is None:
         raise StepError("a whole scene has no masks to undistort")
-    maps = {camera_id: undistortion_map(camera) for camera_id, camera in model.cameras.items()}
+    maps = {camera_id: make_undistortion_map(camera) for camera_id, camera in model.cameras.items()}
     masks = dict(zip(image_set.names, image_set.masks, strict=True))
     cameras, undistorted = [], {}
     for image in sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name):
@@ -74,15 +74,15 @@ def pinhole_views(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[
         camera_from_world = np.eye(4)
         camera_from_world[:3] = image.cam_from_world().matrix()
         cameras.append(Camera(image.name, pinhole.width, pinhole.height, np.array(pinhole.calibration_matrix()), camera_from_world))
-        undistorted[image.name] = _remapped_mask(masks[image.name], map_x, map_y)
+        undistorted[image.name] = _remap_mask(masks[image.name], map_x, map_y)
     return cameras, undistorted
 
 
-def _remapped_mask(path: Path, map_x: np.ndarray, map_y: np.ndarray) -> np.ndarray:
+def _remap_mask(path: Path, map_x: np.ndarray, map_y: np.ndarray) -> np.ndarray:
     return cv2.remap(read_mask(path).astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
 
 
-def undistortion_map(camera: pycolmap.Camera) -> tuple[pycolmap.Camera, tuple[np.ndarray, np.ndarray]]:
+def make_undistortion_map(camera: pycolmap.Camera) -> tuple[pycolmap.Camera, tuple[np.ndarray, np.ndarray]]:
     """The pinhole camera of equal size whose whole image lies inside the distorted one, and where it reads from.
 
     The focal length grows just enough that no pixel is without a source; the principal point stays.

@@ -21,7 +21,7 @@ OVERHEAD_DEG = 80.0  # from so high up, a photo has no azimuth
 
 
 @dataclass(frozen=True)
-class Directions:
+class ViewCoverage:
     """From where the cameras look.
 
     Attributes:
@@ -53,7 +53,7 @@ class Directions:
         return found
 
 
-def directions_of(cameras: list[Camera]) -> Directions:
+def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
     """Azimuths and elevations around the point that all cameras look at; up is what most photographers hold up.
 
     Raises:
@@ -69,17 +69,17 @@ def directions_of(cameras: list[Camera]) -> Directions:
     aside = np.flatnonzero(np.abs(elevations) < OVERHEAD_DEG)
     order = aside[np.argsort(azimuths[aside], kind="stable")]
     if len(order) < 2:
-        return Directions(360.0, (cameras[0].name, cameras[-1].name), (float(elevations.min()), float(elevations.max())))
+        return ViewCoverage(360.0, (cameras[0].name, cameras[-1].name), (float(elevations.min()), float(elevations.max())))
     gaps = np.diff(azimuths[order], append=azimuths[order[0]] + 360.0)
     widest = int(gaps.argmax())
     between = cameras[order[widest]].name, cameras[order[(widest + 1) % len(order)]].name
-    return Directions(float(gaps[widest]), between, (float(elevations.min()), float(elevations.max())))
+    return ViewCoverage(float(gaps[widest]), between, (float(elevations.min()), float(elevations.max())))
 
 
-def directions_record(scene: Path) -> dict[str, Any]:
+def record_view_coverage(scene: Path) -> dict[str, Any]:
     """What registration.json says of the directions of a registered scene: the figures, and advice."""
     try:
-        found = directions_of(list(read_sparse_model(scene / "sparse").cameras))
+        found = measure_view_coverage(list(read_sparse_model(scene / "sparse").cameras))
     except StepError as error:
         return {"directions": None, "advice": [str(error)]}
     figures = {

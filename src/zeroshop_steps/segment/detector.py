@@ -72,7 +72,7 @@ class Detector:
     def detect(self, image: np.ndarray, prompt: str) -> list[Box]:
         """All boxes in an (H, W, 3) uint8 RGB image, the best first, however low their score."""
         size_px = (image.shape[1], image.shape[0])
-        words = self._words(_sentence(prompt), return_tensors="pt", return_token_type_ids=True)
+        words = self._words(_to_sentence(prompt), return_tensors="pt", return_token_type_ids=True)
         inputs = {**self._images(images=image, return_tensors="pt"), **words}
         outputs = self._model(**{name: value.to(self._device) for name, value in inputs.items()})
         [found] = self._images.post_process_object_detection(outputs, threshold=0.0, target_sizes=[(size_px[1], size_px[0])])
@@ -102,7 +102,7 @@ def choose_box(
     return max(able, key=value, default=None)
 
 
-def nothing_found(seen: dict[str, list[Box]], prompt: str, min_score: float, size_px: tuple[int, int]) -> StepError:
+def describe_nothing_found(seen: dict[str, list[Box]], prompt: str, min_score: float, size_px: tuple[int, int]) -> StepError:
     """The error where no image shows the object, with the best boxes seen in each, by image name."""
     lines = []
     for name, boxes in seen.items():
@@ -115,7 +115,7 @@ def nothing_found(seen: dict[str, list[Box]], prompt: str, min_score: float, siz
     )
 
 
-def _sentence(prompt: str) -> str:
+def _to_sentence(prompt: str) -> str:
     """The words as the network was trained on them: lower case, with a full stop."""
     words = prompt.strip().lower()
     return words if words.endswith(".") else f"{words}."

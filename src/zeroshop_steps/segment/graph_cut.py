@@ -15,17 +15,17 @@ LEAST_SMOOTHNESS = 0.15
 STEPS = 150
 
 
-def cut(evidence: np.ndarray, image: np.ndarray) -> np.ndarray:
+def cut_image(evidence: np.ndarray, image: np.ndarray) -> np.ndarray:
     """(H, W) float32 in [0, 1], above 1/2 on the object.
 
     Args:
         evidence: (H, W) log odds of the object, positive on it.
         image: (H, W, 3) float32 RGB, 0 to 255.
     """
-    return _minimize(np.ascontiguousarray(-evidence, np.float32), edge_weights(image), STEPS)
+    return _minimize(np.ascontiguousarray(-evidence, np.float32), compute_edge_weights(image), STEPS)
 
 
-def edge_weights(image: np.ndarray) -> np.ndarray:
+def compute_edge_weights(image: np.ndarray) -> np.ndarray:
     """(H, W) float32 cost of a boundary between a pixel and its right and lower neighbours: low across edges of the image."""
     right = np.diff(image, axis=1, append=image[:, -1:])
     below = np.diff(image, axis=0, append=image[-1:])

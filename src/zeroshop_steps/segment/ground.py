@@ -30,7 +30,7 @@ GAIN_STEP = 4
 
 
 @dataclass(frozen=True)
-class Ground:
+class GroundPicture:
     """The picture of the plane.
 
     Attributes:
@@ -75,24 +75,24 @@ class Ground:
         share, other_color = (np.clip((value - SAME_SIGMAS) / (OTHER_SIGMAS - SAME_SIGMAS), 0, 1) for value in (off, off_in_any_light))
         odds = (1 - share) * against + share * (LIGHT_ODDS + other_color * (MOST_ODDS - LIGHT_ODDS))
         odds *= np.where(odds > 0, np.clip(1 - spread / NO_GROUND_SPREAD, 0, 1), 1)
-        return np.where((known > 0.99) & in_front(camera, homography), odds, 0.0).astype(np.float32)
+        return np.where((known > 0.99) & find_in_front(camera, homography), odds, 0.0).astype(np.float32)
 
 
-def picture_ground(
+def build_ground_picture(
     support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None = None
-) -> Ground:
+) -> GroundPicture:
     """The median picture of the plane.
 
     Args:
         images: (H, W, 3) float32 RGB of the cameras' sizes.
         hidden: (H, W) bool for each view, pixels known to show no ground.
     """
-    return _pictured(support, cameras, images, hidden, 1)[0]
+    return _build_picture(support, cameras, images, hidden, 1)[0]
 
 
-def _pictured(
+def _build_picture(
     support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None, step: int
-) -> tuple[Ground, np.ndarray]:
+) -> tuple[GroundPicture, np.ndarray]:
     """The ground in cells `step` times the usual size, and (V, N, N, 3) what each view sees there, NaN for nothing."""
     count = round(2 * REACH_DISTANCES / CELL_DISTANCES / step)
     axes, cell = support.axes(), CELL_DISTANCES * step * support.distance
@@ -100,23 +100,23 @@ def _pictured(
     world_from_cell = np.zeros((4, 3))
     world_from_cell[:3] = np.stack([cell * axes[0], cell * axes[1], origin], axis=1)
     world_from_cell[3, 2] = 1.0
-    ground = Ground(np.zeros(0), np.zeros(0), np.zeros(0), world_from_cell)
+    ground = GroundPicture(np.zeros(0), np.zeros(0), np.zeros(0), world_from_cell)
     samples = np.full((len(cameras), count, count, 3), np.nan, np.float32)
     for index, (camera, image) in enumerate(zip(cameras, images, strict=True)):
         homography = ground.view_from_cell(camera)
         back = np.linalg.inv(homography)
         seen = np.ones(image.shape[:2], np.float32) if hidden is None else 1.0 - hidden[index].astype(np.float32)
-        seen *= in_front(camera, homography)
+        seen *= find_in_front(camera, homography)
         flags = {"flags": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
         visible = cv2.warpPerspective(seen, back, (count, count), **flags) > 0.99
-        visible &= _cells_in_front(camera, world_from_cell, count)
+        visible &= _find_cells_in_front(camera, world_from_cell, count)
         samples[index][visible] = cv2.warpPerspective(image, back, (count, count), **flags)[visible]
-    return Ground(*_median(samples), world_from_cell), samples
+    return GroundPicture(*_take_median(samples), world_from_cell), samples
 
 
-def equalized(support: SceneSupport, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
+def equalize_exposure(support: SceneSupport, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
     """The images with one factor a channel each, so that they agree on the ground: exposure and white balance differ."""
-    ground, samples = _pictured(support, cameras, images, None, GAIN_STEP)
+    ground, samples = _build_picture(support, cameras, images, None, GAIN_STEP)
     steady = ground.known & (ground.spread < NO_GROUND_SPREAD / 2) & (ground.color.min(2) > 10) & (ground.color.max(2) < 250)
     gained = []
     for image, sample in zip(images, samples, strict=True):
@@ -126,7 +126,7 @@ def equalized(support: SceneSupport, cameras: list[Camera], images: list[np.ndar
     return gained
 
 
-def in_front(camera: Camera, view_from_cell: np.ndarray) -> np.ndarray:
+def find_in_front(camera: Camera, view_from_cell: np.ndarray) -> np.ndarray:
     """(H, W) bool: pixels whose rays meet the plane before the camera, not above its horizon."""
     cell_from_view = np.linalg.inv(view_from_cell)
     # The third coordinate is the inverse of the depth.
@@ -135,13 +135,13 @@ def in_front(camera: Camera, view_from_cell: np.ndarray) -> np.ndarray:
     return w > 0
 
 
-def _cells_in_front(camera: Camera, world_from_cell: np.ndarray, count: int) -> np.ndarray:
+def _find_cells_in_front(camera: Camera, world_from_cell: np.ndarray, count: int) -> np.ndarray:
     x, y = np.meshgrid(np.arange(count), np.arange(count))
     row = camera.camera_from_world[2] @ world_from_cell
     return row[0] * x + row[1] * y + row[2] > 0
 
 
-def _median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _take_median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Median over the views, median deviation from it, and whether enough views witness it; NaN marks what a view does not see."""
     count = np.isfinite(samples[..., 0]).sum(0)
     middle = np.maximum(count - 1, 0) // 2

@@ -18,15 +18,15 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.methods import DETECTOR, DETECTOR_FILES, TRACKER, TRACKER_FILES
-from zeroshop_steps.networks.devices import chosen_device, free_bytes
+from zeroshop_steps.networks.devices import choose_device, measure_free_bytes
 from zeroshop_steps.networks.pretrained import require_model
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.detector import Box, Detector, choose_box, nothing_found
-from zeroshop_steps.segment.mask_agreement import corners_of, judged, overlap
-from zeroshop_steps.segment.mask_quality import check_enough, quality_record
-from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
-from zeroshop_steps.segment.support_plane import tidy
-from zeroshop_steps.segment.tracker import Tracked, Tracker
+from zeroshop_steps.segment.detector import Box, Detector, choose_box, describe_nothing_found
+from zeroshop_steps.segment.mask_agreement import assess_masks, compute_overlap, find_corners
+from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
+from zeroshop_steps.segment.record import add_common_arguments, record_failure, show_rejected_masks, write_segmented
+from zeroshop_steps.segment.support_plane import tidy_mask
+from zeroshop_steps.segment.tracker import ObjectTracker, TrackedMask
 
 PROMPT = "object in the middle."
 MIN_SCORE = 0.25
@@ -38,11 +38,11 @@ MEMORY_MB, MEMORY_PICTURE_MB = 3000, 4
 """Beside the networks' weights: what pictures take on their way through, and what is kept of each."""
 
 Detect = Callable[[np.ndarray], list[Box]]
-Follow = Callable[[dict[int, Box]], list[Tracked]]
+Follow = Callable[[dict[int, Box]], list[TrackedMask]]
 
 
 @dataclass(frozen=True)
-class Pictures:
+class ImageSequence:
     """What is to be masked.
 
     Attributes:
@@ -85,25 +85,25 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
-    with failing_as_result(args):
+    with record_failure(args):
         views, _ = read_views(args.scene)
         cameras = [view.camera for view in views]
-        pictures = Pictures([view.image_path for view in views], (cameras[0].width_px, cameras[0].height_px), cameras)
-        with shown_if_rejected(pictures.paths, args.rejected):
-            masks, record = find_by_networks(pictures, args)
+        pictures = ImageSequence([view.image_path for view in views], (cameras[0].width_px, cameras[0].height_px), cameras)
+        with show_rejected_masks(pictures.paths, args.rejected):
+            masks, record = run_networks(pictures, args)
         record["seconds"] = round(time.monotonic() - start_s, 2)
         write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
-def find_by_networks(pictures: Pictures, args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
+def run_networks(pictures: ImageSequence, args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
     """As `find_masks`, with the networks that the arguments of `add_network_arguments` name."""
     folders = [require_model(args.detector, DETECTOR_FILES), require_model(args.tracker, TRACKER_FILES)]
-    device = torch.device(chosen_device(args.device))
+    device = torch.device(choose_device(args.device))
     torch.set_num_threads(THREADS)
     _check_memory(folders, len(pictures.paths), device.type)
-    detector, tracker = Detector(folders[0], device), Tracker(folders[1], device)
+    detector, tracker = Detector(folders[0], device), ObjectTracker(folders[1], device)
 
-    def follow(boxes: dict[int, Box]) -> list[Tracked]:
+    def follow(boxes: dict[int, Box]) -> list[TrackedMask]:
         corners = {index: box.corners_px for index, box in boxes.items()}
         return tracker.follow(pictures.image, len(pictures.paths), pictures.size_px, corners)
 
@@ -114,7 +114,7 @@ def find_by_networks(pictures: Pictures, args: argparse.Namespace) -> tuple[list
 def _check_memory(folders: list[Path], pictures: int, device: str) -> None:
     """Say how much memory is needed and how much is free; raise StepError where that is too little."""
     needed_mb = sum((folder / "model.safetensors").stat().st_size for folder in folders) / 2**20 + MEMORY_MB + MEMORY_PICTURE_MB * pictures
-    free_mb = free_bytes(device) / 2**20
+    free_mb = measure_free_bytes(device) / 2**20
     print(f"needs about {needed_mb:.0f} MB of memory on {device}, {free_mb:.0f} MB are free")
     if needed_mb > free_mb:
         raise StepError(
@@ -124,7 +124,7 @@ def _check_memory(folders: list[Path], pictures: int, device: str) -> None:
 
 
 def find_masks(
-    pictures: Pictures, detect: Detect, follow: Follow, prompt: str, min_score: float
+    pictures: ImageSequence, detect: Detect, follow: Follow, prompt: str, min_score: float
 ) -> tuple[list[np.ndarray], dict[str, Any]]:
     """Masks of all pictures, (H, W) bool of their size, and the record of their quality.
 
@@ -139,22 +139,22 @@ def find_masks(
         StepError: no such object is found, or too few masks are good.
     """
     names = pictures.names
-    boxes = dict([_first_box(pictures, detect, prompt, min_score)])
+    boxes = dict([_find_first_box(pictures, detect, prompt, min_score)])
     masks = [tracked.mask for tracked in follow(boxes)]
-    hulls, qualities = judged(masks, pictures.cameras)
+    hulls, qualities = assess_masks(masks, pictures.cameras)
     lost = [index for index, quality in enumerate(qualities) if quality.fault]
     again = {}
     for index in lost:
-        box = choose_box(detect(pictures.image(index)), pictures.size_px, min_score, corners_of(hulls[index]))
+        box = choose_box(detect(pictures.image(index)), pictures.size_px, min_score, find_corners(hulls[index]))
         if box is not None and box != boxes.get(index):
             again[index] = box
     if again:
         print(f"looked for the object again in {len(again)} of {len(lost)} pictures where it was lost")
         boxes |= again
-        masks = [_better(old, new.mask, hull) for old, new, hull in zip(masks, follow(boxes), hulls, strict=True)]
-        hulls, qualities = judged(masks, pictures.cameras)
-    masks = [tidy(mask.astype(np.float32), hull) > 0.5 if hull.any() else mask for mask, hull in zip(masks, hulls, strict=True)]
-    check_enough(qualities, names, masks)
+        masks = [_choose_better(old, new.mask, hull) for old, new, hull in zip(masks, follow(boxes), hulls, strict=True)]
+        hulls, qualities = assess_masks(masks, pictures.cameras)
+    masks = [tidy_mask(mask.astype(np.float32), hull) > 0.5 if hull.any() else mask for mask, hull in zip(masks, hulls, strict=True)]
+    check_enough_good(qualities, names, masks)
     seen = {names[i]: {"corners_px": [round(x, 1) for x in box.corners_px], "score": round(box.score, 3)} for i, box in boxes.items()}
     lost_names = [names[index] for index in lost]
     return masks, {
@@ -162,11 +162,11 @@ def find_masks(
         "prompt": prompt,
         "boxes": seen,
         "lost_at_first": lost_names,
-        **quality_record(qualities, names),
+        **describe_quality(qualities, names),
     }
 
 
-def _first_box(pictures: Pictures, detect: Detect, prompt: str, min_score: float) -> tuple[int, Box]:
+def _find_first_box(pictures: ImageSequence, detect: Detect, prompt: str, min_score: float) -> tuple[int, Box]:
     """The first picture that shows the object, usually the very first, and its box there."""
     seen = {}
     for index in sorted(set(np.linspace(0, len(pictures.paths) - 1, FIRST_PICTURES).round().astype(int).tolist())):
@@ -175,9 +175,9 @@ def _first_box(pictures: Pictures, detect: Detect, prompt: str, min_score: float
         if box is not None:
             return index, box
         seen[pictures.names[index]] = boxes
-    raise nothing_found(seen, prompt, min_score, pictures.size_px)
+    raise describe_nothing_found(seen, prompt, min_score, pictures.size_px)
 
 
-def _better(old: np.ndarray, new: np.ndarray, hull: np.ndarray) -> np.ndarray:
+def _choose_better(old: np.ndarray, new: np.ndarray, hull: np.ndarray) -> np.ndarray:
     """Of two masks the one that agrees better with the other views; the new one where they say nothing."""
-    return old if hull.any() and overlap(old, hull) >= overlap(new, hull) else new
+    return old if hull.any() and compute_overlap(old, hull) >= compute_overlap(new, hull) else new

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.segment.mask_quality import MaskQuality, judge_masks, judge_masks_alone
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, silhouette, votes
+from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, compare_with_hull
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouette
 
 ROOM = 1.5  # half the block's edge, in the radius that the masks have
 ROUNDS = 20  # of the point that all masks look at
@@ -19,7 +19,7 @@ LEAST_OVERLAP = 0.5
 """A mask that overlaps its silhouette less than this share of what the median mask does has no part in the next round."""
 
 
-def common_hulls(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndarray]:
+def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndarray]:
     """(H, W) bool silhouettes, in every view, of what the masks that agree have in common; empty ones where none do.
 
     Args:
@@ -31,15 +31,15 @@ def common_hulls(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndar
     for misses, voxels in ROUNDS_MISSES_VOXELS:
         if len(chosen) < 2:
             break
-        grid, occupied = _hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
-        hulls = [silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
-        overlaps = {index: overlap(masks[index], hulls[index]) for index in chosen}
+        grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
+        hulls = [render_silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
+        overlaps = {index: compute_overlap(masks[index], hulls[index]) for index in chosen}
         least = LEAST_OVERLAP * float(np.median(list(overlaps.values())))
         chosen = [index for index in chosen if overlaps[index] >= least > 0]
     return hulls
 
 
-def judged(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[np.ndarray], list[MaskQuality]]:
+def assess_masks(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[np.ndarray], list[MaskQuality]]:
     """Silhouettes of what (H, W) bool masks have in common, of their size, and how well each mask agrees with its own.
 
     Without cameras nobody knows what they have in common, and silhouettes are empty.
@@ -47,47 +47,47 @@ def judged(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[
     height, full_width = masks[0].shape
     width = min(JUDGED_WIDTH_PX, full_width)
     size_px = (width, round(height * width / full_width))
-    small = [_resized(mask, size_px) for mask in masks]
+    small = [_resize_mask(mask, size_px) for mask in masks]
     if cameras is None:
-        return [np.zeros_like(mask) for mask in masks], judge_masks_alone(small)
-    hulls = common_hulls([camera.resized(*size_px) for camera in cameras], small)
-    return [_resized(hull, (full_width, height)) for hull in hulls], judge_masks(small, hulls)
+        return [np.zeros_like(mask) for mask in masks], compare_sizes(small)
+    hulls = render_common_hull([camera.resized(*size_px) for camera in cameras], small)
+    return [_resize_mask(hull, (full_width, height)) for hull in hulls], compare_with_hull(small, hulls)
 
 
-def _resized(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+def _resize_mask(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
     interpolation = cv2.INTER_AREA if size_px[0] < mask.shape[1] else cv2.INTER_LINEAR
     return cv2.resize(mask.astype(np.float32), size_px, interpolation=interpolation) > 0.5
 
 
-def overlap(one: np.ndarray, other: np.ndarray) -> float:
+def compute_overlap(one: np.ndarray, other: np.ndarray) -> float:
     """Intersection over union of two (H, W) bool masks."""
     return float((one & other).sum() / max((one | other).sum(), 1))
 
 
-def corners_of(mask: np.ndarray) -> tuple[float, float, float, float] | None:
+def find_corners(mask: np.ndarray) -> tuple[float, float, float, float] | None:
     """Left, top, right, bottom of an (H, W) bool mask; None where it is empty."""
     y, x = np.nonzero(mask)
     return (float(x.min()), float(y.min()), float(x.max() + 1), float(y.max() + 1)) if len(y) else None
 
 
-def _hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, voxels: int) -> tuple[VoxelGrid, np.ndarray]:
+def _carve_hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, voxels: int) -> tuple[VoxelGrid, np.ndarray]:
     """A block of voxels around what the masks look at, and (N, N, N) bool: those in all masks but a share of `misses`."""
-    centre, radius = _looked_at(cameras, masks)
+    centre, radius = _find_looked_at(cameras, masks)
     side = 2 * ROOM * radius / voxels
     grid = VoxelGrid(np.eye(3), centre - ROOM * radius, side, (voxels,) * 3)
     index = np.argwhere(np.ones(grid.shape, bool))
     evidence = [np.where(mask, 1.0, -1.0).astype(np.float32) for mask in masks]
-    full, empty = votes(grid, index, cameras, evidence, 0.0)
+    full, empty = count_votes(grid, index, cameras, evidence, 0.0)
     occupied = np.zeros(grid.shape, bool)
     kept = (empty <= misses * len(masks)) & (full >= min(3, len(masks)))
     occupied[tuple(index[kept].T)] = True
     return grid, occupied
 
 
-def _looked_at(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:
+def _find_looked_at(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:
     """The point nearest to the rays through the middles of the masks, by least absolute distances; the object's radius around it."""
     centres = np.array([camera.centre_in_world for camera in cameras])
-    boxes = np.array([corners_of(mask) for mask in masks])
+    boxes = np.array([find_corners(mask) for mask in masks])
     middles = np.column_stack([(boxes[:, :2] + boxes[:, 2:]) / 2, np.ones(len(boxes))])
     rays = [camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ m for camera, m in zip(cameras, middles, strict=True)]
     rays = np.array([ray / np.linalg.norm(ray) for ray in rays])

@@ -36,13 +36,13 @@ class MaskQuality:
     fault: str | None
 
 
-def judge_masks(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[MaskQuality]:
+def compare_with_hull(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[MaskQuality]:
     """Measure (H, W) bool masks against the (H, W) bool silhouettes of what they have in common."""
     ratios = np.array([mask.sum() / max(hull.sum(), 1) for mask, hull in zip(masks, hulls, strict=True)])
     usual = float(np.median(ratios[ratios > 0])) if (ratios > 0).any() else 1.0
     found = []
     for mask, hull, ratio in zip(masks, hulls, ratios / usual, strict=True):
-        disagreement = _disagreement(mask, hull)
+        disagreement = _measure_disagreement(mask, hull)
         fault = None
         if mask.mean() < SMALLEST_SHARE:
             fault = "the mask is empty"
@@ -50,11 +50,11 @@ def judge_masks(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[MaskQu
             fault = f"{disagreement:.0%} of the mask contradict the masks of the other views"
         elif abs(ratio - 1) > MOST_AREA_JUMP:
             fault = f"the mask is {ratio:.2f} times as large as the other views let expect"
-        found.append(MaskQuality(disagreement, float(ratio), _border_share(mask), fault))
+        found.append(MaskQuality(disagreement, float(ratio), _measure_border_share(mask), fault))
     return found
 
 
-def judge_masks_alone(masks: list[np.ndarray]) -> list[MaskQuality]:
+def compare_sizes(masks: list[np.ndarray]) -> list[MaskQuality]:
     """Measure (H, W) bool masks where no cameras are known yet: only emptiness and a wild size are faults. Registration finds others."""
     areas = np.array([mask.sum() for mask in masks], float)
     usual = float(np.median(areas[areas > 0])) if areas.any() else 1.0
@@ -65,7 +65,7 @@ def judge_masks_alone(masks: list[np.ndarray]) -> list[MaskQuality]:
             fault = "the mask is empty"
         elif not 1 / MOST_SIZE_RATIO < ratio < MOST_SIZE_RATIO:
             fault = f"the mask is {ratio:.2f} times as large as the usual one"
-        found.append(MaskQuality(None, float(ratio), _border_share(mask), fault))
+        found.append(MaskQuality(None, float(ratio), _measure_border_share(mask), fault))
     return found
 
 
@@ -77,7 +77,7 @@ class MasksRejected(StepError):
         self.masks, self.dropped = masks, dropped
 
 
-def check_enough(qualities: list[MaskQuality], names: list[str], masks: list[np.ndarray]) -> None:
+def check_enough_good(qualities: list[MaskQuality], names: list[str], masks: list[np.ndarray]) -> None:
     """Raise MasksRejected where too few masks, (H, W) bool or float32 above 1/2 on the object, are good."""
     good = sum(quality.fault is None for quality in qualities)
     needed = max(min(MIN_GOOD, len(names)), int(np.ceil(MIN_GOOD_SHARE * len(names))))
@@ -97,17 +97,17 @@ def touches_border(quality: MaskQuality) -> bool:
     return quality.border_share > BORDER_SHARE
 
 
-def quality_record(qualities: list[MaskQuality], names: list[str]) -> dict[str, Any]:
+def describe_quality(qualities: list[MaskQuality], names: list[str]) -> dict[str, Any]:
     """The measures as they stand in segmentation.json."""
     disagreements = [quality.disagreement for quality in qualities]
     return {
         "good_masks": sum(quality.fault is None for quality in qualities),
         "dropped": {name: quality.fault for name, quality in zip(names, qualities, strict=True) if quality.fault},
         "cut_off": [name for name, quality in zip(names, qualities, strict=True) if touches_border(quality)],
-        "median_disagreement": _rounded(None if None in disagreements else float(np.median(disagreements))),
+        "median_disagreement": _round(None if None in disagreements else float(np.median(disagreements))),
         "masks": {
             name: {
-                "disagreement": _rounded(quality.disagreement),
+                "disagreement": _round(quality.disagreement),
                 "area_ratio": round(quality.area_ratio, 4),
                 "border_share": round(quality.border_share, 4),
             }
@@ -116,15 +116,15 @@ def quality_record(qualities: list[MaskQuality], names: list[str]) -> dict[str, 
     }
 
 
-def _rounded(value: float | None) -> float | None:
+def _round(value: float | None) -> float | None:
     return None if value is None else round(value, 4)
 
 
-def _border_share(mask: np.ndarray) -> float:
+def _measure_border_share(mask: np.ndarray) -> float:
     return int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()) / (2 * sum(mask.shape))
 
 
-def _disagreement(mask: np.ndarray, hull: np.ndarray) -> float:
+def _measure_disagreement(mask: np.ndarray, hull: np.ndarray) -> float:
     if not mask.any() or not hull.any():
         return 1.0
     radius = max(1, round(TOLERANCE * float(np.sqrt(mask.sum()))))

@@ -12,7 +12,7 @@ LEAST_OVERLAP = 0.5
 """Both halves see the hull of a thing that stays, however few directions they have: the smaller footprint lies in the larger."""
 
 
-def check_unmoved(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> None:
+def check_not_moved(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> None:
     """Raise StepError where the object stands elsewhere in the second half of the views.
 
     Args:
@@ -27,7 +27,7 @@ def check_unmoved(support: SceneSupport, cameras: list[Camera], evidence: list[n
         halves = [select_object(support, cameras[part], evidence[part]) for part in (slice(middle), slice(middle, None))]
     except StepError:
         return  # half of the views do not tell; all of them may
-    first, second = (_footprint(support, selection) for selection in halves)
+    first, second = (_find_footprint(support, selection) for selection in halves)
     if len(first & second) < LEAST_OVERLAP * min(len(first), len(second)):
         raise StepError(
             f"the object moved during the film: until {cameras[middle - 1].name} it stands elsewhere than from {cameras[middle].name} on; "
@@ -35,7 +35,7 @@ def check_unmoved(support: SceneSupport, cameras: list[Camera], evidence: list[n
         )
 
 
-def _footprint(support: SceneSupport, selection: ObjectSelection) -> set[tuple[int, int]]:
+def _find_footprint(support: SceneSupport, selection: ObjectSelection) -> set[tuple[int, int]]:
     """The cells of the plane that an object stands on or over."""
     side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
     cells = np.floor((selection.grid.centres(np.argwhere(selection.cluster)) - support.foot) @ support.axes().T / side).astype(int)

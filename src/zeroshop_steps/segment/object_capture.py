@@ -14,15 +14,15 @@ import numpy as np
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
-from zeroshop_steps.segment.grounded_sam import Pictures, add_network_arguments, find_by_networks
+from zeroshop_steps.segment.grounded_sam import ImageSequence, add_network_arguments, run_networks
 from zeroshop_steps.segment.record import (
     RECORD,
     add_rejected_argument,
-    contact_sheet,
-    how_found,
+    draw_mask_sheet,
     link_or_copy,
-    say_dropped,
-    shown_if_rejected,
+    read_mask_record,
+    show_rejected_masks,
+    warn_of_dropped,
 )
 
 SCENE = "video_segmented"
@@ -48,10 +48,10 @@ def run(args: argparse.Namespace) -> None:
     height_px, width_px = read_image(paths[0]).shape[:2]
     if (args.pictures / "masks").is_dir():
         masks = [read_mask(args.pictures / "masks" / f"{path.stem}.png", (width_px, height_px)) for path in paths]
-        record = how_found(args.pictures) | {"dropped": {}, "cut_off": []}
+        record = read_mask_record(args.pictures) | {"dropped": {}, "cut_off": []}
     else:
-        with shown_if_rejected(paths, args.rejected):
-            masks, record = find_by_networks(Pictures(paths, (width_px, height_px)), args)
+        with show_rejected_masks(paths, args.rejected):
+            masks, record = run_networks(ImageSequence(paths, (width_px, height_px)), args)
     record["seconds"] = round(time.monotonic() - start_s, 2)
     write_capture(args.out, paths, masks, record, read_json(args.capture / "capture.json"))
 
@@ -75,8 +75,8 @@ def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record:
                 write_mask(folder / "masks" / f"{path.stem}.png", mask)
         write_json(folder / "capture.json", {**facts, "scene": SCENE, "images": len(paths) - len(dropped), "seconds": record["seconds"]})
         write_json(folder / RECORD, record)
-        write_image(folder / "contact_sheet.png", contact_sheet(paths, masks, dropped))
-    say_dropped(record)
+        write_image(folder / "contact_sheet.png", draw_mask_sheet(paths, masks, dropped))
+    warn_of_dropped(record)
 
 
 def _failure_of(folder: Path) -> str | None:

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, clusters, down_to_ground, votes
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, fill_down_to_ground, label_clusters
 
 COARSE_VOXELS = 72
 REACH_DISTANCES = 0.42  # half the side of the searched block, in distances of the cameras from the focus
@@ -63,11 +63,11 @@ def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[n
     grid = VoxelGrid(axes, corner, side, (COARSE_VOXELS,) * 3)
     index = np.argwhere(np.ones(grid.shape, bool))
     index = index[index[:, 2] >= BELOW_VOXELS]
-    full, empty = votes(grid, index, cameras, evidence, SURE_ODDS)
+    full, empty = count_votes(grid, index, cameras, evidence, SURE_ODDS)
     kept = (empty <= EMPTY_SHARE * (full + empty)) & (full >= FULL_VIEWS) & (full >= FULL_SHARE * (full + empty))
     occupied = np.zeros(grid.shape, bool)
     occupied[tuple(index[kept].T)] = True
-    labels, count = clusters(occupied)
+    labels, count = label_clusters(occupied)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     names = np.flatnonzero(sizes >= LEAST_VOXELS) + 1
     if not len(names):
@@ -80,13 +80,11 @@ def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[n
     # The nearest edge counts most: a large thing may stand off the middle. The mean settles the rest.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
     chosen = min(names, key=lambda name: (away[name], name))
-    parts = _looked_at_together(chosen, names, places, away, sizes)
+    parts = _join_parts(chosen, names, places, away, sizes)
     return _cut_fine_grid(grid, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
 
 
-def _looked_at_together(
-    chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray
-) -> list[int]:
+def _join_parts(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray) -> list[int]:
     """The chosen cluster, and those that are parts of the same object because the cameras look in between.
 
     Raises:
@@ -118,7 +116,7 @@ def _cut_fine_grid(grid: VoxelGrid, labels: np.ndarray, chosen: int, count: int)
     fine = VoxelGrid(grid.axes, grid.origin + low * grid.side @ grid.axes, side, shape)
     others = (labels > 0) & ~own
     # It stands on the ground, whatever was carved off its foot.
-    nearest = ndimage.distance_transform_edt(~down_to_ground(own))
+    nearest = ndimage.distance_transform_edt(~fill_down_to_ground(own))
     rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(grid.shape, np.inf)
     room = (nearest <= margin) & (nearest < rival)
     coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / grid.side).astype(int) + low, np.array(grid.shape) - 1)

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.frames import TILE_WIDTH_PX, rows_of
+from zeroshop_steps.capture.frames import TILE_WIDTH_PX, arrange_in_rows
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.record import read_registration
@@ -40,7 +40,7 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @contextlib.contextmanager
-def failing_as_result(args: argparse.Namespace) -> Iterator[None]:
+def record_failure(args: argparse.Namespace) -> Iterator[None]:
     """With `--keep-going`, write a failure in this block in place of the masks, as a registration writes its own."""
     try:
         yield
@@ -60,7 +60,7 @@ def add_rejected_argument(parser: argparse.ArgumentParser) -> None:
 
 
 @contextlib.contextmanager
-def shown_if_rejected(paths: list[Path], picture: Path | None) -> Iterator[None]:
+def show_rejected_masks(paths: list[Path], picture: Path | None) -> Iterator[None]:
     """Write a picture of the masks of the images `paths` that are refused in this block, so that one sees why."""
     if picture is not None:
         picture.unlink(missing_ok=True)
@@ -69,7 +69,7 @@ def shown_if_rejected(paths: list[Path], picture: Path | None) -> Iterator[None]
     except MasksRejected as error:
         if picture is None:
             raise
-        write_image(picture, contact_sheet(paths, error.masks, error.dropped))
+        write_image(picture, draw_mask_sheet(paths, error.masks, error.dropped))
         raise MasksRejected(f"{error} All masks are shown in {picture}", error.masks, error.dropped) from None
 
 
@@ -100,16 +100,16 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
         write_json(folder / RECORD, record)
-        write_image(folder / "contact_sheet.png", contact_sheet([view.image_path for view in views], masks, dropped))
-    say_dropped(record)
+        write_image(folder / "contact_sheet.png", draw_mask_sheet([view.image_path for view in views], masks, dropped))
+    warn_of_dropped(record)
 
 
-def how_found(folder: Path | None) -> dict[str, Any]:
+def read_mask_record(folder: Path | None) -> dict[str, Any]:
     """What segmentation.json beside masks says of them; that they were given where there is none."""
     return read_json(folder / RECORD) if folder and (folder / RECORD).is_file() else {"method": "given"}
 
 
-def say_dropped(record: dict[str, Any]) -> None:
+def warn_of_dropped(record: dict[str, Any]) -> None:
     """Say which pictures are left out and why, and which cut the object off."""
     for name, fault in record.get("dropped", {}).items():
         warn(f"{name} is left out: {fault}")
@@ -117,7 +117,7 @@ def say_dropped(record: dict[str, Any]) -> None:
         warn(f"the object is cut off at the border in {', '.join(record['cut_off'])}; step back and keep it whole in the picture")
 
 
-def contact_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:
+def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:
     """(H, W, 3) uint8: every image with what lies outside its mask darkened, the outline red; dropped ones crossed out."""
     tiles = []
     for path, mask in zip(paths, masks, strict=True):
@@ -130,7 +130,7 @@ def contact_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str])
             cv2.line(tile, (0, 0), size, (255, 0, 0), 3)
         cv2.putText(tile, path.stem, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(tile)
-    return rows_of(tiles)
+    return arrange_in_rows(tiles)
 
 
 def link_or_copy(source: Path, target: Path) -> None:

@@ -15,12 +15,12 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.scene_support import fit_scene_support
-from zeroshop_steps.segment.ground import equalized, picture_ground
-from zeroshop_steps.segment.mask_quality import check_enough, judge_masks, quality_record
-from zeroshop_steps.segment.motion_check import check_unmoved
+from zeroshop_steps.segment.ground import build_ground_picture, equalize_exposure
+from zeroshop_steps.segment.mask_quality import check_enough_good, compare_with_hull, describe_quality
+from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import select_object
-from zeroshop_steps.segment.record import add_common_arguments, failing_as_result, shown_if_rejected, write_segmented
-from zeroshop_steps.segment.refine import refine
+from zeroshop_steps.segment.record import add_common_arguments, record_failure, show_rejected_masks, write_segmented
+from zeroshop_steps.segment.refine import refine_masks
 
 WIDTH_PX = 480
 LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003  # of a mask's area
@@ -35,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
-    with failing_as_result(args):
+    with record_failure(args):
         views, model = read_views(args.scene)
-        with shown_if_rejected([view.image_path for view in views], args.rejected):
+        with show_rejected_masks([view.image_path for view in views], args.rejected):
             masks, record = find_masks(views, model, args.image_width_px, args.seed)
         record["seconds"] = round(time.monotonic() - start_s, 2)
         write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
@@ -56,20 +56,20 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
     support = fit_scene_support(model, views, seed)
-    cameras, images = _resized(views, image_width_px)
-    images = equalized(support, cameras, images)
-    ground = picture_ground(support, cameras, images)
+    cameras, images = _resize_views(views, image_width_px)
+    images = equalize_exposure(support, cameras, images)
+    ground = build_ground_picture(support, cameras, images)
     evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
-    check_unmoved(support, cameras, evidence)
+    check_not_moved(support, cameras, evidence)
     selection = select_object(support, cameras, evidence)
-    refined = refine(support, selection, cameras, images)
-    tidied = [tidy(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
+    refined = refine_masks(support, selection, cameras, images)
+    tidied = [tidy_mask(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
-    qualities = judge_masks([mask > 0.5 for mask in tidied], refined.hulls)
-    check_enough(qualities, names, tidied)
+    qualities = compare_with_hull([mask > 0.5 for mask in tidied], refined.hulls)
+    check_enough_good(qualities, names, tidied)
     record = {
         "method": "support_plane",
-        **quality_record(qualities, names),
+        **describe_quality(qualities, names),
         "things_on_the_ground": selection.cluster_count,
         "plane_inliers": support.inliers,
         "plane": {"normal": support.normal.tolist(), "offset": support.offset},
@@ -79,7 +79,7 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
     return [cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > 0.5 for mask, size in zip(tidied, sizes, strict=True)], record
 
 
-def _resized(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
+def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
     cameras, images = [], []
     for view in views:
         width = min(width_px, view.camera.width_px)
@@ -89,7 +89,7 @@ def _resized(views: list[View], width_px: int) -> tuple[list[Camera], list[np.nd
     return cameras, images
 
 
-def tidy(mask: np.ndarray, hull: np.ndarray) -> np.ndarray:
+def tidy_mask(mask: np.ndarray, hull: np.ndarray) -> np.ndarray:
     """The (H, W) float32 mask without islands off the common hull's silhouette, (H, W) bool, small ones, and pinholes.
 
     Print may have the ground's colours. A larger hole is filled where the other views see no way through.

@@ -19,7 +19,7 @@ NOT_KEPT = "high_res_masks"  # of every picture, of the network's input size: us
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackedMask:
     """What was found in a picture.
 
     Attributes:
@@ -31,7 +31,7 @@ class Tracked:
     score: float
 
 
-class Tracker:
+class ObjectTracker:
     """SAM 2 on a device."""
 
     def __init__(self, folder: Path, device: torch.device) -> None:
@@ -49,7 +49,7 @@ class Tracker:
 
     def follow(
         self, read: Callable[[int], np.ndarray], count: int, size_px: tuple[int, int], boxes: dict[int, tuple[float, ...]]
-    ) -> list[Tracked]:
+    ) -> list[TrackedMask]:
         """Masks of all pictures.
 
         Args:
@@ -59,7 +59,7 @@ class Tracker:
             boxes: {picture: left, top, right, bottom in pixels}, at least one. From the first of them on forwards, then backwards.
         """
         session = self._session(read, count)
-        found: dict[int, Tracked] = {}
+        found: dict[int, TrackedMask] = {}
         start = min(boxes)
         with torch.inference_mode(), self._precision(), ProgressReport("masks", count) as report:
 
@@ -111,9 +111,9 @@ class Tracker:
         mean, deviation = (torch.tensor(values).view(3, 1, 1) for values in (MEAN, DEVIATION))
         return (torch.from_numpy(np.array(small)).permute(2, 0, 1).float() / 255.0 - mean) / deviation
 
-    def _tracked(self, output, size_px: tuple[int, int]) -> Tracked:
+    def _tracked(self, output, size_px: tuple[int, int]) -> TrackedMask:
         logits = interpolate(output.pred_masks.float().view(1, 1, *output.pred_masks.shape[-2:]), (size_px[1], size_px[0]), mode="bilinear")
-        return Tracked((logits[0, 0] > 0).cpu().numpy(), float(output.object_score_logits.float().max()))
+        return TrackedMask((logits[0, 0] > 0).cpu().numpy(), float(output.object_score_logits.float().max()))
 
     def _precision(self):
         """bfloat16 where it is faster: on CUDA."""

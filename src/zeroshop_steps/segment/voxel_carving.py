@@ -30,7 +30,7 @@ class VoxelGrid:
         return self.origin + (index + 0.5) * self.side @ self.axes if len(index) else np.zeros((0, 3))
 
 
-def votes(
+def count_votes(
     grid: VoxelGrid, index: np.ndarray, cameras: list[Camera], evidence: list[np.ndarray], sure: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """How many views show each voxel full and how many show it empty, each (P,) int.
@@ -46,13 +46,13 @@ def votes(
         pixels, depth = camera.project(centres)
         width = max(1, round(0.7 * grid.side * camera.intrinsics[0, 0] / float(np.median(depth))))
         mean = cv2.blur(odds, (width, width), borderType=cv2.BORDER_REPLICATE)
-        seen = look_up(mean, pixels, depth)
+        seen = sample_nearest(mean, pixels, depth)
         full += seen > sure
         empty += seen < -sure
     return full, empty
 
 
-def look_up(picture: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def sample_nearest(picture: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """(P,) values of an (H, W) picture at (P, 2) pixel positions, 0 outside it or behind the camera."""
     with np.errstate(invalid="ignore"):
         x, y = pixels.astype(np.int32).T
@@ -62,7 +62,7 @@ def look_up(picture: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.nd
     return values
 
 
-def splat(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
+def splat_voxels(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
     """(H, W) bool: where cubes of edge `side` around (P, 3) points fall in a view."""
     picture = np.zeros((camera.height_px, camera.width_px), np.uint8)
     if not len(points):
@@ -76,13 +76,13 @@ def splat(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
     return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
 
 
-def silhouette(grid: VoxelGrid, occupied: np.ndarray, camera: Camera) -> np.ndarray:
+def render_silhouette(grid: VoxelGrid, occupied: np.ndarray, camera: Camera) -> np.ndarray:
     """(H, W) bool: where a view sees occupied voxels, (X, Y, Z) bool, in it."""
     shell = occupied & ~ndimage.binary_erosion(occupied, border_value=0)
-    return splat(grid.centres(np.argwhere(shell)), grid.side, camera)
+    return splat_voxels(grid.centres(np.argwhere(shell)), grid.side, camera)
 
 
-def clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
+def label_clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
     """Things that stand side by side: labels (X, Y, Z) from 1 on, and their number.
 
     What lies above each other is one thing; bridges of one column's width do not join two.
@@ -97,6 +97,6 @@ def clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
     return np.where(occupied, footprint[:, :, None], 0).astype(np.int32), count
 
 
-def down_to_ground(occupied: np.ndarray) -> np.ndarray:
+def fill_down_to_ground(occupied: np.ndarray) -> np.ndarray:
     """The voxels and all below them: ground that no view sees if the object stands there."""
     return np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2)

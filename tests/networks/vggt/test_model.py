@@ -9,9 +9,9 @@ import torch
 from helpers.named_parameters import fill
 from helpers.paths import PARITY
 from zeroshop_steps.networks.vggt.model import Vggt
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 
-SMALL = Settings(
+SMALL = VggtSettings(
     image_px=70,
     width=32,
     depth=4,

@@ -19,7 +19,7 @@ from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_small_masks
 from zeroshop_steps.detect.detector_io import ObjectMask, add_image_arguments, read_frames, read_photo, run_detector, suppress_boxes
 from zeroshop_steps.detect.templates import read_templates
-from zeroshop_steps.networks.devices import chosen_device
+from zeroshop_steps.networks.devices import choose_device
 from zeroshop_steps.networks.pretrained import require_model
 
 SEGMENTER, DESCRIBER = "sam-vit-huge", "dinov2-large"
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Detect the models of a folder in the images of a split."""
     folders = [require_model(name, FILES) for name in (SEGMENTER, DESCRIBER)]
-    device = torch.device(chosen_device(args.device))
+    device = torch.device(choose_device(args.device))
     frames = read_frames(args.scenes, args.targets)
     segmenter, describer = SegmentAnything(folders[0], device), CropDescriber(folders[1], device)
     views = describe_views(args.models, args.templates, describer)

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from zeroshop_steps.geometry.cameras import fit_similarity
-from zeroshop_steps.networks.mast3r.inference import Predictor
-from zeroshop_steps.networks.mast3r.matching import Matches, match
+from zeroshop_steps.networks.mast3r.inference import Mast3rPredictor
+from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import ProgressReport
 
@@ -30,7 +30,7 @@ COARSE_MATCHES, FINE_MATCHES = 4000, 8000
 
 
 @dataclass(frozen=True)
-class Canonical:
+class CanonicalView:
     """A picture's own points, averaged over its pairs.
 
     Attributes:
@@ -67,7 +67,7 @@ class Alignment:
     scale_deviation: float
 
 
-def align(predictor: Predictor, min_confidence: float, subsampling: int = 8) -> Alignment:
+def align_images(predictor: Mast3rPredictor, min_confidence: float, subsampling: int = 8) -> Alignment:
     """Align all pictures of a predictor.
 
     Args:
@@ -79,14 +79,14 @@ def align(predictor: Predictor, min_confidence: float, subsampling: int = 8) -> 
         StepError: a picture matches no other.
     """
     count = len(predictor.framings)
-    canonical, relative, matches = _all_pairs(predictor, count, min_confidence, subsampling)
-    start = _spanned(relative, matches, count)
-    return _optimized(canonical, matches, start)
+    canonical, relative, matches = _predict_all_pairs(predictor, count, min_confidence, subsampling)
+    start = _chain_pairs(relative, matches, count)
+    return _optimize(canonical, matches, start)
 
 
-def _all_pairs(
-    predictor: Predictor, count: int, min_confidence: float, subsampling: int
-) -> tuple[list[Canonical], dict[tuple[int, int], np.ndarray], dict[tuple[int, int], Matches]]:
+def _predict_all_pairs(
+    predictor: Mast3rPredictor, count: int, min_confidence: float, subsampling: int
+) -> tuple[list[CanonicalView], dict[tuple[int, int], np.ndarray], dict[tuple[int, int], Matches]]:
     """Canonical points of all pictures, similarities first_from_second, and matches, of all ordered pairs."""
     points: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(count)]
     other, matches = {}, {}
@@ -97,7 +97,7 @@ def _all_pairs(
             maps = [(side.points[0].double().cpu().numpy(), side.confidence[0].double().cpu().numpy()) for side in sides]
             points[first].append(maps[0])
             other[first, second] = maps[1]
-            found = match(*sides, min_confidence, subsampling)
+            found = match_pair(*sides, min_confidence, subsampling)
             if len(found.confidence) >= LEAST_MATCHES:
                 matches[first, second] = found
             report.advance()
@@ -106,7 +106,7 @@ def _all_pairs(
         weight = np.sum([confidence for _, confidence in maps], axis=0)
         mean = np.sum([place * confidence[..., None] for place, confidence in maps], axis=0) / weight[..., None]
         sizes = [np.log(np.median(place[..., 2][confidence > np.median(confidence) * 0.99])) for place, confidence in maps]
-        canonical.append(Canonical(mean[..., 2], weight / len(maps), focal_of(mean, weight), float(np.std(sizes))))
+        canonical.append(CanonicalView(mean[..., 2], weight / len(maps), estimate_focal_px(mean, weight), float(np.std(sizes))))
         mean_points.append(mean)
     relative = {}
     for (first, second), (place, confidence) in other.items():
@@ -115,7 +115,7 @@ def _all_pairs(
     return canonical, relative, matches
 
 
-def focal_of(points: np.ndarray, confidence: np.ndarray, rounds: int = 20) -> float:
+def estimate_focal_px(points: np.ndarray, confidence: np.ndarray, rounds: int = 20) -> float:
     """The focal length in pixels that best explains (height, width, 3) points about the middle of the picture, robustly (Weiszfeld)."""
     height, width = confidence.shape
     columns, rows = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
@@ -130,7 +130,7 @@ def focal_of(points: np.ndarray, confidence: np.ndarray, rounds: int = 20) -> fl
     return focal
 
 
-def _spanned(relative: dict[tuple[int, int], np.ndarray], matches: dict[tuple[int, int], Matches], count: int) -> np.ndarray:
+def _chain_pairs(relative: dict[tuple[int, int], np.ndarray], matches: dict[tuple[int, int], Matches], count: int) -> np.ndarray:
     """(N, 4, 4) similarities world_from_picture along the pairs with the most matches, from the first picture on."""
     strength = {pair: len(found.confidence) for pair, found in matches.items()}
     world = {0: np.eye(4)}
@@ -167,7 +167,7 @@ class _Pixels:
         return _Pixels(self.picture[chosen], self.centred[chosen], self.depth[chosen], self.cell[chosen])
 
     @classmethod
-    def of(cls, canonical: list[Canonical], image: np.ndarray, pixels: np.ndarray) -> "_Pixels":
+    def of(cls, canonical: list[CanonicalView], image: np.ndarray, pixels: np.ndarray) -> "_Pixels":
         """(M,) pictures and (M, 2) columns and rows."""
         sides = np.array([view.depth_m.shape for view in canonical])
         cells = -(-sides // CELL_PX)
@@ -185,7 +185,7 @@ class _Pixels:
 class _Scene(torch.nn.Module):
     """Poses, sizes, focal lengths and depths of all pictures."""
 
-    def __init__(self, canonical: list[Canonical], start: np.ndarray) -> None:
+    def __init__(self, canonical: list[CanonicalView], start: np.ndarray) -> None:
         super().__init__()
         scale = np.cbrt(np.linalg.det(start[:, :3, :3]))
         self.log_size = torch.nn.Parameter(torch.from_numpy(np.log(scale)))
@@ -226,7 +226,7 @@ class _Scene(torch.nn.Module):
         return turn.unflatten(1, (3, 3)), place, focal
 
 
-def _optimized(canonical: list[Canonical], matches: dict[tuple[int, int], Matches], start: np.ndarray) -> Alignment:
+def _optimize(canonical: list[CanonicalView], matches: dict[tuple[int, int], Matches], start: np.ndarray) -> Alignment:
     scene = _Scene(canonical, start)
     found = [matches[pair] for pair in sorted(matches)]
     images = np.repeat(np.array(sorted(matches)), [len(each.confidence) for each in found], axis=0)
@@ -252,7 +252,7 @@ def _optimized(canonical: list[Canonical], matches: dict[tuple[int, int], Matche
         _descend(fine, [*rigid, scene.log_focal, *scene.bend], FINE_STEPS, FINE_RATE, report)
     with torch.no_grad():
         error_px = float(scene.errors_px(scene.in_world(first), second).median())
-        return _result(scene, canonical, error_px)
+        return _gather_result(scene, canonical, error_px)
 
 
 def _descend(loss, parameters: list[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
@@ -268,7 +268,7 @@ def _descend(loss, parameters: list[Tensor], steps: int, rate: float, report: Pr
         report.advance(1, f"loss {float(value.detach()):.4f}")
 
 
-def _result(scene: _Scene, canonical: list[Canonical], error_px: float) -> Alignment:
+def _gather_result(scene: _Scene, canonical: list[CanonicalView], error_px: float) -> Alignment:
     world_from_camera = np.tile(np.eye(4), (len(canonical), 1, 1))
     world_from_camera[:, :3, :3], world_from_camera[:, :3, 3] = scene.rotations().numpy(), scene.place.numpy()
     depths = []

@@ -38,7 +38,7 @@ class Fusion(nn.Module):
     def forward(self, x: Tensor, finer: Tensor | None = None) -> Tensor:
         if finer is not None:
             x = x + self.resConfUnit1(finer)
-        return self.out_conv(doubled(self.resConfUnit2(x)))
+        return self.out_conv(double(self.resConfUnit2(x)))
 
 
 class Scratch(nn.Module):
@@ -94,18 +94,18 @@ class DensePrediction(nn.Module):
 
 
 class Double(nn.Module):
-    """`doubled` as a layer."""
+    """`double` as a layer."""
 
     def forward(self, x: Tensor) -> Tensor:
-        return doubled(x)
+        return double(x)
 
 
-def doubled(x: Tensor) -> Tensor:
+def double(x: Tensor) -> Tensor:
     """Twice the resolution, bilinear, the corners staying where they are."""
     return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=True)
 
 
-def points_of(raw: Tensor) -> Tensor:
+def decode_points(raw: Tensor) -> Tensor:
     """(..., 3) raw outputs to points: the direction stays, the distance d becomes exp(d) - 1 (DUSt3R, supplement B)."""
     distance = raw.norm(dim=-1, keepdim=True)
     return raw / distance.clamp(min=1e-8) * torch.expm1(distance)

@@ -6,9 +6,9 @@ from typing import Protocol
 
 import torch
 
-from zeroshop_steps.networks.devices import Needs, check_fits, fits, running
-from zeroshop_steps.networks.mast3r.model import PATCH_PX, Configuration, MASt3R, Prediction
-from zeroshop_steps.networks.mast3r.pictures import LONG_SIDE_PX, Framing, framing_of_file, load_picture
+from zeroshop_steps.networks.devices import MemoryNeeds, check_memory, fits_in_memory, run_network
+from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing, fit_framing_of_file, load_picture
+from zeroshop_steps.networks.mast3r.model import PATCH_PX, ImagePrediction, MASt3R, Mast3rSettings
 from zeroshop_steps.runtime.progress import track
 
 NAME = "MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth"
@@ -18,26 +18,26 @@ BYTES_A_PIXEL = 2000
 """Of a pair, at the peak in the heads; 1430 were measured."""
 
 
-def predicted_bytes(parameters: int, framings: Sequence[Framing], configuration: Configuration, half: bool = False) -> int:
+def predict_peak_bytes(parameters: int, framings: Sequence[Framing], configuration: Mast3rSettings, half: bool = False) -> int:
     """Memory at the peak: the weights (with `half`, also in half precision), the tokens of all pictures, and one pair in the heads."""
     tokens = sum(framing.width_px * framing.height_px for framing in framings) // PATCH_PX**2
     pixels = sorted((framing.width_px * framing.height_px for framing in framings), reverse=True)[:2]
     return RUNTIME_BYTES + (6 if half else 4) * parameters + 4 * tokens * configuration.encoder_channels + BYTES_A_PIXEL * sum(pixels)
 
 
-class Predictor(Protocol):
-    """What matching and alignment need of the network: `PairPredictor`, or in tests what is known of a virtual scene."""
+class Mast3rPredictor(Protocol):
+    """What matching and alignment need of the network: `Mast3rPredictor`, or in tests what is known of a virtual scene."""
 
     framings: list[Framing]
 
-    def pair(self, first: int, second: int) -> tuple[Prediction, Prediction]:
+    def pair(self, first: int, second: int) -> tuple[ImagePrediction, ImagePrediction]:
         """What it says of two pictures; the points of both are in the camera frame of the first."""
 
     def similarities(self) -> torch.Tensor:
         """(N, N) similarities of the pictures."""
 
 
-class PairPredictor:
+class Mast3rPredictor:
     """The network and its pictures.
 
     Attributes:
@@ -51,12 +51,12 @@ class PairPredictor:
         Raises:
             StepError: it does not fit into memory.
         """
-        self.framings = [framing_of_file(path, long_side_px) for path in paths]
+        self.framings = [fit_framing_of_file(path, long_side_px) for path in paths]
         largest = max(self.framings, key=lambda framing: framing.width_px * framing.height_px)
         self.what = f"MASt3R on {len(paths)} pictures of {largest.width_px} x {largest.height_px} px"
         self._check_memory(network, paths, device, long_side_px)
         self.device, self.tokens = device, []
-        with running(device, self.what):
+        with run_network(device, self.what):
             self.network = network.to(device)
             for path in track(paths, "encoding pictures", len(paths)):
                 picture, _ = load_picture(path, long_side_px)
@@ -66,19 +66,19 @@ class PairPredictor:
         parameters = sum(parameter.numel() for parameter in network.parameters())
 
         def needed(side_px: int) -> int:
-            framings = [framing_of_file(path, side_px) for path in paths]
-            return predicted_bytes(parameters, framings, network.configuration, half=device.type == "cuda")
+            framings = [fit_framing_of_file(path, side_px) for path in paths]
+            return predict_peak_bytes(parameters, framings, network.configuration, half=device.type == "cuda")
 
-        smaller = (side for side in range(long_side_px - PATCH_PX, SMALLEST_SIDE_PX - 1, -PATCH_PX) if fits(needed(side), device))
-        if not fits(needed(long_side_px), device):
+        smaller = (side for side in range(long_side_px - PATCH_PX, SMALLEST_SIDE_PX - 1, -PATCH_PX) if fits_in_memory(needed(side), device))
+        if not fits_in_memory(needed(long_side_px), device):
             side = next(smaller, None)
             instead = f"--long-side-px {side} would fit" if side else "no size of pictures would fit; free memory"
-            check_fits(Needs(needed(long_side_px), self.what, f"{instead}, or use another method, such as colmap"), device)
+            check_memory(MemoryNeeds(needed(long_side_px), self.what, f"{instead}, or use another method, such as colmap"), device)
 
-    def pair(self, first: int, second: int) -> tuple[Prediction, Prediction]:
+    def pair(self, first: int, second: int) -> tuple[ImagePrediction, ImagePrediction]:
         """What the network says of two pictures; the points of both are in the camera frame of the first."""
         grids = [(self.framings[index].height_px // PATCH_PX, self.framings[index].width_px // PATCH_PX) for index in (first, second)]
-        with running(self.device, self.what):
+        with run_network(self.device, self.what):
             return self.network.predict(self.tokens[first], self.tokens[second], *grids)
 
     def similarities(self) -> torch.Tensor:

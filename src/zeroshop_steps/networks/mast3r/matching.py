@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.networks.mast3r.model import Prediction
+from zeroshop_steps.networks.mast3r.model import ImagePrediction
 
 SUBSAMPLING = 8
 ROUNDS = 10
@@ -28,7 +28,7 @@ class Matches:
     confidence: np.ndarray
 
 
-def match(first: Prediction, second: Prediction, min_confidence: float, subsampling: int = SUBSAMPLING) -> Matches:
+def match_pair(first: ImagePrediction, second: ImagePrediction, min_confidence: float, subsampling: int = SUBSAMPLING) -> Matches:
     """Match the pictures of one pair (B is 1), from a grid of starts in either.
 
     Args:
@@ -39,8 +39,8 @@ def match(first: Prediction, second: Prediction, min_confidence: float, subsampl
     features = [side.descriptors[0].flatten(0, 1) for side in (first, second)]
     confidences = [side.descriptor_confidence[0].flatten() for side in (first, second)]
     sizes = [tuple(side.descriptors.shape[1:3]) for side in (first, second)]
-    there = reciprocal(features[0], features[1], starts(*sizes[0], subsampling, features[0].device))
-    back = reciprocal(features[1], features[0], starts(*sizes[1], subsampling, features[0].device)).flip(1)
+    there = find_reciprocal(features[0], features[1], make_start_grid(*sizes[0], subsampling, features[0].device))
+    back = find_reciprocal(features[1], features[0], make_start_grid(*sizes[1], subsampling, features[0].device)).flip(1)
     pairs = torch.unique(torch.cat([there, back]), dim=0)
     confidence = torch.minimum(confidences[0][pairs[:, 0]], confidences[1][pairs[:, 1]])
     kept = confidence >= min_confidence
@@ -49,14 +49,14 @@ def match(first: Prediction, second: Prediction, min_confidence: float, subsampl
     return Matches(places[0], places[1], confidence)
 
 
-def starts(height: int, width: int, subsampling: int, device: torch.device | str = "cpu") -> Tensor:
+def make_start_grid(height: int, width: int, subsampling: int, device: torch.device | str = "cpu") -> Tensor:
     """The flat indices of a grid of pixels."""
     rows = torch.arange(subsampling // 2, height, subsampling, device=device)
     columns = torch.arange(subsampling // 2, width, subsampling, device=device)
     return (rows[:, None] * width + columns).flatten()
 
 
-def reciprocal(first: Tensor, second: Tensor, at: Tensor, rounds: int = ROUNDS) -> Tensor:
+def find_reciprocal(first: Tensor, second: Tensor, at: Tensor, rounds: int = ROUNDS) -> Tensor:
     """Go from features `at` of the first to their nearest of the second and back until the way there and back is the same.
 
     Args:
@@ -71,15 +71,15 @@ def reciprocal(first: Tensor, second: Tensor, at: Tensor, rounds: int = ROUNDS) 
     for _ in range(rounds):
         if not len(at):
             break
-        over = nearest(first[at], second)
-        back = nearest(second[over], first)
+        over = find_nearest(first[at], second)
+        back = find_nearest(second[over], first)
         rests = back == at
         found.append(torch.stack([at[rests], over[rests]], dim=1))
         at = torch.unique(back[~rests])
     return torch.unique(torch.cat(found), dim=0) if found else torch.zeros((0, 2), dtype=torch.int64, device=first.device)
 
 
-def nearest(queries: Tensor, features: Tensor) -> Tensor:
+def find_nearest(queries: Tensor, features: Tensor) -> Tensor:
     """(S,) index of the most similar of (Q, D) features for each of (S, D) queries."""
     rows, columns = TILE[features.device.type]
     parts = [part.T.contiguous() for part in features.split(columns)]

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from zeroshop_steps.networks.mast3r.dpt import DensePrediction, points_of
-from zeroshop_steps.networks.mast3r.transformer import NORM_EPSILON, DecoderBlock, EncoderBlock, Mlp, Rotation, rotation_of_grid
-from zeroshop_steps.networks.weights import strict_load
+from zeroshop_steps.networks.mast3r.dpt import DensePrediction, decode_points
+from zeroshop_steps.networks.mast3r.transformer import NORM_EPSILON, DecoderBlock, EncoderBlock, Mlp, RotaryFactors, compute_rotary_factors
+from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.runtime.errors import StepError
 
 PATCH_PX = 16
@@ -19,7 +19,7 @@ SIZES = ".json"
 
 
 @dataclass(frozen=True)
-class Configuration:
+class Mast3rSettings:
     """Sizes of the network; by default those of the published ViT-Large with base decoder."""
 
     encoder_channels: int = 1024
@@ -32,7 +32,7 @@ class Configuration:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class ImagePrediction:
     """What the network says of one picture of a pair; B pairs.
 
     Attributes:
@@ -59,10 +59,10 @@ class PatchEmbedding(nn.Module):
         return self.proj(image).flatten(2).transpose(1, 2)
 
 
-class Head(nn.Module):
+class Mast3rHead(nn.Module):
     """Points with their confidence by a dense prediction transformer, local features with theirs by an MLP for each patch."""
 
-    def __init__(self, configuration: Configuration) -> None:
+    def __init__(self, configuration: Mast3rSettings) -> None:
         super().__init__()
         encoder, decoder, depth = configuration.encoder_channels, configuration.decoder_channels, configuration.decoder_depth
         self.layers = (0, depth // 2, depth * 3 // 4, depth)
@@ -70,13 +70,13 @@ class Head(nn.Module):
         both = encoder + decoder
         self.head_local_features = Mlp(both, 4 * both, (configuration.descriptor_channels + 1) * PATCH_PX**2)
 
-    def forward(self, layers: list[Tensor], rows: int, columns: int) -> Prediction:
+    def forward(self, layers: list[Tensor], rows: int, columns: int) -> ImagePrediction:
         """`layers`: the encoder's output and that of each decoder block, (B, rows * columns, C)."""
         dense = self.dpt([layers[index] for index in self.layers], rows, columns).permute(0, 2, 3, 1)
         local = self.head_local_features(torch.cat([layers[0], layers[-1]], dim=-1))
         local = F.pixel_shuffle(local.transpose(1, 2).unflatten(2, (rows, columns)), PATCH_PX).permute(0, 2, 3, 1)
-        return Prediction(
-            points=points_of(dense[..., :3]),
+        return ImagePrediction(
+            points=decode_points(dense[..., :3]),
             confidence=1.0 + dense[..., 3].exp(),
             descriptors=local[..., :-1] / local[..., :-1].norm(dim=-1, keepdim=True),
             descriptor_confidence=local[..., -1].exp(),
@@ -89,9 +89,9 @@ class MASt3R(nn.Module):
     Pictures are (B, 3, height, width), sides multiples of 16, values from -1 to 1.
     """
 
-    def __init__(self, configuration: Configuration | None = None) -> None:
+    def __init__(self, configuration: Mast3rSettings | None = None) -> None:
         super().__init__()
-        self.configuration = configuration = configuration or Configuration()
+        self.configuration = configuration = configuration or Mast3rSettings()
         self.patch_embed = PatchEmbedding(configuration.encoder_channels)
         self.enc_blocks = nn.ModuleList(
             EncoderBlock(configuration.encoder_channels, configuration.encoder_heads) for _ in range(configuration.encoder_depth)
@@ -107,11 +107,13 @@ class MASt3R(nn.Module):
             for _ in range(2)
         )
         self.dec_norm = nn.LayerNorm(configuration.decoder_channels, eps=NORM_EPSILON)
-        self.downstream_head1, self.downstream_head2 = Head(configuration), Head(configuration)
+        self.downstream_head1, self.downstream_head2 = Mast3rHead(configuration), Mast3rHead(configuration)
 
     def encode(self, image: Tensor) -> Tensor:
         """(B, 3, height, width) pictures to (B, height / 16 * width / 16, C) tokens."""
-        rotation = self._rotation(grid_of(image), self.configuration.encoder_channels // self.configuration.encoder_heads, image.device)
+        rotation = self._rotation(
+            count_patches(image), self.configuration.encoder_channels // self.configuration.encoder_heads, image.device
+        )
         tokens = self.patch_embed(image)
         for block in self.enc_blocks:
             tokens = block(tokens, rotation)
@@ -133,7 +135,7 @@ class MASt3R(nn.Module):
 
     def predict(
         self, first: Tensor, second: Tensor, first_grid: tuple[int, int], second_grid: tuple[int, int]
-    ) -> tuple[Prediction, Prediction]:
+    ) -> tuple[ImagePrediction, ImagePrediction]:
         """Encoded pictures, (B, rows * columns, C) each with its (rows, columns), to what the network says of both.
 
         The heads run in single precision whatever the rest does: exponentials of half precision are too coarse for points.
@@ -145,16 +147,16 @@ class MASt3R(nn.Module):
                 self.downstream_head2([layer.float() for layer in layers[1]], *second_grid),
             )
 
-    def forward(self, first: Tensor, second: Tensor) -> tuple[Prediction, Prediction]:
+    def forward(self, first: Tensor, second: Tensor) -> tuple[ImagePrediction, ImagePrediction]:
         """A pair of pictures, of equal size or not, to what the network says of both."""
-        return self.predict(self.encode(first), self.encode(second), grid_of(first), grid_of(second))
+        return self.predict(self.encode(first), self.encode(second), count_patches(first), count_patches(second))
 
     @staticmethod
-    def _rotation(grid: tuple[int, int], head_dim: int, device: torch.device) -> Rotation:
-        return rotation_of_grid(*grid, head_dim, device)
+    def _rotation(grid: tuple[int, int], head_dim: int, device: torch.device) -> RotaryFactors:
+        return compute_rotary_factors(*grid, head_dim, device)
 
 
-def grid_of(image: Tensor) -> tuple[int, int]:
+def count_patches(image: Tensor) -> tuple[int, int]:
     """Rows and columns of the patches of (B, 3, height, width) pictures."""
     return image.shape[2] // PATCH_PX, image.shape[3] // PATCH_PX
 
@@ -170,10 +172,10 @@ def load_mast3r(path: Path) -> MASt3R:
     path = Path(path)
     beside = path.with_suffix(SIZES)
     try:
-        configuration = Configuration(**json.loads(beside.read_text())) if beside.is_file() else Configuration()
+        configuration = Mast3rSettings(**json.loads(beside.read_text())) if beside.is_file() else Mast3rSettings()
     except (TypeError, ValueError) as error:
         raise StepError(f"{beside} is no configuration of MASt3R ({error}); delete it for the published network's") from None
     with torch.device("meta"):
         network = MASt3R(configuration)
-    strict_load(network, path)
+    load_strictly(network, path)
     return network.eval().requires_grad_(False)

@@ -8,11 +8,11 @@ ROTARY_BASE = 100.0
 NORM_EPSILON = 1e-6
 MLP_RATIO = 4
 
-Rotation = tuple[Tensor, Tensor]
+RotaryFactors = tuple[Tensor, Tensor]
 """Cosines and sines, each (tokens, 2, head_dim / 4): of a token's row for the first half of a head, of its column for the second."""
 
 
-def rotation_of_grid(rows: int, columns: int, head_dim: int, device: torch.device | str = "cpu") -> Rotation:
+def compute_rotary_factors(rows: int, columns: int, head_dim: int, device: torch.device | str = "cpu") -> RotaryFactors:
     """How far each channel of each token of a (rows, columns) grid, in row-major order, is turned.
 
     RoFormer, equation 15, for each image axis with half of the channels (CroCo v2, section 3.2), and 100 in place of 10,000.
@@ -24,7 +24,7 @@ def rotation_of_grid(rows: int, columns: int, head_dim: int, device: torch.devic
     return angle.cos(), angle.sin()
 
 
-def rotate(heads: Tensor, rotation: Rotation) -> Tensor:
+def rotate(heads: Tensor, rotation: RotaryFactors) -> Tensor:
     """Turn (..., tokens, head_dim) queries or keys; channel i of an image axis is paired with channel i + head_dim / 4."""
     cosine, sine = (part.to(heads.dtype) for part in rotation)
     first, second = heads.unflatten(-1, (2, 2, heads.shape[-1] // 4)).unbind(-2)
@@ -62,7 +62,7 @@ class SelfAttention(nn.Module):
         self.qkv = nn.Linear(channels, 3 * channels)
         self.proj = nn.Linear(channels, channels)
 
-    def forward(self, x: Tensor, rotation: Rotation) -> Tensor:
+    def forward(self, x: Tensor, rotation: RotaryFactors) -> Tensor:
         query, key, value = (_split(part, self.heads) for part in self.qkv(x).chunk(3, dim=-1))
         return self.proj(_attend(rotate(query, rotation), rotate(key, rotation), value))
 
@@ -75,7 +75,7 @@ class CrossAttention(nn.Module):
         self.heads = heads
         self.projq, self.projk, self.projv, self.proj = (nn.Linear(channels, channels) for _ in range(4))
 
-    def forward(self, x: Tensor, other: Tensor, rotation: Rotation, other_rotation: Rotation) -> Tensor:
+    def forward(self, x: Tensor, other: Tensor, rotation: RotaryFactors, other_rotation: RotaryFactors) -> Tensor:
         query = rotate(_split(self.projq(x), self.heads), rotation)
         key = rotate(_split(self.projk(other), self.heads), other_rotation)
         return self.proj(_attend(query, key, _split(self.projv(other), self.heads)))
@@ -91,7 +91,7 @@ class EncoderBlock(nn.Module):
         self.norm2 = nn.LayerNorm(channels, eps=NORM_EPSILON)
         self.mlp = Mlp(channels, MLP_RATIO * channels, channels)
 
-    def forward(self, x: Tensor, rotation: Rotation) -> Tensor:
+    def forward(self, x: Tensor, rotation: RotaryFactors) -> Tensor:
         x = x + self.attn(self.norm1(x), rotation)
         return x + self.mlp(self.norm2(x))
 
@@ -109,7 +109,7 @@ class DecoderBlock(nn.Module):
         self.mlp = Mlp(channels, MLP_RATIO * channels, channels)
         self.norm_y = nn.LayerNorm(channels, eps=NORM_EPSILON)
 
-    def forward(self, x: Tensor, other: Tensor, rotation: Rotation, other_rotation: Rotation) -> Tensor:
+    def forward(self, x: Tensor, other: Tensor, rotation: RotaryFactors, other_rotation: RotaryFactors) -> Tensor:
         x = x + self.attn(self.norm1(x), rotation)
         x = x + self.cross_attn(self.norm2(x), self.norm_y(other), rotation, other_rotation)
         return x + self.mlp(self.norm3(x))

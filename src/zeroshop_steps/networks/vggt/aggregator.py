@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.vggt.layers import Block, Rotation
 from zeroshop_steps.networks.vggt.patch_embed import PatchEmbed
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 ROPE_BASE = 100.0
 COLOR_MEAN, COLOR_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -16,7 +16,7 @@ COLOR_MEAN, COLOR_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 class Aggregator(nn.Module):
     """From images to the tokens that all heads read. The first frame is the one whose camera the world is seen from."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: VggtSettings) -> None:
         super().__init__()
         width, heads, self.settings = settings.width, settings.heads, settings
         self.patch_embed = PatchEmbed(settings)

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.vggt.layers import Block, Mlp
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 ENCODING = 9  # translation (3), quaternion x y z w (4), vertical and horizontal field of view in radians (2)
 
@@ -13,7 +13,7 @@ ENCODING = 9  # translation (3), quaternion x y z w (4), vertical and horizontal
 class CameraHead(nn.Module):
     """From (S, 2 x width) camera tokens to (S, 9) pose encodings; all cameras together."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: VggtSettings) -> None:
         super().__init__()
         width = 2 * settings.width
         self.trunk = nn.Sequential(*(Block(width, settings.heads, False, 0.01) for _ in range(settings.camera_depth)))

@@ -34,7 +34,7 @@ class Fusion(nn.Module):
 
     def forward(self, coarse: Tensor, fine: Tensor | None, size: tuple[int, int]) -> Tensor:
         summed = coarse if fine is None else coarse + self.resConfUnit1(fine)
-        return self.out_conv(enlarged(self.resConfUnit2(summed), size))
+        return self.out_conv(resize_map(self.resConfUnit2(summed), size))
 
 
 class Scratch(nn.Module):
@@ -113,20 +113,20 @@ class DptHead(nn.Module):
             patches = self.norm(tokens[:, -grid[0] * grid[1] :]).transpose(1, 2).unflatten(2, grid)
             maps.append(resize(self._placed(project(patches), aspect)))
         shrink = 1 if self.dense else 2
-        fused = enlarged(self.scratch(maps), (size_px[0] // shrink, size_px[1] // shrink))
+        fused = resize_map(self.scratch(maps), (size_px[0] // shrink, size_px[1] // shrink))
         return self.scratch.output_conv2(self._placed(fused, aspect)) if self.dense else fused
 
     def _placed(self, values: Tensor, aspect: float) -> Tensor:
         """Tell a map where its pixels are."""
-        return values + 0.1 * position_code(values.shape[2:], values.shape[1], aspect).to(values) if self.dense else values
+        return values + 0.1 * encode_positions(values.shape[2:], values.shape[1], aspect).to(values) if self.dense else values
 
 
-def enlarged(values: Tensor, size: tuple[int, int]) -> Tensor:
+def resize_map(values: Tensor, size: tuple[int, int]) -> Tensor:
     """(B, C, H, W) maps at another size, corner on corner."""
     return F.interpolate(values, size=size, mode="bilinear", align_corners=True)
 
 
-def position_code(size: tuple[int, int], channels: int, aspect: float) -> Tensor:
+def encode_positions(size: tuple[int, int], channels: int, aspect: float) -> Tensor:
     """(channels, H, W) sines and cosines of x, then of y, on a plane whose half diagonal is 1."""
     frequencies = 100.0 ** -(torch.arange(channels // 4, dtype=torch.float64) / (channels // 4))
     reach_y = 1 / (aspect**2 + 1) ** 0.5

@@ -9,12 +9,12 @@ from torch import Tensor, nn
 from zeroshop_steps.networks.vggt.aggregator import Aggregator
 from zeroshop_steps.networks.vggt.camera_head import CameraHead
 from zeroshop_steps.networks.vggt.dpt_head import DptHead
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.track_head import TrackHead, Tracks
 
 
 @dataclass(frozen=True)
-class Prediction:
+class VggtPrediction:
     """What one pass says about S frames of H x W pixels. The world is the first camera's frame; its unit is arbitrary.
 
     Attributes:
@@ -36,9 +36,9 @@ class Prediction:
 class Vggt(nn.Module):
     """VGGT; parameters have the names and shapes of the published checkpoint."""
 
-    def __init__(self, settings: Settings | None = None) -> None:
+    def __init__(self, settings: VggtSettings | None = None) -> None:
         super().__init__()
-        self.settings = settings = settings or Settings()
+        self.settings = settings = settings or VggtSettings()
         width, patch_px = 2 * settings.width, settings.patch_px
         self.aggregator = Aggregator(settings)
         self.camera_head = CameraHead(settings)
@@ -54,7 +54,7 @@ class Vggt(nn.Module):
         precision: torch.dtype = torch.float32,
         chunk: int = 8,
         after_part: Callable[[], None] = lambda: None,
-    ) -> Prediction:
+    ) -> VggtPrediction:
         """Predict.
 
         Args:
@@ -74,7 +74,7 @@ class Vggt(nn.Module):
             point_map = values[:, :3].permute(0, 2, 3, 1)
             point_map, point_confidence = point_map.sign() * point_map.abs().expm1(), 1 + values[:, 3].exp()
         tracks = None if query_xy is None else self.track_head(layers, size_px, query_xy, chunk)
-        return Prediction(encodings, depth, depth_confidence, point_map, point_confidence, tracks)
+        return VggtPrediction(encodings, depth, depth_confidence, point_map, point_confidence, tracks)
 
     def tokens(self, images: Tensor, precision: torch.dtype, after_block: Callable[[], None] = lambda: None) -> list[Tensor]:
         """What all heads read, of (S, 3, H, W) images; calculated in `precision`, returned in the images' own."""

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.vggt.layers import Block
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 
 class Patches(nn.Module):
@@ -22,7 +22,7 @@ class Patches(nn.Module):
 class PatchEmbed(nn.Module):
     """Vision transformer from (S, 3, H, W) normalised images to (S, patches, width) normalised patch tokens."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: VggtSettings) -> None:
         super().__init__()
         width, self.grid, self.patch_px = settings.width, settings.image_px // settings.patch_px, settings.patch_px
         self.patch_embed = Patches(settings.patch_px, width)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Settings:
+class VggtSettings:
     """What a checkpoint does not say by its shapes, and what shapes the network.
 
     Attributes:

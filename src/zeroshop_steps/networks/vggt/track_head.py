@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.vggt.dpt_head import DptHead
 from zeroshop_steps.networks.vggt.layers import Mlp
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.update_transformer import UpdateTransformer
 
 STRIDE = 2  # pixels of the image a pixel of the feature maps
@@ -35,21 +35,21 @@ class Tracks:
 class TrackHead(nn.Module):
     """Feature maps from the tokens, and the tracker on them."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: VggtSettings) -> None:
         super().__init__()
         features = settings.track_features
         self.feature_extractor = DptHead(2 * settings.width, settings.patch_px, features, settings.track_channels, None)
-        self.tracker = Tracker(settings)
+        self.tracker = PointTracker(settings)
 
     def forward(self, layers: list[Tensor], size_px: tuple[int, int], xy: Tensor, chunk: int = 8) -> Tracks:
         """Track (N, 2) pixel indices `xy` of the first frame; the other arguments are those of `DptHead`."""
         return self.tracker(self.feature_extractor(layers, size_px, chunk), xy)
 
 
-class Tracker(nn.Module):
+class PointTracker(nn.Module):
     """Corrects positions and features of all tracks in rounds, from what correlates with them nearby."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: VggtSettings) -> None:
         super().__init__()
         features, self.settings = settings.track_features, settings
         self.inputs = 3 * features + 4
@@ -71,13 +71,13 @@ class Tracker(nn.Module):
             pyramid.append(F.avg_pool2d(pyramid[-1], 2))
         start = xy / STRIDE
         place = start[:, None].expand(-1, frames, -1)  # (N, S, 2)
-        found = sampled(maps[:1], start[None, None])[0, :, 0].T[:, None].expand(-1, frames, -1)  # (N, S, features)
-        context = grid_code(start, (height, width), self.inputs)[:, None] + self.query_ref_token[0, [0] + [1] * (frames - 1)]
+        found = sample_maps(maps[:1], start[None, None])[0, :, 0].T[:, None].expand(-1, frames, -1)  # (N, S, features)
+        context = encode_positions(start, (height, width), self.inputs)[:, None] + self.query_ref_token[0, [0] + [1] * (frames - 1)]
         for _ in range(rounds):
             nearby = self.corr_mlp(self._correlations(pyramid, found, place))
             motion = place - place[:, :1]
             scaled = motion / MOTION_PX
-            tokens = torch.cat([motion_code(motion, features // 2), scaled, scaled, nearby, found], dim=2) + context
+            tokens = torch.cat([encode_motion(motion, features // 2), scaled, scaled, nearby, found], dim=2) + context
             change = self.updateformer(tokens)
             found = found + self.ffeat_updater(self.ffeat_norm(change[..., 2:].flatten(0, 1))).unflatten(0, found.shape[:2])
             place = torch.cat([start[:, None], (place + change[..., :2])[:, 1:]], dim=1)
@@ -98,25 +98,25 @@ class Tracker(nn.Module):
                 volume = torch.matmul(some.transpose(0, 1), maps.flatten(2)) / math.sqrt(features)  # (S, n, h w)
                 at = (centres.transpose(0, 1) / 2**level).flatten(0, 1)[:, None, None] + window
                 volume = volume.unflatten(2, maps.shape[2:]).flatten(0, 1)[:, None]
-                values.append(sampled(volume, at, "zeros").flatten(1).unflatten(0, (frames, -1)))
+                values.append(sample_maps(volume, at, "zeros").flatten(1).unflatten(0, (frames, -1)))
             rows.append(torch.cat(values, dim=2).transpose(0, 1))
         return torch.cat(rows)
 
 
-def sampled(maps: Tensor, xy: Tensor, padding: str = "border") -> Tensor:
+def sample_maps(maps: Tensor, xy: Tensor, padding: str = "border") -> Tensor:
     """(B, C, h, w) bilinear samples of (B, C, H, W) maps at (B, h, w, 2) pixel indices x, y."""
     last = torch.tensor([max(side - 1, 1) for side in (maps.shape[3], maps.shape[2])], device=xy.device, dtype=xy.dtype)
     return F.grid_sample(maps, xy * (2 / last) - 1, align_corners=True, padding_mode=padding)
 
 
-def motion_code(motion: Tensor, channels: int) -> Tensor:
+def encode_motion(motion: Tensor, channels: int) -> Tensor:
     """(N, S, 2 x channels) alternating sines and cosines of x, then of y, of (N, S, 2) motions."""
     frequencies = torch.arange(0, channels, 2, device=motion.device, dtype=torch.float32) * (1000.0 / channels)
     angles = motion[..., None] * frequencies
     return torch.stack([angles.sin(), angles.cos()], dim=-1).flatten(2)
 
 
-def grid_code(xy: Tensor, size: tuple[int, int], channels: int) -> Tensor:
+def encode_positions(xy: Tensor, size: tuple[int, int], channels: int) -> Tensor:
     """(N, channels) sines and cosines of x, then of y: known at whole pixels of an (H, W) map, interpolated between."""
     frequencies = 10000.0 ** -(torch.arange(channels // 4, dtype=torch.float64) / (channels // 4))
     codes = []

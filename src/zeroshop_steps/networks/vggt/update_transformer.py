@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.vggt.layers import Mlp
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 
 class TrackBlock(nn.Module):
@@ -43,7 +43,7 @@ class CrossBlock(nn.Module):
 class UpdateTransformer(nn.Module):
     """From (N, S, inputs) tokens of N tracks in S frames to (N, S, outputs) corrections."""
 
-    def __init__(self, settings: Settings, inputs: int, outputs: int) -> None:
+    def __init__(self, settings: VggtSettings, inputs: int, outputs: int) -> None:
         super().__init__()
         width, heads, depth = settings.track_width, settings.track_heads, settings.track_depth
         self.input_norm = nn.LayerNorm(inputs)

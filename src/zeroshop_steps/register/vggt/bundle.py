@@ -7,16 +7,18 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.register.repair import without_images
-from zeroshop_steps.register.sift import two_view_options
-from zeroshop_steps.register.vggt.points import Observations
+from zeroshop_steps.register.repair import remove_images
+from zeroshop_steps.register.sift import make_verification_options
+from zeroshop_steps.register.vggt.tracks import TrackObservations
 
 ERROR_LIMITS_PX = (64.0, 32.0, 16.0, 8.0, 4.0)  # per 1000 px of image width; a camera turned by one degree is wrong by 20
 MIN_ANGLE_DEG = 1.5
 MIN_VIEWS = 3  # of a point: any two rays meet somewhere
 
 
-def write_database(path: Path, names: tuple[str, ...], seen: Observations, size_px: tuple[int, int], focal_px: float, seed: int) -> None:
+def write_database(
+    path: Path, names: tuple[str, ...], seen: TrackObservations, size_px: tuple[int, int], focal_px: float, seed: int
+) -> None:
     """The tracks as keypoints and matches of a new COLMAP database, each image pair verified by itself, without any model.
 
     Keypoint k of an image is the k-th track that it sees.
@@ -41,10 +43,10 @@ def write_database(path: Path, names: tuple[str, ...], seen: Observations, size_
                     lines.append(f"{names[first]} {names[second]}\n")
     pairs.write_text("".join(lines))
     if lines:
-        pycolmap.verify_matches(path, pairs, two_view_options(seed))
+        pycolmap.verify_matches(path, pairs, make_verification_options(seed))
 
 
-def adjusted(cameras: list[Camera], seen: Observations, rounds: int = 10) -> pycolmap.Reconstruction:
+def adjust_cameras(cameras: list[Camera], seen: TrackObservations, rounds: int = 10) -> pycolmap.Reconstruction:
     """Exact cameras, one lens for all, and points.
 
     Args:
@@ -64,13 +66,13 @@ def adjusted(cameras: list[Camera], seen: Observations, rounds: int = 10) -> pyc
     for limit in ERROR_LIMITS_PX:
         limit_px = limit * width_px / 1000
         rays = lens.cam_from_img(seen.xy.reshape(-1, 2)).reshape(seen.xy.shape)
-        points, errors = triangulated(poses, rays, seen.seen, limit_px / 2 / lens.mean_focal_length())
-        model = _model(lens, poses, names, seen, points, errors * lens.mean_focal_length() <= limit_px)
+        points, errors = triangulate_tracks(poses, rays, seen.seen, limit_px / 2 / lens.mean_focal_length())
+        model = _build_model(lens, poses, names, seen, points, errors * lens.mean_focal_length() <= limit_px)
         pycolmap.ObservationManager(model).filter_all_points3D(limit_px, MIN_ANGLE_DEG)
         _keep_long_tracks(model)
         if not model.num_points3D():
             return model
-        _adjust(model, limit_px / 8, rounds if limit > ERROR_LIMITS_PX[-1] else 5 * rounds)
+        _adjust_bundle(model, limit_px / 8, rounds if limit > ERROR_LIMITS_PX[-1] else 5 * rounds)
         lens = model.cameras[1]
         poses = np.array([model.images[index].cam_from_world().matrix() for index in range(1, len(names) + 1)])
     pycolmap.ObservationManager(model).filter_all_points3D(ERROR_LIMITS_PX[-1] * width_px / 1000, MIN_ANGLE_DEG)
@@ -78,22 +80,24 @@ def adjusted(cameras: list[Camera], seen: Observations, rounds: int = 10) -> pyc
     return model
 
 
-def refined(model: pycolmap.Reconstruction, min_observations: int) -> pycolmap.Reconstruction:
+def drop_weak_images(model: pycolmap.Reconstruction, min_observations: int) -> pycolmap.Reconstruction:
     """The model without images that have too few points, adjusted once more where that changed it."""
     few = [
         model.images[image_id].name for image_id in sorted(model.reg_image_ids()) if model.images[image_id].num_points3D < min_observations
     ]
-    model = without_images(model, few)
+    model = remove_images(model, few)
     _keep_long_tracks(model)
     if model.num_points3D():
         limit_px = ERROR_LIMITS_PX[-1] * model.cameras[1].width / 1000
-        _adjust(model, limit_px / 8, 50)
+        _adjust_bundle(model, limit_px / 8, 50)
         pycolmap.ObservationManager(model).filter_all_points3D(limit_px, MIN_ANGLE_DEG)
         _keep_long_tracks(model)
     return model
 
 
-def triangulated(poses: np.ndarray, rays: np.ndarray, seen: np.ndarray, scale: float, rounds: int = 8) -> tuple[np.ndarray, np.ndarray]:
+def triangulate_tracks(
+    poses: np.ndarray, rays: np.ndarray, seen: np.ndarray, scale: float, rounds: int = 8
+) -> tuple[np.ndarray, np.ndarray]:
     """Points where rays meet, by least squares that is reweighted (Cauchy), so that single wrong rays do not count.
 
     Args:
@@ -125,8 +129,8 @@ def triangulated(poses: np.ndarray, rays: np.ndarray, seen: np.ndarray, scale: f
     return points, errors
 
 
-def _model(
-    lens: pycolmap.Camera, poses: np.ndarray, names: list[str], seen: Observations, points: np.ndarray, kept: np.ndarray
+def _build_model(
+    lens: pycolmap.Camera, poses: np.ndarray, names: list[str], seen: TrackObservations, points: np.ndarray, kept: np.ndarray
 ) -> pycolmap.Reconstruction:
     """A COLMAP model of the points and those observations that are `kept` (S, N)."""
     model = pycolmap.Reconstruction()
@@ -152,7 +156,7 @@ def _keep_long_tracks(model: pycolmap.Reconstruction) -> None:
         manager.delete_point3D(point_id)
 
 
-def _adjust(model: pycolmap.Reconstruction, scale_px: float, iterations: int) -> None:
+def _adjust_bundle(model: pycolmap.Reconstruction, scale_px: float, iterations: int) -> None:
     """Bundle adjustment under a Cauchy loss, in place."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False

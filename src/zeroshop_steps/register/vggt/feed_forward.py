@@ -6,12 +6,12 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.register.consistency import silhouette_coherence
 from zeroshop_steps.register.image_set import ImageSet, read_masks
-from zeroshop_steps.register.vggt.predicted import DensePoints
+from zeroshop_steps.register.silhouette_coherence import measure_silhouette_coherence
+from zeroshop_steps.register.vggt.dense_points import DensePoints
 
 
-def feed_forward_model(cameras: list[Camera], points: DensePoints) -> pycolmap.Reconstruction:
+def build_feed_forward_model(cameras: list[Camera], points: DensePoints) -> pycolmap.Reconstruction:
     """A COLMAP model with a pinhole camera an image, and the points with one observation in every view that confirms them."""
     model = pycolmap.Reconstruction()
     places = [[] for _ in cameras]
@@ -38,7 +38,7 @@ def feed_forward_model(cameras: list[Camera], points: DensePoints) -> pycolmap.R
     return model
 
 
-def feed_forward_verdict(
+def check_feed_forward(
     cameras: list[Camera], points: DensePoints, image_set: ImageSet, unexplained_px: float, min_agreement: float
 ) -> tuple[str | None, dict[str, Any]]:
     """Why the cameras are wrong (None where depth and masks bear them out), and the figures behind that.
@@ -59,7 +59,7 @@ def feed_forward_verdict(
         found = f"other views confirm only {points.agreement[worst]:.0%} of the depth of {names[worst]}"
         reason = f"{found}, {min_agreement:.0%} is needed; {remedy}"
     if image_set.masks is not None:
-        coherence = silhouette_coherence(cameras, read_masks(image_set))
+        coherence = measure_silhouette_coherence(cameras, read_masks(image_set))
         figures["silhouette_px"] = dict(zip(names, np.round(coherence.unexplained_px, 2).tolist(), strict=True))
         worst_px = float(coherence.unexplained_px.max())
         if reason is None and worst_px > unexplained_px * image_set.size_px[0] / 1000:

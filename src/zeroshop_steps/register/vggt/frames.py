@@ -41,7 +41,7 @@ class Frames:
         return xy * self.scale + [self.left_px, 0.0] - 0.5
 
 
-def fitted_size(size_px: tuple[int, int], image_px: int, patch_px: int) -> tuple[tuple[int, int], int]:
+def fit_size(size_px: tuple[int, int], image_px: int, patch_px: int) -> tuple[tuple[int, int], int]:
     """The (width, height) of an image of `size_px` for the network, and how much black goes to its left (and right).
 
     The longer side becomes `image_px`, the other the nearest multiple of `patch_px`. The network was trained on images that
@@ -54,7 +54,7 @@ def fitted_size(size_px: tuple[int, int], image_px: int, patch_px: int) -> tuple
 
 def read_frames(image_set: ImageSet, image_px: int, patch_px: int) -> Frames:
     """Read all images of a set, which are of equal size (`read_image_set` refuses others)."""
-    (width, height), left = fitted_size(image_set.size_px, image_px, patch_px)
+    (width, height), left = fit_size(image_set.size_px, image_px, patch_px)
     shrinks = width <= image_set.size_px[0]
     pixels = np.zeros((len(image_set.images), 3, height, width + 2 * left), np.float32)
     for row, path in zip(pixels, image_set.images, strict=True):
@@ -64,7 +64,7 @@ def read_frames(image_set: ImageSet, image_px: int, patch_px: int) -> Frames:
     return Frames(tuple(image_set.names), pixels, image_set.size_px, scale, left)
 
 
-def usable_pixels(frames: Frames, image_set: ImageSet, object_only: bool) -> np.ndarray:
+def find_usable_pixels(frames: Frames, image_set: ImageSet, object_only: bool) -> np.ndarray:
     """(S, height, width) bool: where points may come from. Not from the black sides, with `object_only` not from off the object."""
     width, height = frames.network_size_px
     usable = np.zeros((len(frames.names), height, width), bool)

@@ -1,6 +1,6 @@
 """How much memory a run will need, said before it starts."""
 
-from zeroshop_steps.networks.vggt.settings import Settings
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.track_head import STRIDE, VOLUME_VALUES
 from zeroshop_steps.runtime.errors import StepError
 
@@ -11,7 +11,7 @@ DENSE_MAPS = 3.2  # the same for a dense head, as a multiple of `features` at ea
 TRACK_WIDTHS = 14  # the same for the tracker's tokens; measured
 
 
-def peak_bytes(settings: Settings, weights_bytes: int, frames: int, size_px: tuple[int, int], points: int, chunk: int) -> int:
+def predict_peak_bytes(settings: VggtSettings, weights_bytes: int, frames: int, size_px: tuple[int, int], points: int, chunk: int) -> int:
     """The most memory that a run takes.
 
     Args:
@@ -34,7 +34,7 @@ def peak_bytes(settings: Settings, weights_bytes: int, frames: int, size_px: tup
 
 
 def check_fits(
-    settings: Settings,
+    settings: VggtSettings,
     weights_bytes: int,
     frames: int,
     size_px: tuple[int, int],
@@ -43,19 +43,19 @@ def check_fits(
     available_bytes: int,
     where: str,
 ) -> int:
-    """The predicted peak in bytes; the arguments are those of `peak_bytes`.
+    """The predicted peak in bytes; the arguments are those of `predict_peak_bytes`.
 
     Raises:
         StepError: it is more than `available_bytes` (of `where`); says what would fit.
     """
-    needed = peak_bytes(settings, weights_bytes, frames, size_px, points, chunk)
+    needed = predict_peak_bytes(settings, weights_bytes, frames, size_px, points, chunk)
     if needed <= available_bytes:
         return needed
     fits = next(
         (
             count
             for count in range(frames - 1, 1, -1)
-            if peak_bytes(settings, weights_bytes, count, size_px, points, chunk) <= available_bytes
+            if predict_peak_bytes(settings, weights_bytes, count, size_px, points, chunk) <= available_bytes
         ),
         0,
     )

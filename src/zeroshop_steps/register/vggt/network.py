@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from zeroshop_steps.networks.vggt.model import Vggt
-from zeroshop_steps.networks.vggt.settings import Settings
-from zeroshop_steps.networks.weights import strict_load
+from zeroshop_steps.networks.vggt.settings import VggtSettings
+from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.progress import ProgressReport
@@ -20,11 +20,11 @@ SIZES = ".settings.json"
 
 
 @dataclass(frozen=True)
-class Predicted:
+class VggtOutput:
     """What a pass says of S frames.
 
     Attributes:
-        encodings: (S, 9) cameras, `predicted.decode` reads them.
+        encodings: (S, 9) cameras, `dense_points.decode_cameras` reads them.
         depth, confidence: (S, height, width); confidence is at least 1.
     """
 
@@ -33,19 +33,19 @@ class Predicted:
     confidence: np.ndarray
 
 
-def read_settings(weights: Path) -> Settings:
+def read_settings(weights: Path) -> VggtSettings:
     """The sizes of the network: VGGT-1B's, or those in model.settings.json beside model.safetensors."""
     path = weights.with_suffix(SIZES)
     if not path.is_file():
-        return Settings()
+        return VggtSettings()
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in read_json(path).items()}
     try:
-        return Settings(**values)
+        return VggtSettings(**values)
     except TypeError as error:
         raise StepError(f"{path} does not fit the network ({error}); delete it to use the published VGGT-1B") from None
 
 
-class Network:
+class VggtNetwork:
     """VGGT with its weights on a device.
 
     Args:
@@ -56,23 +56,23 @@ class Network:
         chunk: frames at a time in the dense heads.
     """
 
-    def __init__(self, weights: Path, settings: Settings, device: str, precision: torch.dtype, chunk: int) -> None:
+    def __init__(self, weights: Path, settings: VggtSettings, device: str, precision: torch.dtype, chunk: int) -> None:
         with torch.device("meta"):
             self.module = Vggt(settings)
-        strict_load(self.module, weights)
+        load_strictly(self.module, weights)
         with memory_errors():
             self.module.to(device).requires_grad_(False).eval()
         self.device, self.precision, self.chunk = device, precision, chunk
         self._first, self._layers, self._size_px = -1, [], (0, 0)
 
-    def predict(self, pixels: np.ndarray) -> Predicted:
+    def predict(self, pixels: np.ndarray) -> VggtOutput:
         """Cameras and depth of (S, 3, height, width) frames, in the frame of the first camera."""
         with torch.inference_mode(), memory_errors():
             layers = self._tokens(pixels, 0)
             chunks = -(-len(pixels) // self.chunk)
             with ProgressReport("depth (groups of frames)", chunks) as report:
                 encodings, depth, confidence = self.module.cameras_and_depth(layers, self._size_px, self.chunk, report.advance)
-            return Predicted(*(values.float().cpu().numpy() for values in (encodings, depth, confidence)))
+            return VggtOutput(*(values.float().cpu().numpy() for values in (encodings, depth, confidence)))
 
     def track(self, pixels: np.ndarray, view: int, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Follow points of one view through all.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from zeroshop_steps.register.verdict import Limits
+from zeroshop_steps.register.consistency import ConsistencyLimits
 
 
 @dataclass(frozen=True)
@@ -39,5 +39,5 @@ class VggtOptions:
     min_observations: int = 30
     min_agreement: float = 0.5
     max_dropped: int = 3
-    limits: Limits = field(default_factory=Limits)
+    limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
     unrefined_px: float = 20.0

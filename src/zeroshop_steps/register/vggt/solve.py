@@ -14,29 +14,29 @@ import pycolmap
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.networks.devices import chosen_device, chosen_precision, free_bytes
-from zeroshop_steps.networks.weights import published_or_own
+from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
+from zeroshop_steps.networks.weights import resolve_weights
+from zeroshop_steps.register.consistency import check_consistency
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, lens_figures, model_figures, write_registration
-from zeroshop_steps.register.repair import without_images
+from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, describe_lens, describe_model, write_registration
+from zeroshop_steps.register.repair import remove_images
 from zeroshop_steps.register.undistort import undistort
-from zeroshop_steps.register.verdict import judge
-from zeroshop_steps.register.vggt.bundle import adjusted, refined, write_database
-from zeroshop_steps.register.vggt.feed_forward import feed_forward_model, feed_forward_verdict
-from zeroshop_steps.register.vggt.frames import Frames, fitted_size, read_frames, usable_pixels
+from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
+from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
+from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
+from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import check_fits
-from zeroshop_steps.register.vggt.network import FILE, SIZES, Network, Predicted, read_settings
+from zeroshop_steps.register.vggt.network import FILE, SIZES, VggtNetwork, VggtOutput, read_settings
 from zeroshop_steps.register.vggt.options import VggtOptions
-from zeroshop_steps.register.vggt.points import observations, query_points, query_views
-from zeroshop_steps.register.vggt.predicted import confirmed_points, decode
+from zeroshop_steps.register.vggt.tracks import choose_query_points, choose_query_views, gather_observations
 
 CHUNK = {"cpu": 1, "cuda": 8}  # frames at a time in the dense heads: on the processor more only costs memory
 
 
-class Predictor(Protocol):
+class CameraPredictor(Protocol):
     """What the network does for a registration."""
 
-    def predict(self, pixels: np.ndarray) -> Predicted: ...
+    def predict(self, pixels: np.ndarray) -> VggtOutput: ...
 
     def track(self, pixels: np.ndarray, view: int, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
 
@@ -52,7 +52,7 @@ class Solution:
 
 def solve(args: argparse.Namespace) -> None:
     """Write the cameras folder of the command line's arguments."""
-    device = chosen_device(args.device)
+    device = choose_device(args.device)
     options = VggtOptions(
         refine=args.refine,
         tracked_points=args.tracked_points,
@@ -64,15 +64,15 @@ def solve(args: argparse.Namespace) -> None:
         object_only=args.scene in OBJECT_ONLY,
     )
     image_set = read_image_set(args.capture)
-    weights = published_or_own(args.weights, FILE, SIZES)
+    weights = resolve_weights(args.weights, FILE, SIZES)
     settings = read_settings(weights)
-    (width, height), left = fitted_size(image_set.size_px, settings.image_px, settings.patch_px)
+    (width, height), left = fit_size(image_set.size_px, settings.image_px, settings.patch_px)
     points = options.tracked_points if options.refine == "tracks" else 0
-    size_px, free = (width + 2 * left, height), free_bytes(device)
+    size_px, free = (width + 2 * left, height), measure_free_bytes(device)
     needed = check_fits(settings, weights.stat().st_size, len(image_set.images), size_px, points, CHUNK[device], free, f"the {device}")
     torch.set_num_threads(max(1, min(args.threads, os.cpu_count() or 1)))
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    network = Network(weights, settings, device, chosen_precision(args.precision, device), CHUNK[device])
+    network = VggtNetwork(weights, settings, device, choose_precision(args.precision, device), CHUNK[device])
     figures = {"device": device, "precision": str(network.precision).removeprefix("torch."), "predicted_peak_gb": round(needed / 1e9, 2)}
     write_registration(
         args.out,
@@ -82,7 +82,7 @@ def solve(args: argparse.Namespace) -> None:
 
 
 def register(
-    image_set: ImageSet, out: Path, options: VggtOptions, network: Predictor, image_px: int, patch_px: int, known: dict[str, Any]
+    image_set: ImageSet, out: Path, options: VggtOptions, network: CameraPredictor, image_px: int, patch_px: int, known: dict[str, Any]
 ) -> dict[str, Any]:
     """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`.
 
@@ -107,18 +107,18 @@ def register(
     figures["versions"] = {"torch": torch.__version__, "pycolmap": pycolmap.__version__}
     seconds = figures["seconds"] = {}
     frames = read_frames(image_set, image_px, patch_px)
-    usable = usable_pixels(frames, image_set, options.object_only)
+    usable = find_usable_pixels(frames, image_set, options.object_only)
     predicted = network.predict(frames.pixels)
     seconds["predict"] = round(time.monotonic() - start_s, 3)
     try:
-        cameras = decode(predicted.encodings, frames)
+        cameras = decode_cameras(predicted.encodings, frames)
     except RegistrationFailed as failure:
         raise RegistrationFailed(str(failure), figures) from None
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=".vggt.") as scratch_name:
         if options.refine == "tracks":
-            solution = _by_tracks(cameras, frames, usable, predicted, image_set, Path(scratch_name) / "database.db", options, network)
+            solution = _solve_by_tracks(cameras, frames, usable, predicted, image_set, Path(scratch_name) / "database.db", options, network)
         else:
-            solution = _feed_forward(cameras, frames, usable, predicted, image_set, options)
+            solution = _solve_feed_forward(cameras, frames, usable, predicted, image_set, options)
     seconds["solve"] = round(time.monotonic() - start_s - seconds["predict"], 3)
     figures |= solution.figures
     registered = solution.model.num_reg_images()
@@ -129,54 +129,54 @@ def register(
             figures,
         )
     pinhole_model = undistort(solution.model, image_set, out)
-    figures["lens"] = lens_figures(solution.model)
-    figures |= model_figures(pinhole_model)
+    figures["lens"] = describe_lens(solution.model)
+    figures |= describe_model(pinhole_model)
     seconds["total"] = round(time.monotonic() - start_s, 3)
     if solution.reason:
         raise RegistrationFailed(solution.reason, figures, pinhole_model)
     return figures
 
 
-def _by_tracks(
+def _solve_by_tracks(
     cameras: list[Camera],
     frames: Frames,
     usable: np.ndarray,
-    predicted: Predicted,
+    predicted: VggtOutput,
     image_set: ImageSet,
     database: Path,
     options: VggtOptions,
-    network: Predictor,
+    network: CameraPredictor,
 ) -> Solution:
     """Follow points from several views, and refine the cameras until the points fit."""
     queries, tracks = {}, {}
-    views = query_views(cameras, options.query_views)
+    views = choose_query_views(cameras, options.query_views)
     for view in views:
-        points = query_points(frames.pixels[view], usable[view], options.tracked_points)
+        points = choose_query_points(frames.pixels[view], usable[view], options.tracked_points)
         if len(points):
             queries[view], tracks[view] = points, network.track(frames.pixels, view, points)
-    seen = observations(frames, usable, queries, tracks, options.min_visibility)
+    seen = gather_observations(frames, usable, queries, tracks, options.min_visibility)
     focal_px = float(np.median([camera.intrinsics[0, 0] for camera in cameras]))
     write_database(database, frames.names, seen, frames.size_px, focal_px, options.seed)
-    model = refined(adjusted(cameras, seen), options.min_observations)
+    model = drop_weak_images(adjust_cameras(cameras, seen), options.min_observations)
     figures: dict[str, Any] = {"query_views": [frames.names[view] for view in views], "tracks": seen.seen.shape[1], "left_out": []}
     if model.num_reg_images() < 2 or not model.num_points3D():
         return Solution(pycolmap.Reconstruction(), None, figures)
-    verdict = judge(model, image_set, database, options.limits)
+    report = check_consistency(model, image_set, database, options.limits)
     for _ in range(options.max_dropped):
-        if verdict.reason is None or model.num_reg_images() - len(verdict.culprits) < max(options.min_images, 2):
+        if report.reason is None or model.num_reg_images() - len(report.culprits) < max(options.min_images, 2):
             break
-        figures["left_out"] += list(verdict.culprits)
-        model = refined(without_images(model, list(verdict.culprits)), options.min_observations)
-        verdict = judge(model, image_set, database, options.limits)
-    return Solution(model, verdict.reason, figures | {"consistency": verdict.figures()})
+        figures["left_out"] += list(report.culprits)
+        model = drop_weak_images(remove_images(model, list(report.culprits)), options.min_observations)
+        report = check_consistency(model, image_set, database, options.limits)
+    return Solution(model, report.reason, figures | {"consistency": report.figures()})
 
 
-def _feed_forward(
-    cameras: list[Camera], frames: Frames, usable: np.ndarray, predicted: Predicted, image_set: ImageSet, options: VggtOptions
+def _solve_feed_forward(
+    cameras: list[Camera], frames: Frames, usable: np.ndarray, predicted: VggtOutput, image_set: ImageSet, options: VggtOptions
 ) -> Solution:
     """Take the cameras as they are, with the points on which the depth of several views agrees."""
-    points = confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
-    model = feed_forward_model(cameras, points)
+    points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
+    model = build_feed_forward_model(cameras, points)
     limits = replace(options.limits, unexplained_px=options.unrefined_px)
-    reason, consistency = feed_forward_verdict(cameras, points, image_set, limits.unexplained_px, options.min_agreement)
+    reason, consistency = check_feed_forward(cameras, points, image_set, limits.unexplained_px, options.min_agreement)
     return Solution(model, reason, {"consistency": consistency})

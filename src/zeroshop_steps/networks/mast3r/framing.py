@@ -38,7 +38,7 @@ class Framing:
         return pixels * np.array(self.scale) - np.array(self.offset_px)
 
 
-def framing_of(width_px: int, height_px: int, long_side_px: int = LONG_SIDE_PX) -> Framing:
+def fit_framing(width_px: int, height_px: int, long_side_px: int = LONG_SIDE_PX) -> Framing:
     """How a picture of this size is resized and cropped.
 
     Raises:
@@ -53,21 +53,21 @@ def framing_of(width_px: int, height_px: int, long_side_px: int = LONG_SIDE_PX) 
     return Framing(kept[0], kept[1], (resized[0] / width_px, resized[1] / height_px), offset)
 
 
-def framing_of_file(path: Path, long_side_px: int = LONG_SIDE_PX) -> Framing:
-    """`framing_of` a picture whose pixels are not read yet."""
+def fit_framing_of_file(path: Path, long_side_px: int = LONG_SIDE_PX) -> Framing:
+    """`fit_framing` a picture whose pixels are not read yet."""
     try:
         with Image.open(path) as opened:
             width, height = opened.size
     except OSError:
         height, width = read_image(path).shape[:2]  # says what is wrong with the file
-    return framing_of(width, height, long_side_px)
+    return fit_framing(width, height, long_side_px)
 
 
 def load_picture(path: Path, long_side_px: int = LONG_SIDE_PX) -> tuple[torch.Tensor, Framing]:
     """Read a picture as (3, height, width) values from -1 to 1; it is resized as in the training, by Lanczos or bicubic filters."""
     pixels = read_image(path)
     height, width = pixels.shape[:2]
-    framing = framing_of(width, height, long_side_px)
+    framing = fit_framing(width, height, long_side_px)
     resized = (round(width * framing.scale[0]), round(height * framing.scale[1]))
     kind = Image.Resampling.LANCZOS if resized[0] < width else Image.Resampling.BICUBIC
     left, top = framing.offset_px

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import maximum_flow
 
 
 @dataclass(frozen=True)
-class PairEvidence:
+class PairSupport:
     """Verified matches of the registered images, pair by pair.
 
     Attributes:
@@ -42,13 +42,13 @@ class PairEvidence:
         for sink in range(1, count):  # the smallest cut separates image 0 from some other image
             flow = maximum_flow(graph, 0, sink)
             if flow.flow_value < best:
-                best, group = int(flow.flow_value), _reachable(self.supporting - flow.flow.toarray(), 0)
+                best, group = int(flow.flow_value), _find_reachable(self.supporting - flow.flow.toarray(), 0)
         if group.sum() > count / 2:
             group = ~group
         return best, tuple(name for name, inside in zip(self.names, group, strict=True) if inside)
 
 
-def pair_evidence(model: pycolmap.Reconstruction, database: Path, max_error_px: float = 4.0) -> PairEvidence:
+def count_pair_support(model: pycolmap.Reconstruction, database: Path, max_error_px: float = 4.0) -> PairSupport:
     """Test the verified matches of all registered pairs against the model's cameras.
 
     A match supports the model when its Sampson distance to the model's epipolar geometry is at most `max_error_px` and the
@@ -70,14 +70,14 @@ def pair_evidence(model: pycolmap.Reconstruction, database: Path, max_error_px: 
             focal = model.cameras[a.camera_id].mean_focal_length(), model.cameras[b.camera_id].mean_focal_length()
             second_from_first = (b.cam_from_world() * a.cam_from_world().inverse()).matrix()
             points_a, points_b = rays[first][geometry.inlier_matches[:, 0]], rays[second][geometry.inlier_matches[:, 1]]
-            good = explained(points_a, points_b, second_from_first, max_error_px / (0.5 * sum(focal)))
+            good = find_explained(points_a, points_b, second_from_first, max_error_px / (0.5 * sum(focal)))
             i, j = row[first], row[second]
             supporting[i, j] = supporting[j, i] = good.sum()
             contradicting[i, j] = contradicting[j, i] = (~good).sum()
-    return PairEvidence(tuple(image.name for image in images), supporting, contradicting)
+    return PairSupport(tuple(image.name for image in images), supporting, contradicting)
 
 
-def explained(first: np.ndarray, second: np.ndarray, second_from_first: np.ndarray, max_error: float) -> np.ndarray:
+def find_explained(first: np.ndarray, second: np.ndarray, second_from_first: np.ndarray, max_error: float) -> np.ndarray:
     """(M,) bool: does a relative pose explain matches of normalised image points?
 
     Args:
@@ -98,7 +98,7 @@ def explained(first: np.ndarray, second: np.ndarray, second_from_first: np.ndarr
     return (distance <= max_error**2) & (depth_a > 0) & (depth_b > 0)
 
 
-def _reachable(residual: np.ndarray, start: int) -> np.ndarray:
+def _find_reachable(residual: np.ndarray, start: int) -> np.ndarray:
     """(N,) bool: nodes that can be reached over positive entries."""
     seen = np.zeros(len(residual), bool)
     seen[start] = True

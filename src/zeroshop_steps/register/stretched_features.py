@@ -14,12 +14,12 @@ import pycolmap
 
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.sift import SiftOptions, extraction_options, matching_options, two_view_options
+from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, make_matching_options, make_verification_options
 
 COPY_WIDTH = 0.5  # features must be as large across as along the view, where stretching cannot bring back detail
 
 
-def weak_images(database: Path, min_matches: int, min_share: float) -> list[str]:
+def find_weak_images(database: Path, min_matches: int, min_share: float) -> list[str]:
     """Names of the images with few verified matches, all pairs together.
 
     Args:
@@ -59,7 +59,7 @@ def add_stretched_features(database: Path, image_set: ImageSet, names: list[str]
     stretched_names = [f"{name}.png" for name in names]
     pycolmap.Database.open(stretched_database).close()
     pycolmap.import_images(stretched_database, folder, pycolmap.CameraMode.SINGLE, stretched_names)
-    extraction = extraction_options(options, first_octave=0)
+    extraction = make_extraction_options(options, first_octave=0)
     pycolmap.extract_features(stretched_database, folder, stretched_names, pycolmap.CameraMode.SINGLE, extraction_options=extraction)
     with pycolmap.Database.open(database) as opened, pycolmap.Database.open(stretched_database) as stretched:
         images = {image.name: image.image_id for image in opened.read_all_images()}
@@ -85,4 +85,4 @@ def add_stretched_features(database: Path, image_set: ImageSet, names: list[str]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = Path(database).with_name("pairs.txt")
     Path(pairing.match_list_path).write_text("".join(f"{first} {second}\n" for first, second in pairs))
-    pycolmap.match_image_pairs(database, matching_options(), pairing, two_view_options(options.seed))
+    pycolmap.match_image_pairs(database, make_matching_options(), pairing, make_verification_options(options.seed))

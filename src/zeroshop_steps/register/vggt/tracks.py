@@ -10,7 +10,7 @@ from zeroshop_steps.register.vggt.frames import Frames
 
 
 @dataclass(frozen=True)
-class Observations:
+class TrackObservations:
     """N points and where S views see them.
 
     Attributes:
@@ -24,7 +24,7 @@ class Observations:
     colors: np.ndarray
 
 
-def query_views(cameras: list[Camera], count: int) -> list[int]:
+def choose_query_views(cameras: list[Camera], count: int) -> list[int]:
     """The first view, then each time the one that stands farthest from those chosen."""
     centres = np.array([camera.centre_in_world for camera in cameras])
     chosen = [0]
@@ -36,7 +36,7 @@ def query_views(cameras: list[Camera], count: int) -> list[int]:
     return chosen
 
 
-def query_points(pixels: np.ndarray, usable: np.ndarray, count: int) -> np.ndarray:
+def choose_query_points(pixels: np.ndarray, usable: np.ndarray, count: int) -> np.ndarray:
     """Up to `count` corners (Shi and Tomasi 1994) of a (3, height, width) image where (height, width) `usable`, evenly spread.
 
     Returns:
@@ -48,13 +48,13 @@ def query_points(pixels: np.ndarray, usable: np.ndarray, count: int) -> np.ndarr
     return np.zeros((0, 2), np.float32) if corners is None else corners.reshape(-1, 2)
 
 
-def observations(
+def gather_observations(
     frames: Frames,
     usable: np.ndarray,
     queries: dict[int, np.ndarray],
     tracks: dict[int, tuple[np.ndarray, np.ndarray]],
     min_visibility: float,
-) -> Observations:
+) -> TrackObservations:
     """All tracks together.
 
     Args:
@@ -76,4 +76,4 @@ def observations(
         seen.append(inside & (visibility > min_visibility))
         at = np.rint(points).astype(int)
         colors.append(np.rint(255 * frames.pixels[view][:, at[:, 1], at[:, 0]].T).astype(np.uint8))
-    return Observations(np.concatenate(xy, axis=1), np.concatenate(seen, axis=1), np.concatenate(colors))
+    return TrackObservations(np.concatenate(xy, axis=1), np.concatenate(seen, axis=1), np.concatenate(colors))

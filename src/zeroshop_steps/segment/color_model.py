@@ -10,7 +10,7 @@ DOUBT = 3e-4
 """Density that every colour is given on both sides: a colour seen on neither says nothing."""
 
 
-class ColorOdds:
+class ColorModel:
     """Log odds of the object for every colour, a table over CIELAB (made to be about evenly spaced for the eye)."""
 
     def __init__(self, inside: np.ndarray, outside: np.ndarray) -> None:

@@ -32,7 +32,7 @@ class DensePoints:
     agreement: np.ndarray
 
 
-def decode(encodings: np.ndarray, frames: Frames) -> list[Camera]:
+def decode_cameras(encodings: np.ndarray, frames: Frames) -> list[Camera]:
     """The cameras of the full images from (S, 9) encodings: translation, quaternion (x, y, z, w) of camera_from_world, fields of view.
 
     The field of view, vertical then horizontal, is that of what the network saw; the principal point is the centre.
@@ -64,7 +64,7 @@ def unproject(camera: Camera, xy: np.ndarray, depth: np.ndarray) -> np.ndarray:
     return (rays * depth[:, None] - camera.camera_from_world[:3, 3]) @ camera.camera_from_world[:3, :3]
 
 
-def confirmed_points(
+def find_confirmed_points(
     cameras: list[Camera],
     frames: Frames,
     depth: np.ndarray,
@@ -92,21 +92,21 @@ def confirmed_points(
         xyz[own] = unproject(camera, xy[own], depth[index, row[own], column[own]].astype(np.float64))
     seen, asked = np.zeros((2, len(chosen), len(cameras)), bool)
     for index, camera in enumerate(cameras):
-        seen[:, index], asked[:, index] = _agrees(camera, frames, depth[index], sure[index], xyz, tolerance)
+        seen[:, index], asked[:, index] = _compare_depth(camera, frames, depth[index], sure[index], xyz, tolerance)
         seen[view == index, index] = True
         asked[view == index, index] = False
     others = seen.sum(1) - 1
-    agreement = np.array([_share(others[(view == index) & asked.any(1)] > 0) for index in range(len(cameras))])
+    agreement = np.array([_compute_share(others[(view == index) & asked.any(1)] > 0) for index in range(len(cameras))])
     kept = others > 0
     colors = np.rint(255 * frames.pixels[view, :, row, column]).astype(np.uint8)
     return DensePoints(xyz[kept], xy[kept], view[kept], seen[kept], colors[kept], agreement)
 
 
-def _share(values: np.ndarray) -> float:
+def _compute_share(values: np.ndarray) -> float:
     return float(values.mean()) if len(values) else 0.0
 
 
-def _agrees(
+def _compare_depth(
     camera: Camera, frames: Frames, depth: np.ndarray, sure: np.ndarray, xyz: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """(P,) bool: where a view's depth is that of the points; where it has a depth for them and does not see something before them."""

@@ -5,8 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from zeroshop_steps.register.match_database import long_tracks
-from zeroshop_steps.register.pairs import chosen_pairs
+from zeroshop_steps.register.match_database import find_long_tracks
+from zeroshop_steps.register.pair_selection import choose_pairs
 
 
 def ring_similarities(count):
@@ -16,14 +16,14 @@ def ring_similarities(count):
 
 
 def test_small_sets_are_matched_whole_without_looking():
-    assert chosen_pairs(5, 20, 10, lambda: pytest.fail("needs no similarities")) == list(combinations(range(5), 2))
-    assert chosen_pairs(2, 20, 10, lambda: pytest.fail("needs no similarities")) == [(0, 1)]
-    assert chosen_pairs(1, 20, 10, lambda: pytest.fail("needs no similarities")) == []
+    assert choose_pairs(5, 20, 10, lambda: pytest.fail("needs no similarities")) == list(combinations(range(5), 2))
+    assert choose_pairs(2, 20, 10, lambda: pytest.fail("needs no similarities")) == [(0, 1)]
+    assert choose_pairs(1, 20, 10, lambda: pytest.fail("needs no similarities")) == []
 
 
 @pytest.mark.parametrize("count", [40, 300])
 def test_large_sets_hang_together_by_neighbours_and_anchors(count):
-    pairs = chosen_pairs(count, 10, 4, lambda: ring_similarities(count))
+    pairs = choose_pairs(count, 10, 4, lambda: ring_similarities(count))
     assert all(first < second for first, second in pairs) and len(set(pairs)) == len(pairs)
     assert {(index, index + 1) for index in range(count - 1)} <= set(pairs), "neighbours on the ring"
     assert len(pairs) < count * 6 + 45
@@ -38,7 +38,7 @@ def test_keypoints_count_from_tracks_of_enough_images_on():
     one = np.array([0])
     matches = {(0, 1): (np.array([0, 1]), np.array([0, 1])), (1, 2): (one, one), (2, 3): (one, one)}
     counts = [2, 2, 1, 1]
-    assert [mask.tolist() for mask in long_tracks(counts, matches, 4)] == [[True, False], [True, False], [True], [True]]
-    assert all(mask.all() for mask in long_tracks(counts, matches, 2))
-    assert not any(mask.any() for mask in long_tracks(counts, matches, 5))
-    assert long_tracks([0, 0], {}, 2)[0].shape == (0,)
+    assert [mask.tolist() for mask in find_long_tracks(counts, matches, 4)] == [[True, False], [True, False], [True], [True]]
+    assert all(mask.all() for mask in find_long_tracks(counts, matches, 2))
+    assert not any(mask.any() for mask in find_long_tracks(counts, matches, 5))
+    assert find_long_tracks([0, 0], {}, 2)[0].shape == (0,)

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 
-def chosen_pairs(count: int, anchors: int, neighbours: int, similarities: Callable[[], np.ndarray]) -> list[tuple[int, int]]:
+def choose_pairs(count: int, anchors: int, neighbours: int, similarities: Callable[[], np.ndarray]) -> list[tuple[int, int]]:
     """Pairs (i, j) with i < j that hang together (Duisterhof et al., MASt3R-SfM, 3DV 2025, section 4.1).
 
     Anchors are images that are most unlike each other; each pair of them is matched, and each other image with its nearest anchor
@@ -22,7 +22,7 @@ def chosen_pairs(count: int, anchors: int, neighbours: int, similarities: Callab
         return list(combinations(range(count), 2))
     similar = np.array(similarities(), float)
     np.fill_diagonal(similar, -np.inf)
-    chosen = farthest_apart(similar, anchors)
+    chosen = choose_farthest_apart(similar, anchors)
     pairs = set(combinations(sorted(chosen), 2))
     for image in range(count):
         alike = np.argsort(-similar[image], kind="stable")[:neighbours].tolist()
@@ -32,7 +32,7 @@ def chosen_pairs(count: int, anchors: int, neighbours: int, similarities: Callab
     return sorted(pairs)
 
 
-def farthest_apart(similar: np.ndarray, count: int) -> list[int]:
+def choose_farthest_apart(similar: np.ndarray, count: int) -> list[int]:
     """`count` images, each the one that is least like those before it; the first is most like all others."""
     finite = np.where(np.isfinite(similar), similar, 0.0)
     chosen = [int(np.argmax(finite.sum(1)))]

@@ -1,0 +1,74 @@
+"""Right cameras pass the checks, wrong ones do not, and nothing but the pictures is asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.register.pair_support import PairSupport, find_explained
+from zeroshop_steps.register.silhouette_coherence import bound_object, measure_silhouette_coherence
+
+
+@pytest.fixture(scope="module")
+def views(carton_capture):
+    cameras = list(read_sparse_model(carton_capture / "truth").cameras)
+    return cameras, {camera.name: read_mask(carton_capture / "masks" / camera.name) for camera in cameras}
+
+
+def orbited(camera, angle_deg: float):
+    """The camera turned about the world's z axis, still looking at the object."""
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
+    return replace(camera, camera_from_world=camera.camera_from_world @ turn)
+
+
+def test_true_cameras_explain_every_silhouette(views):
+    assert measure_silhouette_coherence(*views).unexplained_px.max() <= 1.5
+
+
+def test_a_misplaced_camera_is_found(views):
+    cameras, masks = views
+    wrong = [orbited(camera, 50.0) if index == 3 else camera for index, camera in enumerate(cameras)]
+    coherence = measure_silhouette_coherence(wrong, masks)
+    assert coherence.unexplained_px.max() > 6.0
+    assert coherence.culprit() == cameras[3].name
+
+
+def test_half_a_ring_on_the_wrong_side_is_found(views):
+    cameras, masks = views
+    wrong = [orbited(camera, 90.0) if index < 5 else camera for index, camera in enumerate(cameras)]
+    assert measure_silhouette_coherence(wrong, masks).unexplained_px.max() > 6.0
+
+
+def test_object_sphere_holds_the_object(views):
+    cameras, masks = views
+    centre, radius = bound_object(cameras, list(masks.values()))
+    assert np.linalg.norm(centre) < 10.0  # the model's origin is its middle
+    assert 40.0 < radius < 200.0
+
+
+def test_matches_are_explained_by_the_true_pose_only():
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-1, -1, 4], [1, 1, 6], (100, 3))
+    second_from_first = np.column_stack([Rotation.from_euler("y", 20, degrees=True).as_matrix(), [-1.7, 0.1, 0.2]])
+    moved = points @ second_from_first[:, :3].T + second_from_first[:, 3]
+    first, second = points[:, :2] / points[:, 2:], moved[:, :2] / moved[:, 2:]
+    assert find_explained(first, second, second_from_first, 1e-9).all()
+    mirrored = second_from_first * [1, 1, 1, -1]
+    assert not find_explained(first, second, mirrored, 1e-9).any()  # on the epipolar lines, but behind the cameras
+    other = np.column_stack([Rotation.from_euler("y", 25, degrees=True).as_matrix(), [-1.7, 0.5, 0.2]])
+    assert find_explained(first, second, other, 1e-3).mean() < 0.2
+
+
+def test_weakest_cut_finds_the_loose_group():
+    supporting = np.zeros((6, 6), int)
+    for group in (range(4), range(4, 6)):
+        for i in group:
+            for j in group:
+                supporting[i, j] = 100 * (i != j)
+    supporting[1, 5] = supporting[5, 1] = 7
+    evidence = PairSupport(tuple("abcdef"), supporting, np.zeros_like(supporting))
+    assert evidence.weakest_cut() == (7, ("e", "f"))
