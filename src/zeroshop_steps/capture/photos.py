@@ -179,7 +179,8 @@ def _find_size_problems(photos: list[Photo]) -> list[str]:
     usual = max(sorted(set(sizes)), key=sizes.count)
     odd = [f"{photo.path.name} ({photo.size_px[0]} x {photo.size_px[1]})" for photo in photos if photo.size_px != usual]
     return [
-        f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_join_names(odd)}; take all with one camera held the same way"
+        f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_join_names(odd)};"
+        " take all with one camera, held the same way"
     ]
 
 
