@@ -19,7 +19,7 @@ from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arg
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.mast3r.alignment import Alignment, align_images
 from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing
-from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor
+from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, PairPredictor
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.runtime.errors import StepError
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     weights = resolve_weights(args.weights, NAME, SIZES)
     scene = _take_evenly(list_images(args.marker_images), SCENE_VIEWS) if args.marker_images else []
 
-    def predictor(paths: Sequence[Path]) -> Mast3rPredictor:
+    def predictor(paths: Sequence[Path]) -> PairPredictor:
         return Mast3rPredictor(load_mast3r(weights), paths, device, args.long_side_px)
 
     measure = partial(measure_scale, scene_photos=scene, predictor=predictor)
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def measure_scale(
-    registered: RegisteredObject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], Mast3rPredictor]
+    registered: RegisteredObject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], PairPredictor]
 ) -> Scale:
     """The scale that the network gives: its metres beside the registration's units, where the registration has points.
 

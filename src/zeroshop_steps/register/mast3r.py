@@ -18,7 +18,7 @@ import torch
 
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.mast3r.framing import LONG_SIDE_PX, Framing
-from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor
+from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, PairPredictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> None:
     write_registration(args.out, args.keep_going, lambda folder: register(image_set, folder, options, predictor))
 
 
-def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: Callable[[], Mast3rPredictor]) -> dict[str, Any]:
+def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: Callable[[], PairPredictor]) -> dict[str, Any]:
     """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`; returns the record.
 
     Raises:
@@ -135,7 +135,7 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
         return reconstruct(database, image_set, out, structure, figures, stopwatch)
 
 
-def match_images(predictor: Mast3rPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:
+def match_images(predictor: PairPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:
     """Match the chosen pairs: keypoints of each image, in pixels of the image, and which of them match."""
     count = len(image_set.images)
     pairs = choose_pairs(count, options.anchors, options.neighbours, lambda: predictor.similarities().numpy())

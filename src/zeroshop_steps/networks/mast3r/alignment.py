@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from zeroshop_steps.geometry.cameras import fit_similarity
-from zeroshop_steps.networks.mast3r.inference import Mast3rPredictor
+from zeroshop_steps.networks.mast3r.inference import PairPredictor
 from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import ProgressReport
@@ -67,7 +67,7 @@ class Alignment:
     scale_deviation: float
 
 
-def align_images(predictor: Mast3rPredictor, min_confidence: float, subsampling: int = 8) -> Alignment:
+def align_images(predictor: PairPredictor, min_confidence: float, subsampling: int = 8) -> Alignment:
     """Align all pictures of a predictor.
 
     Args:
@@ -85,7 +85,7 @@ def align_images(predictor: Mast3rPredictor, min_confidence: float, subsampling:
 
 
 def _predict_all_pairs(
-    predictor: Mast3rPredictor, count: int, min_confidence: float, subsampling: int
+    predictor: PairPredictor, count: int, min_confidence: float, subsampling: int
 ) -> tuple[list[CanonicalView], dict[tuple[int, int], np.ndarray], dict[tuple[int, int], Matches]]:
     """Canonical points of all pictures, similarities first_from_second, and matches, of all ordered pairs."""
     points: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(count)]

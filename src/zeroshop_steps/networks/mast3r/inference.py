@@ -25,7 +25,7 @@ def predict_peak_bytes(parameters: int, framings: Sequence[Framing], configurati
     return RUNTIME_BYTES + (6 if half else 4) * parameters + 4 * tokens * configuration.encoder_channels + BYTES_A_PIXEL * sum(pixels)
 
 
-class Mast3rPredictor(Protocol):
+class PairPredictor(Protocol):
     """What matching and alignment need of the network: `Mast3rPredictor`, or in tests what is known of a virtual scene."""
 
     framings: list[Framing]
