@@ -50,7 +50,7 @@ def publish_product(
         notes["grade"] = read_json(grade)
     if evidence:
         mesh = with_surface_support(mesh, evidence)
-        notes["compute_area_shares"] = compute_area_shares(mesh)
+        notes["area_shares"] = compute_area_shares(mesh)
     pairs = [(parts[".png"], out.with_suffix(".png")), (parts[".glb"], out.with_suffix(".glb"))]
     pairs += [(preview, out.with_suffix(".preview.png"))] if preview else []
     for source, target in pairs:
