@@ -89,7 +89,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         scratch = Path(scratch_name)
         database = scratch / "database.db"
         figures["median_features"] = extract_features(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
-        figures["find_focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
+        figures["focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
         stopwatch.lap("extract")
         match_features(database, options.sift)
         stopwatch.lap("match")
