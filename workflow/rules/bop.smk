@@ -7,22 +7,51 @@ results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside i
 """
 
 
+def true_models_of(
+    wildcards,
+):
+    """The true models of a dataset's objects."""
+    virtual_dataset(wildcards.dataset, "Photos have no true models.")
+    return [f"results/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
+
+
+def training_captures_of(
+    wildcards,
+):
+    """The captures of a dataset's objects in a scene."""
+    check_virtual_scene(wildcards)
+    return [f"{Path(model).parent}/{wildcards.scene}/capture" for model in true_models_of(wildcards)]
+
+
+def in_chosen_cells(
+    name,
+):
+    """An input function: this file of the chosen cell of each object of a dataset."""
+
+    def files(
+        wildcards,
+    ):
+        usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
+        chosen = config["chosen"]["virtual"]
+        cells = cells_of(wildcards.dataset, objects_of(wildcards.dataset), [chosen["scene"]], [chosen["registration"]], [wildcards.nvs])
+        return [f"{CELL}/{name}".format(**cell) for cell in cells]
+
+    return files
+
+
 rule align:
     input:
-        mesh=mesh_or_failure_of,
-        evidence="results/{dataset}/{object}/{scene}/{registration}/{nvs}/evidence.npz",
-        model="results/{dataset}/{object}/model",
+        mesh=outcome_or("mesh.ply"),
+        evidence=f"{CELL}/evidence.npz",
+        model=f"{OBJECT}/model",
     output:
-        aligned="results/{dataset}/{object}/{scene}/{registration}/{nvs}/aligned.json",
+        aligned=f"{CELL}/aligned.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/align.log",
+        f"{CELL}/logs/align.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/align.tsv"
+        f"{CELL}/benchmarks/align.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(10),
@@ -31,67 +60,54 @@ rule align:
     message:
         "Aligning with the true model: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.bop --method align --mesh {input.mesh} --evidence {input.evidence} --model {input.model}/model.ply --seed {params.seed}"
-        " --out {output.aligned} --record-failure {output} > {log} 2>&1"
+        "python -m zeroshop_steps.bop --method align --mesh {input.mesh} --evidence {input.evidence} --model {input.model}/model.ply"
+        " --seed {params.seed} --out {output.aligned} --record-failure {output} > {log} 2>&1"
 
 
 rule true_models:
     input:
-        models=true_models_of,
+        parts=true_models_of,
     output:
-        models=directory("results/{dataset}/bop/models"),
+        models=directory(f"{BOP}/models"),
     log:
-        "results/{dataset}/bop/logs/models.log",
+        f"{BOP}/logs/models.log",
     benchmark:
-        "results/{dataset}/bop/benchmarks/models.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{BOP}/benchmarks/models.tsv"
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(10),
     message:
         "Gathering the true models of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.bop --method export_models --parts {input.models} --out {output.models} > {log} 2>&1"
+        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} --out {output.models} > {log} 2>&1"
 
 
-rule reconstructed_models:
+use rule true_models as reconstructed_models with:
     input:
-        parts=alignments_of,
-        evidence=evidence_of,
+        parts=in_chosen_cells("aligned.json"),
+        evidence=in_chosen_cells("evidence.npz"),
     output:
-        models=directory("results/{dataset}/bop/models_{nvs}"),
+        models=directory(f"{BOP}/models_{{nvs}}"),
     log:
-        "results/{dataset}/bop/logs/models_{nvs}.log",
+        f"{BOP}/logs/models_{{nvs}}.log",
     benchmark:
-        "results/{dataset}/bop/benchmarks/models_{nvs}.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(10),
+        f"{BOP}/benchmarks/models_{{nvs}}.tsv"
     message:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
-    shell:
-        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} --out {output.models} > {log} 2>&1"
 
 
 rule test_set:
     input:
-        models="results/{dataset}/bop/models",
+        models=f"{BOP}/models",
         environment=environment_of(config["bop"]["test_set"]),
     output:
-        scenes=directory("results/{dataset}/bop/test"),
-        targets="results/{dataset}/bop/test_targets_bop19.json",
-        camera="results/{dataset}/bop/camera.json",
+        scenes=directory(f"{BOP}/test"),
+        targets=f"{BOP}/test_targets_bop19.json",
+        camera=f"{BOP}/camera.json",
     log:
-        "results/{dataset}/bop/logs/test_set.log",
+        f"{BOP}/logs/test_set.log",
     benchmark:
-        "results/{dataset}/bop/benchmarks/test_set.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
+        f"{BOP}/benchmarks/test_set.tsv"
     threads: 8
     resources:
         mem_mb=per_attempt(4000),
@@ -112,17 +128,14 @@ rule train_set:
         captures=training_captures_of,
         models=true_models_of,
     output:
-        scenes=directory("results/{dataset}/bop/train_{scene}"),
-        camera="results/{dataset}/bop/camera_{scene}.json",
+        scenes=directory(f"{BOP}/train_{{scene}}"),
+        camera=f"{BOP}/camera_{{scene}}.json",
     log:
-        "results/{dataset}/bop/logs/train_{scene}.log",
+        f"{BOP}/logs/train_{{scene}}.log",
     benchmark:
-        "results/{dataset}/bop/benchmarks/train_{scene}.tsv"
+        f"{BOP}/benchmarks/train_{{scene}}.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(60),
@@ -135,19 +148,17 @@ rule train_set:
 
 rule score_poses:
     input:
-        estimates="results/{dataset}/bop/{estimator}/poses.csv",
-        models="results/{dataset}/bop/models",
-        scenes="results/{dataset}/bop/test",
-        targets="results/{dataset}/bop/test_targets_bop19.json",
+        estimates=f"{BOP}/{{estimator}}/poses.csv",
+        models=f"{BOP}/models",
+        scenes=f"{BOP}/test",
+        targets=f"{BOP}/test_targets_bop19.json",
     output:
-        scores="results/{dataset}/bop/{estimator}/scores.csv",
-        errors="results/{dataset}/bop/{estimator}/errors.csv",
+        scores=f"{BOP}/{{estimator}}/scores.csv",
+        errors=f"{BOP}/{{estimator}}/errors.csv",
     log:
-        "results/{dataset}/bop/{estimator}/logs/score_poses.log",
+        f"{BOP}/{{estimator}}/logs/score_poses.log",
     benchmark:
-        "results/{dataset}/bop/{estimator}/benchmarks/score_poses.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
+        f"{BOP}/{{estimator}}/benchmarks/score_poses.tsv"
     threads: 2
     resources:
         mem_mb=per_attempt(2000),
@@ -161,18 +172,15 @@ rule score_poses:
 
 rule score_detections:
     input:
-        detections="results/{dataset}/bop/{estimator}/detections.json",
-        scenes="results/{dataset}/bop/test",
-        targets="results/{dataset}/bop/test_targets_bop19.json",
+        detections=f"{BOP}/{{estimator}}/detections.json",
+        scenes=f"{BOP}/test",
+        targets=f"{BOP}/test_targets_bop19.json",
     output:
-        scores="results/{dataset}/bop/{estimator}/precision.csv",
+        scores=f"{BOP}/{{estimator}}/precision.csv",
     log:
-        "results/{dataset}/bop/{estimator}/logs/score_detections.log",
+        f"{BOP}/{{estimator}}/logs/score_detections.log",
     benchmark:
-        "results/{dataset}/bop/{estimator}/benchmarks/score_detections.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{BOP}/{{estimator}}/benchmarks/score_detections.tsv"
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(30),

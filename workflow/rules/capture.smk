@@ -1,106 +1,78 @@
-"""Capture: a model and rendered views of it for virtual datasets, checked copies of the user's photos for the others."""
+"""Capture: the user's own photos or the frames of a video, checked and copied; a row of config/objects.tsv says where they lie."""
 
 
-rule demo_model:
-    output:
-        model=directory("results/{dataset}/{object}/model"),
-    log:
-        "results/{dataset}/{object}/logs/model.log",
-    benchmark:
-        "results/{dataset}/{object}/benchmarks/model.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("demo"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(5),
-    params:
-        object=checked_object,
-    message:
-        "Making the demo object {wildcards.object}"
-    shell:
-        "python -m zeroshop_steps.synthetic --method demo_objects --object {params.object} --out {output.model} > {log} 2>&1"
+def photos_of(
+    wildcards,
+):
+    """The table row of the user's own capture, or the like of it for a rendered film."""
+    check_object(wildcards)
+    if not is_filmed(wildcards.dataset):
+        return PHOTOS[wildcards.dataset, wildcards.object]
+    folder = f"results/{wildcards.dataset}/{wildcards.object}/film"
+    scene = "" if config["datasets"][wildcards.dataset]["board"] == "beside" else f"{folder}/empty_scene"
+    row = {"images": f"{folder}/film.mp4", "height_method": "marker", "marker_images": scene}
+    return {**dict.fromkeys(("masks", "prompt", "depth"), ""), "height_m": None, **row}
 
 
-rule bop_model:
-    output:
-        model=directory("results/{dataset}/{object}/model"),
-    log:
-        "results/{dataset}/{object}/logs/model.log",
-    benchmark:
-        "results/{dataset}/{object}/benchmarks/model.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("bop"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(60),
-    params:
-        object=checked_object,
-        models=models_option,
-    message:
-        "Fetching the model of {wildcards.dataset} {wildcards.object}"
-    shell:
-        "python -m zeroshop_steps.synthetic --method bop_models --dataset {wildcards.dataset} --object {params.object}"
-        " {params.models} --out {output.model} > {log} 2>&1"
+def photo_place(
+    wildcards,
+    column="images",
+):
+    """The folder or video in a column of objects.tsv, as seen from the working directory."""
+    row = photos_of(wildcards)
+    if is_filmed(wildcards.dataset):
+        return row[column]
+    path = Path(os.path.relpath(ROOT / row[column]))
+    if not path.is_dir() and not (column == "images" and path.is_file()):
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the {'video or ' if column == 'images' else ''}folder of its "
+            f"{column}, {row[column]}, does not exist. Relative paths start at the folder of the workflow; correct the path."
+        )
+    return str(path)
 
 
-rule blender_environment:
-    input:
-        requirements=BLENDER_REQUIREMENTS,
-    output:
-        record=BLENDER_RECORD,
-    log:
-        "resources/envs/blenderproc.log",
-    benchmark:
-        "resources/envs/blenderproc.tsv"
-    conda:
-        "../envs/blenderproc.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(2000),
-        runtime=per_attempt(60),
-    message:
-        "Setting up BlenderProc in an environment of its own"
-    shell:
-        "python -m zeroshop_steps.synthetic --method blender_environment --requirements {input.requirements:q}"
-        " --folder resources/envs/blenderproc --out {output.record} > {log} 2>&1"
+def photo_files(
+    column,
+):
+    """An input function: the files that a column of objects.tsv names, so that a changed photo reruns what depends on it."""
+
+    def files(
+        wildcards,
+    ):
+        place = Path(photo_place(wildcards, column))
+        if place.is_file() or is_filmed(wildcards.dataset):
+            return [str(place)]
+        return sorted(str(path) for path in place.iterdir() if path.is_file() and not path.name.startswith("."))
+
+    return files
 
 
-rule capture_virtual:
-    input:
-        model=rendered_model,
-        environment=environment_of(config["capture"]),
-    output:
-        capture=directory("results/{dataset}/{object}/{scene}/capture"),
-    log:
-        "results/{dataset}/{object}/{scene}/logs/capture.log",
-    benchmark:
-        "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
-        scene=f"(?!{BOARD_SCENE}/)[^/]+",
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 8
-    resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(RENDER_MINUTES[config["capture"]["renderer"]]),
-    params:
-        width_px=config["capture"]["image_width_px"],
-        height_px=config["capture"]["image_height_px"],
-        seed=config["seed"],
-        method=config["capture"]["renderer"],
-        options=capture_renderer_options,
-    message:
-        "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
-    shell:
-        "python -m zeroshop_steps.synthetic --method {params.method} --model {input.model}/model.ply --scene {wildcards.scene}"
-        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} {params.options} --out {output.capture} > {log} 2>&1"
+def mask_files(
+    wildcards,
+):
+    """The masks that came with the photos, if any did."""
+    return photo_files("masks")(wildcards) if photos_of(wildcards)["masks"] else []
+
+
+def capture_method(
+    wildcards,
+):
+    """How the pictures of an object are taken: from a video or from a folder of photos."""
+    return "photos" if Path(photo_place(wildcards)).is_dir() else "video"
+
+
+def capture_options(
+    wildcards,
+):
+    """The options of this method: how many frames of a video, or the masks of photos, if there are any."""
+    masks = photos_of(wildcards)["masks"]
+    if capture_method(wildcards) == "photos":
+        return step_options({"masks": shlex.quote(photo_place(wildcards, "masks"))}) if masks else ""
+    if masks:
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: a video has no masks; leave the masks empty, they are found"
+        )
+    return step_options(config["video"])
 
 
 rule capture_photos:
@@ -108,17 +80,14 @@ rule capture_photos:
         images=photo_files("images"),
         masks=mask_files,
     output:
-        capture=directory("results/{dataset}/{object}/{scene}/capture"),
+        capture=directory(f"{SCENE}/capture"),
     log:
-        "results/{dataset}/{object}/{scene}/logs/capture.log",
+        f"{SCENE}/logs/capture.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
+        f"{SCENE}/benchmarks/capture.tsv"
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
         scene=WHOLE_SCENE,
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(5),

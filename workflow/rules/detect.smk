@@ -5,21 +5,36 @@ results/DATASET/bop/DETECTOR-MODELS/detections.json  DETECTOR: contour or cnos; 
 results/DATASET/bop/DETECTOR-MODELS/masks.json       the sure ones, without overlap: what poses are estimated from after CNOS
 """
 
+# The folder of a dataset's models: true ones or those of a surface method.
+MODELS = r"models(_[^/.]+)?"
+
+
+def detector_weights(
+    name,
+):
+    """An input function: the weights of a detector, or an error that says how to get them."""
+
+    def weights(
+        wildcards,
+    ):
+        usable("detector", name, methods.DETECTORS, "The folder is named after the detector.")
+        return [str(methods.WEIGHTS_FOLDER / file) for file in methods.DETECTORS[name].weights]
+
+    return weights
+
 
 rule templates:
     input:
-        models="results/{dataset}/bop/{models}",
+        models=f"{BOP}/{{models}}",
     output:
-        templates=directory("results/{dataset}/bop/templates/{models}/{views}"),
+        templates=directory(f"{BOP}/templates/{{models}}/{{views}}"),
     log:
-        "results/{dataset}/bop/logs/templates_{models}_{views}.log",
+        f"{BOP}/logs/templates_{{models}}_{{views}}.log",
     benchmark:
-        "results/{dataset}/bop/benchmarks/templates_{models}_{views}.tsv"
+        f"{BOP}/benchmarks/templates_{{models}}_{{views}}.tsv"
     wildcard_constraints:
-        models=r"models(_[^/.]+)?",
+        models=MODELS,
         views="42|642",
-    conda:
-        "../envs/zeroshop.yaml"
     threads: 2
     resources:
         mem_mb=per_attempt(4000),
@@ -33,21 +48,18 @@ rule templates:
 
 rule contour:
     input:
-        models="results/{dataset}/bop/{models}",
-        templates="results/{dataset}/bop/templates/{models}/42",
-        scenes="results/{dataset}/bop/test",
-        targets="results/{dataset}/bop/test_targets_bop19.json",
+        models=f"{BOP}/{{models}}",
+        templates=f"{BOP}/templates/{{models}}/42",
+        scenes=f"{BOP}/test",
+        targets=f"{BOP}/test_targets_bop19.json",
     output:
-        detections="results/{dataset}/bop/contour-{models}/detections.json",
+        detections=f"{BOP}/contour-{{models}}/detections.json",
     log:
-        "results/{dataset}/bop/contour-{models}/logs/detections.log",
+        f"{BOP}/contour-{{models}}/logs/detections.log",
     benchmark:
-        "results/{dataset}/bop/contour-{models}/benchmarks/detections.tsv"
+        f"{BOP}/contour-{{models}}/benchmarks/detections.tsv"
     wildcard_constraints:
-        models=r"models(_[^/.]+)?",
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        models=MODELS,
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(60),
@@ -60,21 +72,19 @@ rule contour:
 
 rule cnos:
     input:
-        models="results/{dataset}/bop/{models}",
-        templates="results/{dataset}/bop/templates/{models}/42",
-        scenes="results/{dataset}/bop/test",
-        targets="results/{dataset}/bop/test_targets_bop19.json",
+        models=f"{BOP}/{{models}}",
+        templates=f"{BOP}/templates/{{models}}/42",
+        scenes=f"{BOP}/test",
+        targets=f"{BOP}/test_targets_bop19.json",
         weights=detector_weights("cnos"),
     output:
-        detections="results/{dataset}/bop/cnos-{models}/detections.json",
+        detections=f"{BOP}/cnos-{{models}}/detections.json",
     log:
-        "results/{dataset}/bop/cnos-{models}/logs/detections.log",
+        f"{BOP}/cnos-{{models}}/logs/detections.log",
     benchmark:
-        "results/{dataset}/bop/cnos-{models}/benchmarks/detections.tsv"
+        f"{BOP}/cnos-{{models}}/benchmarks/detections.tsv"
     wildcard_constraints:
-        models=r"models(_[^/.]+)?",
-    conda:
-        "../envs/zeroshop.yaml"
+        models=MODELS,
     threads: 8
     resources:
         mem_mb=per_attempt(12000),
@@ -89,20 +99,17 @@ rule cnos:
 
 rule filter_masks:
     input:
-        detections="results/{dataset}/bop/{detector}-{models}/detections.json",
-        models="results/{dataset}/bop/{models}",
+        detections=f"{BOP}/{{detector}}-{{models}}/detections.json",
+        models=f"{BOP}/{{models}}",
     output:
-        masks="results/{dataset}/bop/{detector}-{models}/masks.json",
+        masks=f"{BOP}/{{detector}}-{{models}}/masks.json",
     log:
-        "results/{dataset}/bop/{detector}-{models}/logs/masks.log",
+        f"{BOP}/{{detector}}-{{models}}/logs/masks.log",
     benchmark:
-        "results/{dataset}/bop/{detector}-{models}/benchmarks/masks.tsv"
+        f"{BOP}/{{detector}}-{{models}}/benchmarks/masks.tsv"
     wildcard_constraints:
         detector="|".join(methods.DETECTORS),
-        models=r"models(_[^/.]+)?",
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        models=MODELS,
     resources:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(10),

@@ -1,20 +1,66 @@
 """Finish: a raw mesh becomes a product: clean, textured, in the object frame, in millimetres."""
 
 
+def raw_mesh_of(
+    wildcards,
+):
+    """The mesh that the nvs method of the path makes."""
+    usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
+    return f"{CELL}/raw_mesh.ply".format(**wildcards)
+
+
+def stage_facts(
+    wildcards,
+):
+    """The records of the stages behind a mesh, for its JSON."""
+    training = TRAINING_RECORDS[require_known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
+    steps = (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
+    return [path.format(**wildcards) for path in (f"{RUN}/stereo/stereo.json", *(f"{CELL}/{name}.json" for name in steps))]
+
+
+def chosen_cell(
+    wildcards,
+):
+    """The folder of the cell that the config chooses for an object."""
+    check_object(wildcards)
+    usable("nvs method", wildcards.nvs, methods.NVS, "The file is named after the method.")
+    cell = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
+    return CELL.format(**wildcards, **cell)
+
+
+def in_chosen_cell(
+    *names,
+):
+    """An input function: these files of the chosen cell."""
+    return lambda wildcards: [f"{chosen_cell(wildcards)}/{name}" for name in names]
+
+
+def chosen_quality(
+    wildcards,
+):
+    """The quality of the chosen cell, where there is a truth to measure against."""
+    return [f"{chosen_cell(wildcards)}/quality.json"] if is_virtual(wildcards.dataset) else []
+
+
+def quality_option(
+    wildcards,
+    input,
+):
+    """The option that adds the quality to a JSON, where there is a truth to measure against."""
+    return step_options({"quality": " ".join(input.quality) or None})
+
+
 rule clean:
     input:
         mesh=raw_mesh_of,
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        cameras=f"{RUN}/cameras",
     output:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
-        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.json",
+        mesh=f"{CELL}/clean.ply",
+        facts=f"{CELL}/clean.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/clean.log",
+        f"{CELL}/logs/clean.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/clean.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/clean.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -24,24 +70,20 @@ rule clean:
         "Cleaning the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method clean --mesh {input.mesh} --cameras {input.cameras}"
-        " {params.options} --out {output.mesh}"
-        " --record-failure {output} > {log} 2>&1"
+        " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
 
 
 rule underside:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
-        height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height.json",
+        mesh=f"{CELL}/clean.ply",
+        height=f"{CELL}/height.json",
     output:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.ply",
-        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.json",
+        mesh=f"{CELL}/underside.ply",
+        facts=f"{CELL}/underside.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/underside.log",
+        f"{CELL}/logs/underside.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/underside.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/underside.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -51,49 +93,41 @@ rule underside:
         "Finishing the underside of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method underside --mesh {input.mesh} --height {input.height}"
-        " {params.options} --out {output.mesh}"
-        " --record-failure {output} > {log} 2>&1"
+        " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
 
 
 rule frame:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.ply",
-        height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height.json",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
-        capture="results/{dataset}/{object}/{scene}/capture",
+        mesh=f"{CELL}/underside.ply",
+        height=f"{CELL}/height.json",
+        cameras=f"{RUN}/cameras",
+        capture=f"{SCENE}/capture",
     output:
-        frame="results/{dataset}/{object}/{scene}/{registration}/{nvs}/frame.json",
+        frame=f"{CELL}/frame.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/frame.log",
+        f"{CELL}/logs/frame.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/frame.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/frame.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
     message:
         "Finding the object frame of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method frame --mesh {input.mesh} --height {input.height} --cameras {input.cameras} --capture {input.capture}"
-        " --out {output.frame}"
-        " --record-failure {output} > {log} 2>&1"
+        "python -m zeroshop_steps.finish --method frame --mesh {input.mesh} --height {input.height} --cameras {input.cameras}"
+        " --capture {input.capture} --out {output.frame} --record-failure {output} > {log} 2>&1"
 
 
 rule unwrap:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/underside.ply",
+        mesh=f"{CELL}/underside.ply",
     output:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
-        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.json",
+        mesh=f"{CELL}/unwrapped.ply",
+        facts=f"{CELL}/unwrapped.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/unwrap.log",
+        f"{CELL}/logs/unwrap.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/unwrap.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/unwrap.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -102,25 +136,21 @@ rule unwrap:
     message:
         "Unwrapping the mesh of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method unwrap --mesh {input.mesh}"
-        " --texture-size {params.texture_size_px} --out {output.mesh}"
-        " --record-failure {output} > {log} 2>&1"
+        "python -m zeroshop_steps.finish --method unwrap --mesh {input.mesh} --texture-size {params.texture_size_px}"
+        " --out {output.mesh} --record-failure {output} > {log} 2>&1"
 
 
 rule texture:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        mesh=f"{CELL}/unwrapped.ply",
+        cameras=f"{RUN}/cameras",
     output:
-        texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.png",
-        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.json",
+        texture=f"{CELL}/texture.png",
+        facts=f"{CELL}/texture.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/texture.log",
+        f"{CELL}/logs/texture.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/texture.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/texture.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -130,30 +160,26 @@ rule texture:
         "Baking the texture of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method texture --mesh {input.mesh} --cameras {input.cameras}"
-        " --texture-size {params.texture_size_px} --out {output.texture}"
-        " --record-failure {output} > {log} 2>&1"
+        " --texture-size {params.texture_size_px} --out {output.texture} --record-failure {output} > {log} 2>&1"
 
 
 rule export:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/unwrapped.ply",
-        texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/texture.png",
-        frame="results/{dataset}/{object}/{scene}/{registration}/{nvs}/frame.json",
-        capture="results/{dataset}/{object}/{scene}/capture",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        mesh=f"{CELL}/unwrapped.ply",
+        texture=f"{CELL}/texture.png",
+        frame=f"{CELL}/frame.json",
+        capture=f"{SCENE}/capture",
+        cameras=f"{RUN}/cameras",
         facts=stage_facts,
     output:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
-        texture="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.png",
-        glb="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.glb",
-        facts="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.json",
+        mesh=f"{CELL}/mesh.ply",
+        texture=f"{CELL}/mesh.png",
+        glb=f"{CELL}/mesh.glb",
+        facts=f"{CELL}/mesh.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/export.log",
+        f"{CELL}/logs/export.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/export.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/export.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -167,17 +193,14 @@ rule export:
 
 rule preview:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh.ply",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
+        mesh=f"{CELL}/mesh.ply",
+        cameras=f"{RUN}/cameras",
     output:
-        preview="results/{dataset}/{object}/{scene}/{registration}/{nvs}/mesh_preview.png",
+        preview=f"{CELL}/mesh_preview.png",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/preview.log",
+        f"{CELL}/logs/preview.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/preview.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/preview.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -190,31 +213,28 @@ rule preview:
 
 rule publish:
     input:
-        mesh=chosen_mesh,
-        companions=chosen_companions,
-        preview=chosen_preview,
+        mesh=in_chosen_cell("mesh.ply"),
+        companions=in_chosen_cell("mesh.png", "mesh.glb", "mesh.json"),
+        preview=in_chosen_cell("mesh_preview.png"),
         quality=chosen_quality,
-        grade=chosen_grade,
-        evidence=chosen_evidence,
+        grade=in_chosen_cell("grade.json"),
+        evidence=in_chosen_cell("evidence.npz"),
     output:
-        mesh="results/{dataset}/{object}/{nvs}.ply",
-        texture="results/{dataset}/{object}/{nvs}.png",
-        glb="results/{dataset}/{object}/{nvs}.glb",
-        facts="results/{dataset}/{object}/{nvs}.json",
+        mesh=f"{OBJECT}/{{nvs}}.ply",
+        texture=f"{OBJECT}/{{nvs}}.png",
+        glb=f"{OBJECT}/{{nvs}}.glb",
+        facts=f"{OBJECT}/{{nvs}}.json",
         preview=report(
-            "results/{dataset}/{object}/{nvs}.preview.png",
+            f"{OBJECT}/{{nvs}}.preview.png",
             caption="../report/preview.rst",
             category="Meshes",
             subcategory="{dataset}",
             labels={"object": "{object}", "surface": "{nvs}"},
         ),
     log:
-        "results/{dataset}/{object}/logs/publish.{nvs}.log",
+        f"{OBJECT}/logs/publish.{{nvs}}.log",
     benchmark:
-        "results/{dataset}/{object}/benchmarks/publish.{nvs}.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{OBJECT}/benchmarks/publish.{{nvs}}.tsv"
     resources:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(5),

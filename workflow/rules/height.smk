@@ -1,29 +1,104 @@
 """Height: how many metres the object is high, and a unit of its registration long; how well that is known.
 
-results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height.json   by the method of its row in objects.tsv; rendered heights are known
-results/DATASET/tables/height.csv, height.svg               how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
-
-For the table every object is measured twice: with the board beside it in its views (scene su_b), and by photos of the empty
-scene with the board, while its views (su_h) show none.
+results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height.json            by the method of its row in objects.tsv; rendered heights are known
+results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height_by_board.json   by a printed board, for the table that compares it with the truth
 """
+
+
+def height_method(
+    wildcards,
+):
+    """How the height of an object is measured."""
+    if is_virtual(wildcards.dataset):
+        return "known"
+    row = photos_of(wildcards)
+    name = row["height_method"] or ("none" if row["height_m"] is None else "known")
+    return usable("height method", name, {key: with_own_weights("height", key, method) for key, method in methods.HEIGHTS.items()}, "")
+
+
+def height_needs(
+    wildcards,
+):
+    """What this method needs."""
+    return methods.HEIGHTS[height_method(wildcards)]
+
+
+def extra_photos(
+    column,
+):
+    """An input function: the files in a folder of objects.tsv that only some height methods read; none where they do not."""
+    readers = {"marker_images": ("marker", "mast3r"), "depth": ("depth_camera",)}
+
+    def files(
+        wildcards,
+    ):
+        if height_method(wildcards) not in readers[column] or not photos_of(wildcards)[column]:
+            return []
+        return photo_files(column)(wildcards)
+
+    return files
+
+
+def height_options(
+    wildcards,
+):
+    """The options of the height method."""
+    name = height_method(wildcards)
+    options = dict(config["height"].get(name, {}))
+    if not is_virtual(wildcards.dataset):
+        options["height_m"] = photos_of(wildcards)["height_m"]
+    if name == "marker":
+        options["seed"] = config["seed"]
+    if name == "depth_camera" and not photos_of(wildcards)["depth"]:
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: height_method depth_camera needs the folder of the "
+            "depth images in the column depth"
+        )
+    if name == "depth_camera" and capture_method(wildcards) == "video":
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: depth images belong to photos, images names a video; export "
+            "the colour images as photos, too"
+        )
+    if name == "depth_camera" and wildcards.scene == OBJECT_SCENE and mask_method(wildcards) == "support_plane":
+        raise WorkflowError(
+            f"{wildcards.dataset} {wildcards.object}: scene {OBJECT_SCENE} is made of photos that have been undistorted to find the masks, "
+            f"with which depth images are not aligned; take scene {WHOLE_SCENE}, give masks, or segment by grounded_sam"
+        )
+    for column in ("marker_images", "depth"):
+        if extra_photos(column)(wildcards):
+            options[column] = shlex.quote(photo_place(wildcards, column))
+    return step_options(options)
+
+
+def empty_scene_of(
+    wildcards,
+):
+    """The photos of the empty scene with the board, for views without it."""
+    return [] if wildcards.scene == BOARD_SCENE else f"{SCENE}/empty_scene".format(**wildcards)
+
+
+def empty_scene_option(
+    wildcards,
+    input,
+):
+    """The option that names them."""
+    return step_options({"marker_images": f"{input.empty_scene}/images" if input.empty_scene else None})
 
 
 rule height:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
-        capture="results/{dataset}/{object}/{scene}/capture",
-        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
+        mesh=f"{CELL}/clean.ply",
+        cameras=f"{RUN}/cameras",
+        capture=f"{SCENE}/capture",
+        stereo=f"{RUN}/stereo/seeds.npz",
         marker_images=extra_photos("marker_images"),
         depth=extra_photos("depth"),
     output:
-        height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height.json",
+        height=f"{CELL}/height.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/height.log",
+        f"{CELL}/logs/height.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/height.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
+        f"{CELL}/benchmarks/height.tsv"
     threads: 2
     resources:
         mem_mb=lambda wildcards, attempt: height_needs(wildcards).mem_mb * attempt,
@@ -37,84 +112,25 @@ rule height:
         "Measuring the height of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.height --method {params.method} --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " --stereo {input.stereo} {params.options} --out {output.height}"
-        " --record-failure {output} > {log} 2>&1"
-
-
-rule capture_with_board:
-    input:
-        model="results/{dataset}/{object}/model",
-    output:
-        capture=directory("results/{dataset}/{object}/su_b/capture"),
-    log:
-        "results/{dataset}/{object}/su_b/logs/capture.log",
-    benchmark:
-        "results/{dataset}/{object}/su_b/benchmarks/capture.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 8
-    resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(10),
-    params:
-        width_px=config["capture"]["image_width_px"],
-        height_px=config["capture"]["image_height_px"],
-        seed=config["seed"],
-    message:
-        "Rendering the views of {wildcards.object} beside a printed board"
-    shell:
-        "python -m zeroshop_steps.synthetic --method board_scene --view object --model {input.model}/model.ply"
-        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.capture} > {log} 2>&1"
-
-
-rule capture_empty_scene:
-    input:
-        model="results/{dataset}/{object}/model",
-    output:
-        photos=directory("results/{dataset}/{object}/su_h/empty_scene"),
-    log:
-        "results/{dataset}/{object}/su_h/logs/empty_scene.log",
-    benchmark:
-        "results/{dataset}/{object}/su_h/benchmarks/empty_scene.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 8
-    resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(10),
-    params:
-        width_px=config["capture"]["image_width_px"],
-        height_px=config["capture"]["image_height_px"],
-        seed=config["seed"],
-    message:
-        "Rendering the empty scene of {wildcards.object} with a printed board"
-    shell:
-        "python -m zeroshop_steps.synthetic --method board_scene --view empty --model {input.model}/model.ply"
-        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output.photos} > {log} 2>&1"
+        " --stereo {input.stereo} {params.options} --out {output.height} --record-failure {output} > {log} 2>&1"
 
 
 rule height_by_board:
     input:
-        mesh="results/{dataset}/{object}/{scene}/{registration}/{nvs}/clean.ply",
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
-        capture="results/{dataset}/{object}/{scene}/capture",
-        stereo="results/{dataset}/{object}/{scene}/{registration}/stereo/seeds.npz",
+        mesh=f"{CELL}/clean.ply",
+        cameras=f"{RUN}/cameras",
+        capture=f"{SCENE}/capture",
+        stereo=f"{RUN}/stereo/seeds.npz",
         empty_scene=empty_scene_of,
     output:
-        height="results/{dataset}/{object}/{scene}/{registration}/{nvs}/height_by_board.json",
+        height=f"{CELL}/height_by_board.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/height_by_board.log",
+        f"{CELL}/logs/height_by_board.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/height_by_board.tsv"
+        f"{CELL}/benchmarks/height_by_board.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
         scene=f"su_h|{BOARD_SCENE}",
-    conda:
-        "../envs/zeroshop.yaml"
     threads: 2
     resources:
         mem_mb=per_attempt(3000),
@@ -128,38 +144,3 @@ rule height_by_board:
         "python -m zeroshop_steps.height --method marker --blind --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
         " --stereo {input.stereo} {params.photos} {params.options} --threads {threads} --out {output.height}"
         " --record-failure {output} > {log} 2>&1"
-
-
-rule height_table:
-    input:
-        heights=board_cells,
-    output:
-        table=report(
-            "results/{dataset}/tables/height.csv",
-            caption="../report/heights.rst",
-            category="Heights",
-            subcategory="{dataset}",
-            labels={"table": "heights"},
-        ),
-        plot=report(
-            "results/{dataset}/tables/height.svg",
-            caption="../report/heights.rst",
-            category="Heights",
-            subcategory="{dataset}",
-            labels={"table": "Figure 4.8"},
-        ),
-        picture="results/{dataset}/tables/height.png",
-    log:
-        "results/{dataset}/tables/logs/height.log",
-    benchmark:
-        "results/{dataset}/tables/benchmarks/height.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Comparing the measured heights of {wildcards.dataset} with the true ones"
-    shell:
-        "python -m zeroshop_steps.report --method heights --heights {input.heights} --out {output.table} > {log} 2>&1"

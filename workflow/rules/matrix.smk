@@ -3,11 +3,120 @@
 results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/cell.csv   one cell: its grade and figures, or grade none and the reason
 results/DATASET/OBJECT/cells.csv                         one object: every cell of it
 results/DATASET/tables/SCENE/REGISTRATION/NVS.csv        one column: this cell of every object
-results/DATASET/tables/reconstruction.csv                one table: every cell of every object
-results/DATASET/tables/reconstruction.md                 its grades as marks (report.smk)
+results/DATASET/tables/reconstruction.csv                one table: every cell of every object (tables.smk)
 
 A failed cell is a result: in such a run a step that fails leaves a record, `outcome` ends in it, and the others go on.
 """
+
+import functools
+import itertools
+
+from snakemake.logging import logger
+
+from zeroshop_steps.runtime import failures
+
+AXES = {
+    "registrations": methods.REGISTRATIONS,
+    "nvs": methods.NVS,
+    "detectors": methods.DETECTORS,
+    "estimators": methods.ESTIMATORS,
+}
+
+
+def table_axis(
+    axis,
+):
+    """The names that the config wants on an axis of the tables."""
+    wanted = config["tables"][axis]
+    return [name for name, method in AXES[axis].items() if not methods.lacks(method)] if wanted == "all" else wanted
+
+
+@functools.cache
+def say_what_is_left_out(
+    *axes,
+):
+    """One line, once, on the methods that tables leave out because they cannot run here."""
+    line = methods.left_out(*(AXES[axis] for axis in axes if config["tables"][axis] == "all"))
+    if line:
+        logger.info(line)
+
+
+def cells_of(
+    dataset,
+    objects,
+    scenes=None,
+    registrations=None,
+    nvs=None,
+):
+    """The coordinates of cells as dictionaries: these objects in every combination of the axes, by default those of the config."""
+    virtual_dataset(dataset, "Tables compare with the truth, which photos lack.")
+    if not (registrations and nvs):
+        say_what_is_left_out("registrations", "nvs")
+    axes = {
+        "object": objects,
+        "scene": scenes or (VIRTUAL_SCENES if config["tables"]["scenes"] == "all" else config["tables"]["scenes"]),
+        "registration": registrations or table_axis("registrations"),
+        "nvs": nvs or table_axis("nvs"),
+    }
+    return [{"dataset": dataset, **dict(zip(axes, values))} for values in itertools.product(*axes.values())]
+
+
+def cells_of_object(
+    wildcards,
+):
+    """One object: every cell of it that the config wants in tables."""
+    check_object(wildcards)
+    return cells_of(wildcards.dataset, [wildcards.object])
+
+
+def cells_of_column(
+    wildcards,
+):
+    """One column: the cell of these coordinates for every object."""
+    return cells_of(wildcards.dataset, objects_of(wildcards.dataset), [wildcards.scene], [wildcards.registration], [wildcards.nvs])
+
+
+def cells_of_table(
+    wildcards,
+):
+    """One table: every cell that the config wants in it."""
+    return cells_of(wildcards.dataset, objects_of(wildcards.dataset))
+
+
+def figures_of(
+    cells,
+):
+    """An input function: the figures of the cells that `cells` gives, each cell whether it failed or not."""
+    return lambda wildcards: [f"{CELL}/cell.csv".format(**cell) for cell in cells(wildcards)]
+
+
+def parts_of_mesh(
+    wildcards,
+):
+    """What the finished mesh is put together from. Whoever asks for an outcome wants failures recorded."""
+    os.environ[failures.SWITCH] = "1"
+    return [f"{CELL}/{part}".format(**wildcards) for part in ("unwrapped.ply", "texture.png", "frame.json")]
+
+
+def outcome_or(
+    *names,
+):
+    """An input function: these files of a cell; of one that failed, the record of its failure."""
+
+    def files(
+        wildcards,
+    ):
+        outcome = checkpoints.outcome.get(**wildcards).output.outcome
+        return [outcome] if failures.read_failure(outcome) else [f"{CELL}/{name}".format(**wildcards) for name in names]
+
+    return files
+
+
+def measurements_of(
+    wildcards,
+):
+    """The measurements of a cell, where there is a truth, and its grade; of one that failed, the record of its failure."""
+    return outcome_or("quality.csv", "grade.csv")(wildcards) if is_virtual(wildcards.dataset) else outcome_or("grade.csv")(wildcards)
 
 
 # On a cluster, what takes a second is done where Snakemake runs.
@@ -22,14 +131,11 @@ checkpoint outcome:
     input:
         parts=parts_of_mesh,
     output:
-        outcome="results/{dataset}/{object}/{scene}/{registration}/{nvs}/outcome.json",
+        outcome=f"{CELL}/outcome.json",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/outcome.log",
+        f"{CELL}/logs/outcome.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/outcome.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/outcome.tsv"
     resources:
         mem_mb=per_attempt(500),
         runtime=per_attempt(5),
@@ -44,60 +150,41 @@ rule cell:
     input:
         measurements=measurements_of,
     output:
-        table="results/{dataset}/{object}/{scene}/{registration}/{nvs}/cell.csv",
+        table=f"{CELL}/cell.csv",
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/logs/cell.log",
+        f"{CELL}/logs/cell.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/{nvs}/benchmarks/cell.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{CELL}/benchmarks/cell.tsv"
     resources:
         mem_mb=per_attempt(500),
         runtime=per_attempt(5),
     message:
         "Gathering the figures of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.report --method table --measurements {input.measurements} --out {output.table} > {log} 2>&1"
+        "python -m zeroshop_steps.report --method table --measurements {input} --out {output.table} > {log} 2>&1"
 
 
-rule object_table:
+use rule cell as object_table with:
     input:
         cells=figures_of(cells_of_object),
     output:
-        table="results/{dataset}/{object}/cells.csv",
+        table=f"{OBJECT}/cells.csv",
     log:
-        "results/{dataset}/{object}/logs/cells.log",
+        f"{OBJECT}/logs/cells.log",
     benchmark:
-        "results/{dataset}/{object}/benchmarks/cells.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
+        f"{OBJECT}/benchmarks/cells.tsv"
     message:
         "Gathering every cell of {wildcards.dataset} {wildcards.object}"
-    shell:
-        "python -m zeroshop_steps.report --method table --measurements {input.cells} --out {output.table} > {log} 2>&1"
 
 
-rule column_table:
+use rule cell as column_table with:
     input:
         cells=figures_of(cells_of_column),
     output:
-        table="results/{dataset}/tables/{scene}/{registration}/{nvs}.csv",
+        table=f"{TABLES}/{{scene}}/{{registration}}/{{nvs}}.csv",
     log:
-        "results/{dataset}/tables/logs/{scene}.{registration}.{nvs}.log",
+        f"{TABLES}/logs/{{scene}}.{{registration}}.{{nvs}}.log",
     benchmark:
-        "results/{dataset}/tables/benchmarks/{scene}.{registration}.{nvs}.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
+        f"{TABLES}/benchmarks/{{scene}}.{{registration}}.{{nvs}}.tsv"
     message:
         "Gathering scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs} of every object of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method table --measurements {input.cells} --out {output.table} > {log} 2>&1"

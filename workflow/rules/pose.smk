@@ -5,25 +5,44 @@ results/DATASET/bop/ESTIMATOR-MASKS-MODELS/poses.csv   MASKS: truth, or the dete
 results/DATASET/bop/ESTIMATOR-MASKS-MODELS/pictures    the poses over the images, and the ten worst
 """
 
+POSES = f"{BOP}/{{estimator}}-{{masks}}-{{models}}"
+
+
+def detections_of(
+    wildcards,
+):
+    """The detections that poses are estimated from; none where the masks are the true ones."""
+    usable("pose estimator", wildcards.estimator, methods.ESTIMATORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
+    if wildcards.masks == "truth":
+        return []
+    usable("detector", wildcards.masks, methods.DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
+    return f"results/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{methods.DETECTORS[wildcards.masks].masks}"
+
+
+def detections_option(
+    wildcards,
+    input,
+):
+    """The option that names the detections, where the masks are not the true ones."""
+    return step_options({"detections": input.get("detections") or None})
+
 
 rule estimate_poses:
     input:
-        models="results/{dataset}/bop/{models}",
-        scenes="results/{dataset}/bop/test",
-        targets="results/{dataset}/bop/test_targets_bop19.json",
+        models=f"{BOP}/{{models}}",
+        scenes=f"{BOP}/test",
+        targets=f"{BOP}/test_targets_bop19.json",
         detections=detections_of,
     output:
-        estimates="results/{dataset}/bop/{estimator}-{masks}-{models}/poses.csv",
+        estimates=f"{POSES}/poses.csv",
     log:
-        "results/{dataset}/bop/{estimator}-{masks}-{models}/logs/poses.log",
+        f"{POSES}/logs/poses.log",
     benchmark:
-        "results/{dataset}/bop/{estimator}-{masks}-{models}/benchmarks/poses.tsv"
+        f"{POSES}/benchmarks/poses.tsv"
     wildcard_constraints:
         estimator="|".join(methods.ESTIMATORS),
         masks="|".join(["truth", *methods.DETECTORS]),
-        models=r"models(_[^/.]+)?",
-    conda:
-        "../envs/zeroshop.yaml"
+        models=MODELS,
     threads: 2
     resources:
         mem_mb=per_attempt(3000),
@@ -39,25 +58,22 @@ rule estimate_poses:
 
 rule pose_pictures:
     input:
-        models="results/{dataset}/bop/{models}",
-        scenes="results/{dataset}/bop/test",
-        targets="results/{dataset}/bop/test_targets_bop19.json",
-        estimates="results/{dataset}/bop/{estimator}-{masks}-{models}/poses.csv",
-        errors="results/{dataset}/bop/{estimator}-{masks}-{models}/errors.csv",
+        models=f"{BOP}/{{models}}",
+        scenes=f"{BOP}/test",
+        targets=f"{BOP}/test_targets_bop19.json",
+        estimates=f"{POSES}/poses.csv",
+        errors=f"{POSES}/errors.csv",
         detections=detections_of,
     output:
-        pictures=directory("results/{dataset}/bop/{estimator}-{masks}-{models}/pictures"),
+        pictures=directory(f"{POSES}/pictures"),
     log:
-        "results/{dataset}/bop/{estimator}-{masks}-{models}/logs/pictures.log",
+        f"{POSES}/logs/pictures.log",
     benchmark:
-        "results/{dataset}/bop/{estimator}-{masks}-{models}/benchmarks/pictures.tsv"
+        f"{POSES}/benchmarks/pictures.tsv"
     wildcard_constraints:
         estimator="|".join(methods.ESTIMATORS),
         masks="|".join(["truth", *methods.DETECTORS]),
-        models=r"models(_[^/.]+)?",
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        models=MODELS,
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(30),

@@ -5,83 +5,79 @@ that reason, while a table goes on with its other cells (matrix.smk).
 """
 
 
+def registrations_of(
+    dataset,
+):
+    """The registrations that make sense for a dataset: photos have no true cameras."""
+    return {
+        name: with_own_weights("register", name, method)
+        for name, method in methods.REGISTRATIONS.items()
+        if is_virtual(dataset) or not method.truth
+    }
+
+
+def capture_of(
+    wildcards,
+):
+    """The capture that a registration reads, with every part of its path checked."""
+    check_object(wildcards)
+    virtual = is_virtual(wildcards.dataset)
+    kind = "virtual" if virtual else "photo"
+    require_known(f"scene of a {kind} dataset", wildcards.scene, [*VIRTUAL_SCENES, BOARD_SCENE] if virtual else PHOTO_SCENES, "")
+    usable(
+        f"registration of a {kind} dataset",
+        wildcards.registration,
+        registrations_of(wildcards.dataset),
+        "" if virtual else "Photos have no true cameras.",
+    )
+    return f"{SCENE}/capture".format(**wildcards)
+
+
+def registration_needs(
+    wildcards,
+):
+    """The method that the path names; an unknown one is refused where the capture is looked for."""
+    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
+
+
+def registration_options(
+    wildcards,
+):
+    """The options of the registration method in the path; the true cameras need none."""
+    options = config["register"].get(wildcards.registration)
+    return step_options({**options, "seed": config["seed"]}) if options else ""
+
+
 rule register:
     input:
         capture=capture_of,
     output:
-        cameras=directory("results/{dataset}/{object}/{scene}/{registration}/cameras"),
+        cameras=directory(f"{RUN}/cameras"),
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/logs/register.log",
+        f"{RUN}/logs/register.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/benchmarks/register.tsv"
+        f"{RUN}/benchmarks/register.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
-    conda:
-        "../envs/zeroshop.yaml"
     threads: 8
     resources:
-        mem_mb=registration_mem_mb,
-        runtime=registration_runtime_min,
-        gpu=registration_gpus,
+        mem_mb=lambda wildcards, attempt: registration_needs(wildcards).mem_mb * attempt,
+        runtime=lambda wildcards, attempt: registration_needs(wildcards).runtime_min * attempt,
+        gpu=lambda wildcards: int(bool(registration_needs(wildcards).weights)),
     params:
         options=registration_options,
-        weights=registration_weights,
+        weights=lambda wildcards: weights_stamp("register", wildcards.registration, registration_needs(wildcards)),
     message:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:
         "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
-        " --scene {wildcards.scene} {params.options} --threads {threads} --keep-going --out {output.cameras} > {log} 2>&1"
+        " --scene {wildcards.scene} {params.options} --threads {threads} --keep-going --out {output} > {log} 2>&1"
 
 
-rule register_photos:
-    input:
-        capture=capture_of,
+use rule register as register_photos with:
     output:
-        scene=directory("results/{dataset}/{object}/{scene}/{registration}/scene"),
-    log:
-        "results/{dataset}/{object}/{scene}/{registration}/logs/register.log",
-    benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/benchmarks/register.tsv"
+        scene=directory(f"{RUN}/scene"),
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 8
-    resources:
-        mem_mb=registration_mem_mb,
-        runtime=registration_runtime_min,
-        gpu=registration_gpus,
-    params:
-        options=registration_options,
-        weights=registration_weights,
     message:
         "Registering the photos of {wildcards.object} with {wildcards.registration}"
-    shell:
-        "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
-        " --scene {wildcards.scene} {params.options} --threads {threads} --keep-going --out {output.scene} > {log} 2>&1"
-
-
-rule camera_error:
-    input:
-        cameras="results/{dataset}/{object}/{scene}/{registration}/cameras",
-        capture=capture_of,
-    output:
-        figures="results/{dataset}/{object}/{scene}/{registration}/camera_error.json",
-        table="results/{dataset}/{object}/{scene}/{registration}/camera_error.csv",
-    log:
-        "results/{dataset}/{object}/{scene}/{registration}/logs/camera_error.log",
-    benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/benchmarks/camera_error.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Comparing the cameras of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, with the true ones"
-    shell:
-        "python -m zeroshop_steps.evaluate --method camera_error --cameras {input.cameras} --truth {input.capture}/truth"
-        " --out {output.figures} > {log} 2>&1"

@@ -1,148 +1,102 @@
-"""Report: the tidy tables of a dataset, one row a measurement, with the coordinates of its cell; and the gallery, which opens in a browser."""
+"""Report: what a dataset's results look like, in any browser.
+
+results/DATASET/report/index.html        the gallery and the tables
+results/DATASET/report/objects/OBJECT    the page of an object
+"""
+
+from zeroshop_steps.runtime.settings import config_changes
+
+REPORT = "results/{dataset}/report"
+
+
+def cells_of_page(
+    wildcards,
+):
+    """The cells of an object that its page waits for, as the config says: chosen, all or none (only what is present is shown)."""
+    check_object(wildcards)
+    if config["report"]["cells"] == "present":
+        return []
+    if not is_virtual(wildcards.dataset):
+        cell = {"dataset": wildcards.dataset, "object": wildcards.object, **config["chosen"]["photos"]}
+        return [{**cell, "nvs": nvs} for nvs in table_axis("nvs")]
+    if config["report"]["cells"] == "all":
+        return cells_of_object(wildcards)
+    chosen = config["chosen"]["virtual"]
+    return cells_of(wildcards.dataset, [wildcards.object], [chosen["scene"]], [chosen["registration"]])
+
+
+def parts_of_page(
+    wildcards,
+):
+    """How each of these cells ended: its measurements, or of the user's own photos its mesh and grade; or the record of its failure."""
+    cells = cells_of_page(wildcards)
+    if is_virtual(wildcards.dataset):
+        return [f"{CELL}/cell.csv".format(**cell) for cell in cells]
+    return [part for cell in cells for part in outcome_or("mesh.ply", "grade.json")(cell)]
+
+
+def other_cells(
+    wildcards,
+):
+    """What lies on disk of cells that the page does not wait for, with its time: the page is made again when that changes."""
+    folder = Path(OBJECT.format(**wildcards))
+    asked = {CELL.format(**cell) for cell in cells_of_page(wildcards)}
+    made = [*folder.glob("*/*/*/outcome.json"), *folder.glob("*/*/*/mesh.ply"), *folder.glob("*/*/*/grade.json")]
+    return [f"{path} {path.stat().st_mtime_ns}" for path in sorted(made) if str(path.parent) not in asked]
+
+
+def chosen_run(
+    wildcards,
+):
+    """The scene and registration that the page shows first."""
+    chosen = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
+    return f"{chosen['scene']}/{chosen['registration']}"
+
+
+def changes_option(
+    wildcards,
+):
+    """The option that tells the page with which changes of the config its cells were made."""
+    changes = config_changes(config, ROOT / "config/config.yaml", ignored=("targets", "tables", "report", "chosen"))
+    return f"--config {' '.join(map(shlex.quote, changes))}" if changes else ""
+
+
+def pages_of_report(
+    wildcards,
+):
+    """The page of every object of the dataset."""
+    return [f"results/{wildcards.dataset}/report/objects/{name}" for name in objects_of(wildcards.dataset)]
+
+
+def tables_there(
+    wildcards,
+):
+    """The dataset's tables on disk with their times: the report shows those that are there."""
+    folder = Path(TABLES.format(**wildcards))
+    return [f"{path} {path.stat().st_mtime_ns}" for path in sorted(folder.glob("*.csv"))]
 
 
 localrules:
-    camera_table,
-    reconstruction_table,
-    reconstruction_marks,
-    bop_table,
     report_index,
-
-
-rule camera_table:
-    input:
-        measurements=registrations_in(cells_of_table, "camera_error.csv"),
-    output:
-        table=report(
-            "results/{dataset}/tables/cameras.csv",
-            caption="../report/cameras.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "camera errors"},
-        ),
-    log:
-        "results/{dataset}/tables/logs/cameras.log",
-    benchmark:
-        "results/{dataset}/tables/benchmarks/cameras.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Gathering the camera errors of every registration of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method table --measurements {input.measurements} --out {output.table} > {log} 2>&1"
-
-
-rule reconstruction_table:
-    input:
-        cells=figures_of(cells_of_table),
-    output:
-        table=report(
-            "results/{dataset}/tables/reconstruction.csv",
-            caption="../report/reconstruction.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "figures"},
-        ),
-    log:
-        "results/{dataset}/tables/logs/reconstruction.log",
-    benchmark:
-        "results/{dataset}/tables/benchmarks/reconstruction.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Gathering the grade and the quality of every cell of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method table --measurements {input.cells} --out {output.table} > {log} 2>&1"
-
-
-rule reconstruction_marks:
-    input:
-        table="results/{dataset}/tables/reconstruction.csv",
-    output:
-        page=report(
-            "results/{dataset}/tables/reconstruction.md",
-            caption="../report/marks.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "grades"},
-        ),
-    log:
-        "results/{dataset}/tables/logs/reconstruction_marks.log",
-    benchmark:
-        "results/{dataset}/tables/benchmarks/reconstruction_marks.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
-    params:
-        published=published_option,
-    message:
-        "Marking every cell of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method reconstruction --table {input.table} {params.published} --out {output.page} > {log} 2>&1"
-
-
-rule bop_table:
-    input:
-        scores=scores_of_table,
-    output:
-        table="results/{dataset}/tables/bop.csv",
-        page=report(
-            "results/{dataset}/tables/bop.md",
-            caption="../report/bop.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "detection and poses"},
-        ),
-    log:
-        "results/{dataset}/tables/logs/bop.log",
-    benchmark:
-        "results/{dataset}/tables/benchmarks/bop.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
-    params:
-        published=published_option,
-    message:
-        "Gathering the detections' and poses' scores of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} --page {output.page}"
-        " --out {output.table} > {log} 2>&1"
 
 
 rule report_object:
     input:
         cells=parts_of_page,
     output:
-        page=directory("results/{dataset}/report/objects/{object}"),
+        page=directory(f"{REPORT}/objects/{{object}}"),
     log:
-        "results/{dataset}/report/logs/{object}.log",
+        f"{REPORT}/logs/{{object}}.log",
     benchmark:
-        "results/{dataset}/report/benchmarks/{object}.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{REPORT}/benchmarks/{{object}}.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
     params:
-        folder=shown_object,
+        folder=lambda wildcards: OBJECT.format(**wildcards),
         chosen=chosen_run,
         options=step_options(config["report"]["page"]),
-        changes=changes_option(),
+        changes=changes_option,
         others=other_cells,
     message:
         "Writing the report's page of {wildcards.dataset} {wildcards.object}"
@@ -155,22 +109,19 @@ rule report_index:
     input:
         pages=pages_of_report,
     output:
-        index="results/{dataset}/report/index.html",
-        tables="results/{dataset}/report/tables.html",
-        assets=directory("results/{dataset}/report/assets"),
-        downloads=directory("results/{dataset}/report/downloads"),
+        index=f"{REPORT}/index.html",
+        tables=f"{REPORT}/tables.html",
+        assets=directory(f"{REPORT}/assets"),
+        downloads=directory(f"{REPORT}/downloads"),
     log:
-        "results/{dataset}/report/logs/report_index.log",
+        f"{REPORT}/logs/report_index.log",
     benchmark:
-        "results/{dataset}/report/benchmarks/report_index.tsv"
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
+        f"{REPORT}/benchmarks/report_index.tsv"
     resources:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(5),
     params:
-        tables="results/{dataset}/tables",
+        tables=TABLES,
         measured=tables_there,
     message:
         "Writing the report of {wildcards.dataset}: open {output.index} in a browser"

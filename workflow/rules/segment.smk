@@ -3,27 +3,97 @@
 Scene video is registered as a whole and masked then; video_segmented is masked first and registered by the object alone.
 """
 
+# The segmentation methods, with the networks that the config names.
+SEGMENTATIONS = {
+    **methods.SEGMENTATIONS,
+    "grounded_sam": methods.grounded_sam(config["segment"]["grounded_sam"]["detector"], config["segment"]["grounded_sam"]["tracker"]),
+}
+
+
+def mask_method(
+    wildcards,
+):
+    """How the masks of photos come about, whenever: given by the user, or by the method that the config chooses."""
+    if photos_of(wildcards)["masks"]:
+        return "user_masks"
+    name = config["segmentation"]
+    if name == "auto":
+        return next(name for name, method in SEGMENTATIONS.items() if not methods.lacks(method))
+    return usable("segmentation", name, SEGMENTATIONS, "")
+
+
+def segmentation_method(
+    wildcards,
+):
+    """How the masks of registered photos come about: given ones, or by the method that the config chooses."""
+    return "user_masks" if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
+
+
+def segmentation_options(
+    wildcards,
+):
+    """The options of this method."""
+    name = segmentation_method(wildcards)
+    if name == "user_masks":
+        return step_options({"capture": f"{SCENE}/capture".format(**wildcards)})
+    return options_of_segmentation(wildcards, name)
+
+
+def options_of_segmentation(
+    wildcards,
+    name,
+):
+    """The options of a segmentation method."""
+    if name == "user_masks":
+        return ""
+    options = {**config["segment"][name], "seed": config["seed"]}
+    if name == "grounded_sam":
+        options["prompt"] = shlex.quote(photos_of(wildcards)["prompt"] or options["prompt"])
+    return step_options(options)
+
+
+def segmentation_weights(
+    wildcards,
+):
+    """What its networks are read from."""
+    name = mask_method(wildcards)
+    return [] if name == "user_masks" else weights_stamp("segment", name, SEGMENTATIONS[name])
+
+
+def pictures_with_masks(
+    wildcards,
+):
+    """Where photos lie beside the masks by which they are registered: their capture, unless masks are only found in a registered scene."""
+    scene = f"results/{wildcards.dataset}/{wildcards.object}/{WHOLE_SCENE}"
+    registration = config["chosen"]["photos"]["registration"]
+    return f"{scene}/{registration}/cameras" if mask_method(wildcards) == "support_plane" else f"{scene}/capture"
+
+
+def network_options(
+    wildcards,
+):
+    """The options for finding masks before the registration, where they are found then."""
+    return options_of_segmentation(wildcards, "grounded_sam") if mask_method(wildcards) == "grounded_sam" else ""
+
 
 rule capture_object:
     input:
         pictures=pictures_with_masks,
-        capture=f"results/{{dataset}}/{{object}}/{WHOLE_SCENE}/capture",
+        capture=f"{OBJECT}/{WHOLE_SCENE}/capture",
     output:
-        capture=directory("results/{dataset}/{object}/{scene}/capture"),
+        capture=directory(f"{SCENE}/capture"),
     log:
-        "results/{dataset}/{object}/{scene}/logs/capture.log",
+        f"{SCENE}/logs/capture.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/benchmarks/capture.tsv"
+        f"{SCENE}/benchmarks/capture.tsv"
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
         scene=OBJECT_SCENE,
-    conda:
-        "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=segmentation_memory_mb,
+        mem_mb=lambda wildcards, attempt: attempt * (8000 if mask_method(wildcards) == "grounded_sam" else 4000),
         runtime=per_attempt(60),
-        gpu=segmentation_gpus,
+        gpu=lambda wildcards: int(mask_method(wildcards) == "grounded_sam"),
     params:
         options=network_options,
         weights=segmentation_weights,
@@ -36,23 +106,21 @@ rule capture_object:
 
 rule segment:
     input:
-        scene="results/{dataset}/{object}/{scene}/{registration}/scene",
-        capture="results/{dataset}/{object}/{scene}/capture",
+        scene=f"{RUN}/scene",
+        capture=f"{SCENE}/capture",
     output:
-        cameras=directory("results/{dataset}/{object}/{scene}/{registration}/cameras"),
+        cameras=directory(f"{RUN}/cameras"),
     log:
-        "results/{dataset}/{object}/{scene}/{registration}/logs/segment.log",
+        f"{RUN}/logs/segment.log",
     benchmark:
-        "results/{dataset}/{object}/{scene}/{registration}/benchmarks/segment.tsv"
+        f"{RUN}/benchmarks/segment.tsv"
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
-    conda:
-        "../envs/zeroshop.yaml"
     threads: 2
     resources:
-        mem_mb=segmentation_memory_mb,
+        mem_mb=lambda wildcards, attempt: attempt * (8000 if mask_method(wildcards) == "grounded_sam" else 4000),
         runtime=per_attempt(60),
-        gpu=segmentation_gpus,
+        gpu=lambda wildcards: int(mask_method(wildcards) == "grounded_sam"),
     params:
         method=segmentation_method,
         options=segmentation_options,

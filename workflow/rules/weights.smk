@@ -17,9 +17,6 @@ rule weights:
         "resources/weights/benchmarks/{file}.tsv"
     wildcard_constraints:
         file="|".join(map(re.escape, weights_table())),
-    conda:
-        "../envs/zeroshop.yaml"
-    threads: 1
     resources:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(240),

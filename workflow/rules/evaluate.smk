@@ -1,0 +1,128 @@
+"""Evaluate: what of a mesh was measured, its grade, and, where the truth is known, how right cameras, masks and meshes are."""
+
+
+def quality_of(
+    wildcards,
+):
+    """The quality of a cell, where there is a truth to measure against."""
+    return [f"{CELL}/quality.json".format(**wildcards)] if is_virtual(wildcards.dataset) else []
+
+
+rule camera_error:
+    input:
+        cameras=f"{RUN}/cameras",
+        capture=capture_of,
+    output:
+        figures=f"{RUN}/camera_error.json",
+        table=f"{RUN}/camera_error.csv",
+    log:
+        f"{RUN}/logs/camera_error.log",
+    benchmark:
+        f"{RUN}/benchmarks/camera_error.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    resources:
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
+    message:
+        "Comparing the cameras of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, with the true ones"
+    shell:
+        "python -m zeroshop_steps.evaluate --method camera_error --cameras {input.cameras} --truth {input.capture}/truth"
+        " --out {output.figures} > {log} 2>&1"
+
+
+rule mask_error:
+    input:
+        cameras=f"{RUN}/cameras",
+        capture=f"{SCENE}/capture",
+        truth=f"{OBJECT}/film/truth",
+    output:
+        table=f"{RUN}/mask_error.csv",
+        picture=f"{RUN}/mask_error.png",
+    log:
+        f"{RUN}/logs/mask_error.log",
+    benchmark:
+        f"{RUN}/benchmarks/mask_error.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("films"),
+    resources:
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
+    message:
+        "Comparing the masks of {wildcards.object}, {wildcards.registration}, with the true ones"
+    shell:
+        "python -m zeroshop_steps.evaluate --method mask_error --cameras {input.cameras} --capture {input.capture} --truth {input.truth}"
+        " --out {output.table} --record-failure {output} > {log} 2>&1"
+
+
+rule evidence:
+    input:
+        mesh=f"{CELL}/unwrapped.ply",
+        cameras=f"{RUN}/cameras",
+        stereo=f"{RUN}/stereo/seeds.npz",
+    output:
+        evidence=f"{CELL}/evidence.npz",
+        figures=f"{CELL}/evidence.json",
+    log:
+        f"{CELL}/logs/evidence.log",
+    benchmark:
+        f"{CELL}/benchmarks/evidence.tsv"
+    resources:
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
+    message:
+        "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.evaluate --method surface_support --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
+        " --out {output.evidence} --record-failure {output} > {log} 2>&1"
+
+
+rule quality:
+    input:
+        mesh=f"{CELL}/mesh.ply",
+        capture=f"{SCENE}/capture",
+        cameras=f"{RUN}/cameras",
+        model=f"{OBJECT}/model",
+    output:
+        figures=f"{CELL}/quality.json",
+        table=f"{CELL}/quality.csv",
+    log:
+        f"{CELL}/logs/quality.log",
+    benchmark:
+        f"{CELL}/benchmarks/quality.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    resources:
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
+    message:
+        "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.evaluate --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
+        " --model {input.model}/model.ply --out {output.figures} --record-failure {output} > {log} 2>&1"
+
+
+rule grade:
+    input:
+        mesh=f"{CELL}/mesh.ply",
+        cameras=f"{RUN}/cameras",
+        evidence=f"{CELL}/evidence.npz",
+        quality=quality_of,
+    output:
+        grade=f"{CELL}/grade.json",
+        table=f"{CELL}/grade.csv",
+    log:
+        f"{CELL}/logs/grade.log",
+    benchmark:
+        f"{CELL}/benchmarks/grade.tsv"
+    resources:
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
+    params:
+        options=step_options(config["finish"]["grade"]),
+        quality=quality_option,
+    message:
+        "Grading {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+    shell:
+        "python -m zeroshop_steps.evaluate --method grade --mesh {input.mesh} --cameras {input.cameras} --evidence {input.evidence}"
+        " {params.quality} {params.options} --out {output.grade} --record-failure {output} > {log} 2>&1"

@@ -1,0 +1,231 @@
+"""Synthetic: models whose true shape is known, and pictures and films rendered of them.
+
+results/DATASET/OBJECT/model           a shop product made by code, or one of BOP's models
+results/DATASET/OBJECT/SCENE/capture   rendered views of it (su_l, su_h, se; su_b with a printed board), with true cameras
+results/DATASET/OBJECT/film            a film of it as a phone takes one; from there on its dataset goes the way of a user's own
+"""
+
+# What BlenderProc's environment consists of, where it says that it is ready, and the minutes that renderers may take for one capture.
+BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
+BLENDER_RECORD = "resources/envs/blenderproc.json"
+RENDER_MINUTES = {"raycast": 10, "blenderproc": 240}
+
+
+def checked_object(
+    wildcards,
+):
+    """The object in a path, or an error that lists the objects of its dataset."""
+    check_object(wildcards)
+    return wildcards.object
+
+
+def models_option(
+    wildcards,
+):
+    """The option that names a local folder of BOP models, if the config does."""
+    folder = config["datasets"][wildcards.dataset]["models_folder"]
+    return step_options({"models": folder and shlex.quote(os.path.relpath(ROOT / folder))})
+
+
+def environment_of(
+    options,
+):
+    """An input function: the environment that the renderer in a part of the config needs, if it needs one."""
+    return lambda wildcards: [BLENDER_RECORD] if options["renderer"] == "blenderproc" else []
+
+
+def environment_option(
+    wildcards,
+    input,
+):
+    """The option that names this environment."""
+    return step_options({"environment": str(input.environment) or None})
+
+
+def renderer_options(
+    wildcards,
+    input,
+):
+    """The options of the renderer of captures that not every renderer has."""
+    samples = config["capture"]["samples"] if input.environment else None
+    return f"{step_options({'samples': samples})} {environment_option(wildcards, input)}".strip()
+
+
+def rendered_model(
+    wildcards,
+):
+    """The model that is rendered in a scene."""
+    check_virtual_scene(wildcards)
+    return f"results/{wildcards.dataset}/{wildcards.object}/model"
+
+
+def filmed_model(
+    wildcards,
+):
+    """The model that is filmed."""
+    check_object(wildcards)
+    of = config["datasets"][wildcards.dataset]["of"]
+    [dataset] = [name for name, names in of.items() if wildcards.object in names]
+    return f"results/{virtual_dataset(dataset, 'Films are of models.')}/{wildcards.object}/model"
+
+
+rule demo_model:
+    output:
+        model=directory(f"{OBJECT}/model"),
+    log:
+        f"{OBJECT}/logs/model.log",
+    benchmark:
+        f"{OBJECT}/benchmarks/model.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo"),
+    resources:
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(5),
+    params:
+        object=checked_object,
+    message:
+        "Making the demo object {wildcards.object}"
+    shell:
+        "python -m zeroshop_steps.synthetic --method demo_objects --object {params.object} --out {output.model} > {log} 2>&1"
+
+
+rule bop_model:
+    output:
+        model=directory(f"{OBJECT}/model"),
+    log:
+        f"{OBJECT}/logs/model.log",
+    benchmark:
+        f"{OBJECT}/benchmarks/model.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("bop"),
+    resources:
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(60),
+    params:
+        object=checked_object,
+        models=models_option,
+    message:
+        "Fetching the model of {wildcards.dataset} {wildcards.object}"
+    shell:
+        "python -m zeroshop_steps.synthetic --method bop_models --dataset {wildcards.dataset} --object {params.object}"
+        " {params.models} --out {output.model} > {log} 2>&1"
+
+
+rule blender_environment:
+    input:
+        requirements=BLENDER_REQUIREMENTS,
+    output:
+        record=BLENDER_RECORD,
+    log:
+        "resources/envs/blenderproc.log",
+    benchmark:
+        "resources/envs/blenderproc.tsv"
+    conda:
+        "../envs/blenderproc.yaml"
+    resources:
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(60),
+    message:
+        "Setting up BlenderProc in an environment of its own"
+    shell:
+        "python -m zeroshop_steps.synthetic --method blender_environment --requirements {input.requirements:q}"
+        " --folder resources/envs/blenderproc --out {output.record} > {log} 2>&1"
+
+
+rule capture_virtual:
+    input:
+        model=rendered_model,
+        environment=environment_of(config["capture"]),
+    output:
+        capture=directory(f"{SCENE}/capture"),
+    log:
+        f"{SCENE}/logs/capture.log",
+    benchmark:
+        f"{SCENE}/benchmarks/capture.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+        scene=f"(?!{BOARD_SCENE}/)[^/]+",
+    threads: 8
+    resources:
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(RENDER_MINUTES[config["capture"]["renderer"]]),
+    params:
+        width_px=config["capture"]["image_width_px"],
+        height_px=config["capture"]["image_height_px"],
+        seed=config["seed"],
+        method=config["capture"]["renderer"],
+        options=renderer_options,
+    message:
+        "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
+    shell:
+        "python -m zeroshop_steps.synthetic --method {params.method} --model {input.model}/model.ply --scene {wildcards.scene}"
+        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} {params.options}"
+        " --out {output.capture} > {log} 2>&1"
+
+
+rule capture_with_board:
+    input:
+        model=f"{OBJECT}/model",
+    output:
+        capture=directory(f"{OBJECT}/{BOARD_SCENE}/capture"),
+    log:
+        f"{OBJECT}/{BOARD_SCENE}/logs/capture.log",
+    benchmark:
+        f"{OBJECT}/{BOARD_SCENE}/benchmarks/capture.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    threads: 8
+    resources:
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(10),
+    params:
+        view="object",
+        width_px=config["capture"]["image_width_px"],
+        height_px=config["capture"]["image_height_px"],
+        seed=config["seed"],
+    message:
+        "Rendering the views of {wildcards.object} beside a printed board"
+    shell:
+        "python -m zeroshop_steps.synthetic --method board_scene --view {params.view} --model {input.model}/model.ply"
+        " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} --out {output} > {log} 2>&1"
+
+
+use rule capture_with_board as capture_empty_scene with:
+    output:
+        photos=directory(f"{OBJECT}/su_h/empty_scene"),
+    log:
+        f"{OBJECT}/su_h/logs/empty_scene.log",
+    benchmark:
+        f"{OBJECT}/su_h/benchmarks/empty_scene.tsv"
+    params:
+        view="empty",
+    message:
+        "Rendering the empty scene of {wildcards.object} with a printed board"
+
+
+rule film:
+    input:
+        model=filmed_model,
+    output:
+        film=f"{OBJECT}/film/film.mp4",
+        empty_scene=directory(f"{OBJECT}/film/empty_scene"),
+        truth=directory(f"{OBJECT}/film/truth"),
+    log:
+        f"{OBJECT}/logs/film.log",
+    benchmark:
+        f"{OBJECT}/benchmarks/film.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("films"),
+    threads: 8
+    resources:
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(20),
+    params:
+        board=lambda wildcards: config["datasets"][wildcards.dataset]["board"],
+        seed=config["seed"],
+        folder=subpath(output.film, parent=True),
+    message:
+        "Filming {wildcards.object}"
+    shell:
+        "python -m zeroshop_steps.synthetic --method film --model {input.model}/model.ply --board {params.board}"
+        " --seed {params.seed} --threads {threads} --out {params.folder} > {log} 2>&1"

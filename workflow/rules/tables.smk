@@ -1,0 +1,243 @@
+"""Tables: the measurements of a dataset, one a row, and pages made of them.
+
+results/DATASET/tables/cameras.csv                    how right the cameras are
+results/DATASET/tables/reconstruction.csv, .md        grades and figures of every cell; its grades as marks
+results/DATASET/tables/height.csv, height.svg         how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
+results/DATASET/tables/masks.csv, film_height.csv     of films: masks frame by frame, heights by the printed board
+results/DATASET/tables/bop.csv, bop.md                detections and poses
+
+For the table of heights every object is measured twice: with the board beside it in its views (scene su_b), and by photos of the empty
+scene with the board, while its views (su_h) show none.
+"""
+
+
+def cameras_of_table(
+    wildcards,
+):
+    """How right the cameras of each registration in the tables are."""
+    return list(dict.fromkeys(f"{RUN}/camera_error.csv".format(**cell) for cell in cells_of_table(wildcards)))
+
+
+def board_cells(
+    wildcards,
+):
+    """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
+    virtual_dataset(wildcards.dataset)
+    os.environ[failures.SWITCH] = "1"
+    cell = {"dataset": wildcards.dataset, "registration": config["chosen"]["virtual"]["registration"], "nvs": table_axis("nvs")[0]}
+    return [
+        f"{CELL}/height_by_board.json".format(**cell, object=name, scene=scene)
+        for name in objects_of(wildcards.dataset)
+        for scene in (BOARD_SCENE, "su_h")
+    ]
+
+
+def film_files(
+    path,
+):
+    """An input function: this file of every film of a dataset, a failure where it could not be made."""
+
+    def files(
+        wildcards,
+    ):
+        os.environ[failures.SWITCH] = "1"
+        registration, nvs = config["chosen"]["photos"]["registration"], table_axis("nvs")[0]
+        run = {"dataset": wildcards.dataset, "scene": WHOLE_SCENE, "registration": registration, "nvs": nvs}
+        return [path.format(**run, object=name) for name in objects_of(wildcards.dataset)]
+
+    return files
+
+
+def scores_of_table(
+    wildcards,
+):
+    """The scores of every detector and estimator that the config wants in tables, with true and with reconstructed models."""
+    virtual_dataset(wildcards.dataset, "Photos have no test set.")
+    say_what_is_left_out("nvs", "detectors", "estimators")
+    detectors, estimators = table_axis("detectors"), table_axis("estimators")
+    runs = [f"{detector}-MODELS/precision" for detector in detectors]
+    runs += [f"{estimator}-{masks}-MODELS/scores" for estimator in estimators for masks in ["truth", *detectors]]
+    folders = ["models", *(f"models_{nvs}" for nvs in table_axis("nvs"))]
+    return [f"results/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
+
+
+def published_option(
+    wildcards,
+):
+    """The option that puts published figures beside ours, for the dataset that has some."""
+    return "--published" if wildcards.dataset == "ycbv" else ""
+
+
+localrules:
+    camera_table,
+    reconstruction_table,
+    reconstruction_marks,
+    mask_table,
+    film_height_table,
+    bop_table,
+
+
+rule camera_table:
+    input:
+        measurements=cameras_of_table,
+    output:
+        table=report(
+            f"{TABLES}/cameras.csv",
+            caption="../report/cameras.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "camera errors"},
+        ),
+    log:
+        f"{TABLES}/logs/cameras.log",
+    benchmark:
+        f"{TABLES}/benchmarks/cameras.tsv"
+    resources:
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
+    message:
+        "Gathering the camera errors of every registration of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method table --measurements {input} --out {output} > {log} 2>&1"
+
+
+use rule camera_table as reconstruction_table with:
+    input:
+        cells=figures_of(cells_of_table),
+    output:
+        table=report(
+            f"{TABLES}/reconstruction.csv",
+            caption="../report/reconstruction.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "figures"},
+        ),
+    log:
+        f"{TABLES}/logs/reconstruction.log",
+    benchmark:
+        f"{TABLES}/benchmarks/reconstruction.tsv"
+    message:
+        "Gathering the grade and the quality of every cell of {wildcards.dataset}"
+
+
+use rule camera_table as mask_table with:
+    input:
+        measurements=film_files(f"{RUN}/mask_error.csv"),
+    output:
+        table=f"{TABLES}/masks.csv",
+    log:
+        f"{TABLES}/logs/masks.log",
+    benchmark:
+        f"{TABLES}/benchmarks/masks.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("films"),
+    message:
+        "Gathering how right the masks of {wildcards.dataset} are"
+
+
+rule reconstruction_marks:
+    input:
+        table=f"{TABLES}/reconstruction.csv",
+    output:
+        page=report(
+            f"{TABLES}/reconstruction.md",
+            caption="../report/marks.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "grades"},
+        ),
+    log:
+        f"{TABLES}/logs/reconstruction_marks.log",
+    benchmark:
+        f"{TABLES}/benchmarks/reconstruction_marks.tsv"
+    resources:
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
+    params:
+        published=published_option,
+    message:
+        "Marking every cell of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method reconstruction --table {input.table} {params.published} --out {output.page} > {log} 2>&1"
+
+
+rule height_table:
+    input:
+        heights=board_cells,
+    output:
+        table=report(
+            f"{TABLES}/height.csv",
+            caption="../report/heights.rst",
+            category="Heights",
+            subcategory="{dataset}",
+            labels={"table": "heights"},
+        ),
+        plot=report(
+            f"{TABLES}/height.svg",
+            caption="../report/heights.rst",
+            category="Heights",
+            subcategory="{dataset}",
+            labels={"table": "Figure 4.8"},
+        ),
+        picture=f"{TABLES}/height.png",
+    log:
+        f"{TABLES}/logs/height.log",
+    benchmark:
+        f"{TABLES}/benchmarks/height.tsv"
+    resources:
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
+    message:
+        "Comparing the measured heights of {wildcards.dataset} with the true ones"
+    shell:
+        "python -m zeroshop_steps.report --method heights --heights {input.heights} --out {output.table} > {log} 2>&1"
+
+
+rule film_height_table:
+    input:
+        heights=film_files(f"{CELL}/height.json"),
+        truths=film_files(f"{OBJECT}/film/truth"),
+    output:
+        table=f"{TABLES}/film_height.csv",
+    log:
+        f"{TABLES}/logs/film_height.log",
+    benchmark:
+        f"{TABLES}/benchmarks/film_height.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("films"),
+    resources:
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
+    message:
+        "Comparing the heights measured in {wildcards.dataset} with the true ones"
+    shell:
+        "python -m zeroshop_steps.report --method film_heights --heights {input.heights} --truths {input.truths}"
+        " --out {output.table} > {log} 2>&1"
+
+
+rule bop_table:
+    input:
+        scores=scores_of_table,
+    output:
+        table=f"{TABLES}/bop.csv",
+        page=report(
+            f"{TABLES}/bop.md",
+            caption="../report/bop.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "detection and poses"},
+        ),
+    log:
+        f"{TABLES}/logs/bop.log",
+    benchmark:
+        f"{TABLES}/benchmarks/bop.tsv"
+    resources:
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
+    params:
+        published=published_option,
+    message:
+        "Gathering the detections' and poses' scores of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} --page {output.page}"
+        " --out {output.table} > {log} 2>&1"
