@@ -4,19 +4,24 @@ import argparse
 import importlib
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
 import yaml
+from snakemake.api import SnakemakeApi
+from snakemake.settings.types import ResourceSettings
 
-from helpers.paths import REPOSITORY
+from helpers.paths import REPOSITORY, SNAKEFILE
 from zeroshop_steps.synthetic.blender.start import BLENDERPROC_VERSION, BPY_VERSION
 from zeroshop_steps.synthetic.demo_objects import list_demo_objects
 
-RULES = {
-    name: body
-    for file in sorted((REPOSITORY / "workflow" / "rules").glob("*.smk"))
-    for name, body in re.findall(r"^(?:rule|checkpoint) (\w+):\n(.*?)(?=^(?:rule|checkpoint) |\Z)", file.read_text(), flags=re.M | re.S)
-}
+
+@pytest.fixture(scope="module")
+def rules(tmp_path_factory):
+    """The rules by name, as Snakemake reads them."""
+    with SnakemakeApi() as api:
+        workflow = api.workflow(ResourceSettings(cores=1), snakefile=SNAKEFILE, workdir=tmp_path_factory.mktemp("rules"))._workflow
+        yield {rule.name: rule for rule in workflow.rules if rule.name != "all"}
 
 
 def locked() -> dict[str, str]:
@@ -26,21 +31,34 @@ def locked() -> dict[str, str]:
     return {re.sub("[_.]", "-", name).lower(): version for name, version in pairs}
 
 
-@pytest.mark.parametrize("name", sorted(RULES))
-def test_a_rule_has_all_its_parts(name):
-    parts = re.findall(r"^    (\w+):", RULES[name], flags=re.MULTILINE)
-    assert {"output", "log", "benchmark", "threads", "resources", "message", "shell"} <= set(parts)
-    assert "mem_mb=" in RULES[name] and "runtime=" in RULES[name]
-    assert "python -m zeroshop_steps." in RULES[name] and "> {log} 2>&1" in RULES[name]
+def test_a_rule_has_all_its_parts(rules):
+    for name, rule in rules.items():
+        assert rule.output and len(rule.log) == 1 and rule.message, name
+        assert str(rule.log[0]).replace("logs/", "benchmarks/").removesuffix(".log") + ".tsv" == str(rule.benchmark), name
+        assert {"mem_mb", "runtime"} <= set(rule.resources), name
+        assert rule.shellcmd.startswith("python -m zeroshop_steps.") and rule.shellcmd.endswith("> {log} 2>&1"), name
+
+
+def test_a_rule_has_an_environment_that_is_there(rules):
+    environments = {name: rule.expand_conda_env({}).file.get_path_or_uri(secret_free=True) for name, rule in rules.items()}
+    assert {Path(path).name for path in environments.values()} == {"zeroshop.yaml", "blenderproc.yaml"}
+    assert all(Path(path).is_file() for path in environments.values())
+    assert [name for name, path in environments.items() if path.endswith("blenderproc.yaml")] == ["blender_environment"]
+
+
+def test_nothing_is_written_outside_results_and_resources(rules):
+    for name, rule in rules.items():
+        paths = [*map(str, rule.output), *map(str, rule.log), str(rule.benchmark)]
+        assert all(path.startswith(("results/", "resources/")) for path in paths), name
 
 
 @pytest.mark.parametrize("name", ["capture_virtual", "register", "stereo", "train_2dgs", "train_svraster", "test_set"])
-def test_a_long_step_is_told_its_threads(name):
-    assert "--threads {threads}" in RULES[name]
+def test_a_long_step_is_told_its_threads(rules, name):
+    assert rules[name].resources["_cores"] == 8 and "--threads {threads}" in rules[name].shellcmd
 
 
-def test_there_are_rules():
-    assert {"demo_model", "bop_model", "capture_photos", "register", "train_2dgs", "texture", "publish"} <= set(RULES)
+def test_there_are_rules(rules):
+    assert {"demo_model", "bop_model", "capture_photos", "register", "train_2dgs", "texture", "publish"} <= set(rules)
 
 
 def test_the_config_lists_every_demo_object():
