@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from helpers.carton_scene import SIZE_MM, camera_at
 from zeroshop_steps.finish import frame as frame_method
 from zeroshop_steps.finish.frame import compute_object_frame
-from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
+from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.height.object_pose import measure_above_plane
 from zeroshop_steps.height.record import Scale, describe_height
 from zeroshop_steps.runtime.files import read_json, write_json

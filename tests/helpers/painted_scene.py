@@ -14,8 +14,8 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.viewpoints import look_at
 from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.synthetic.camera_rings import look_at
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 320, 240, 420.0
 CARTON, CAN = 3, 8

@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera, write_cameras
+from zeroshop_steps.geometry.viewpoints import look_at
 from zeroshop_steps.register.record import write_registration
 from zeroshop_steps.register.view_coverage import measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic.camera_rings import look_at
 
 K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
 

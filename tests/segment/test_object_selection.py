@@ -5,10 +5,10 @@ import pytest
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.geometry.viewpoints import look_at
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.object_selection import select_object
 from zeroshop_steps.segment.voxel_carving import splat_voxels
-from zeroshop_steps.synthetic.camera_rings import look_at
 
 INTRINSICS = np.array([[200.0, 0, 80], [0, 200, 60], [0, 0, 1]])
 SUPPORT = SceneSupport(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 8]), 100.0, 100)

@@ -64,7 +64,7 @@ def test_a_test_set_goes_on_after_a_kill(box, tmp_path, capsys):
     write_image(models / "obj_000001.png", mesh.texture)
     write_ply(models / "obj_000001.ply", mesh, "obj_000001.png")
     write_json(models / "models_info.json", {"1": {"diameter": float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))}})
-    words = ["--method", "test_set", "--models", models, "--scenes", 1, "--images", 3, "--width-px", WIDTH, "--height-px", HEIGHT]
+    words = ["--method", "make_test_scenes", "--models", models, "--scenes", 1, "--images", 3, "--width-px", WIDTH, "--height-px", HEIGHT]
     words += [
         "--renderer",
         "blenderproc",

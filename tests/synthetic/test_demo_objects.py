@@ -188,7 +188,7 @@ def test_command_writes_a_model(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "zeroshop_steps.capture",
+        "zeroshop_steps.synthetic",
         "--method",
         "demo_objects",
         "--object",

@@ -87,7 +87,7 @@ def models(tmp_path_factory) -> Path:
 
 
 def make(models: Path, out: Path, seed: int) -> Path:
-    words = ["--method", "test_set", "--models", models, "--scenes", 1, "--images", 1, "--width-px", 160, "--height-px", 120]
+    words = ["--method", "make_test_scenes", "--models", models, "--scenes", 1, "--images", 1, "--width-px", 160, "--height-px", 120]
     words += ["--seed", seed, "--targets", out / "targets.json", "--camera", out / "camera.json", "--out", out / "test"]
     assert stage_main("zeroshop_steps.synthetic", ["--method", "make_test_scenes", *map(str, words)]) == 0
     return out

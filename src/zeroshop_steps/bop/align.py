@@ -21,6 +21,7 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.support_classes import with_surface_support
 from zeroshop_steps.geometry.surface_distance import measure_distances
 from zeroshop_steps.geometry.surface_points import sample_surface_points
+from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -77,12 +78,12 @@ def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> Sim
 
 def measure_residuals(mesh: Mesh, truth: Mesh, fit: SimilarityFit, diameter_mm: float, seed: int) -> dict:
     """What remains between the aligned mesh and the truth: figures for aligned.json; scale is that of truth_from_mesh."""
-    aligned = Mesh(mesh.vertices @ fit.transform[:3, :3].T + fit.transform[:3, 3], mesh.faces)
+    aligned = Mesh(transform_points(mesh.vertices, fit.transform), mesh.faces)
     rng = np.random.default_rng(seed)
     there = measure_distances(truth, sample_surface_points(aligned, SOURCE_SAMPLES, rng).points)
     back = measure_distances(aligned, sample_surface_points(truth, SOURCE_SAMPLES, rng).points)
     figures = {
-        "scale": float(np.cbrt(np.linalg.det(fit.transform[:3, :3]))),
+        "scale": compute_scale(fit.transform),
         "mesh_to_truth_mm": float(there.mean()),
         "mesh_to_truth_median_mm": float(np.median(there)),
         "mesh_to_truth_95_percent_mm": float(np.percentile(there, 95)),

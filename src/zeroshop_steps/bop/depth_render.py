@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 NEAREST_MM = 1e-3
@@ -59,7 +60,7 @@ class DepthRenderer:
 
     def _box(self, camera_from_model: np.ndarray, intrinsics: np.ndarray, width_px: int, height_px: int) -> tuple[int, int, int, int]:
         """The part of the image that the model's bounding box covers."""
-        corners = self._corners @ camera_from_model[:3, :3].T + camera_from_model[:3, 3]
+        corners = transform_points(self._corners, camera_from_model)
         if (corners[:, 2] < NEAREST_MM).all():
             return 0, 0, 0, 0
         if (corners[:, 2] < NEAREST_MM).any():

@@ -17,6 +17,7 @@ from zeroshop_steps.bop.models import check_diameter_mm, model_path
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.support_classes import with_surface_support
+from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
@@ -59,7 +60,7 @@ def read_part(part: Path) -> tuple[Mesh, dict]:
     evidence = part.with_name("evidence.npz")
     if evidence.is_file():
         mesh = with_surface_support(mesh, evidence)
-    return replace(mesh, vertices=mesh.vertices @ transform[:3, :3].T + transform[:3, 3]).with_normals(), aligned["model_info"]
+    return replace(mesh, vertices=transform_points(mesh.vertices, transform)).with_normals(), aligned["model_info"]
 
 
 def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:

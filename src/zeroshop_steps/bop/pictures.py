@@ -21,6 +21,7 @@ from zeroshop_steps.bop.poses import make_transform
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
 from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
 
@@ -122,7 +123,7 @@ def draw_poses(
             image, renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0, choose_color(number), 2
         )
         ends = np.concatenate([np.zeros((1, 3)), np.eye(3)]) * AXIS_DIAMETERS * models[number].diameter_mm
-        projected = (ends @ pose[:3, :3].T + pose[:3, 3]) @ frame.intrinsics.T
+        projected = transform_points(ends, pose) @ frame.intrinsics.T
         if (projected[:, 2] <= 1.0).any():
             continue
         start, *tips = np.rint(projected[:, :2] / projected[:, 2:]).astype(int).tolist()

@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.bop.similarity_search import SimilarityCandidates, apply_steps, solve_steps
 from zeroshop_steps.geometry.surface_points import SurfacePoints
+from zeroshop_steps.geometry.transforms import transform_points
 
 SAMPLES = 4000
 STEPS = 40
@@ -77,7 +78,7 @@ class SimilarityRefiner:
         return SimilarityFit(transform, distance, correlate_colors(ours, theirs))
 
     def _match(self, transform: np.ndarray):
-        moved = self._source.points @ transform[:3, :3].T + transform[:3, 3]
+        moved = transform_points(self._source.points, transform)
         distance, nearest = self._tree.query(moved)
         normals = self._target.normals[nearest]
         turned = self._source.normals @ transform[:3, :3].T

@@ -7,6 +7,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.surface_points import SurfacePoints
+from zeroshop_steps.geometry.transforms import compute_scale
+from zeroshop_steps.geometry.viewpoints import spread_over_sphere
 
 DIRECTIONS, TURNS = 60, 12
 FIRST_STEPS, LAST_STEPS = 10, 16
@@ -37,7 +39,7 @@ def search_similarities(source: SurfacePoints, target: SurfacePoints) -> Similar
     """
     search_in = _PairedSurfaces(source, target)
     transforms = _start_transforms(source, target)
-    scale = float(np.cbrt(np.linalg.det(transforms[0, :3, :3])))
+    scale = compute_scale(transforms[0])
     for _ in range(FIRST_STEPS):
         transforms = search_in.step(transforms, FIRST_SAMPLES, scale)
     order = np.argsort(search_in.residuals(transforms, FIRST_SAMPLES), kind="stable")
@@ -85,8 +87,7 @@ class _PairedSurfaces:
 
 def _start_transforms(source: SurfacePoints, target: SurfacePoints) -> np.ndarray:
     """(DIRECTIONS * TURNS, 4, 4): middles of the boxes on each other, sizes alike, rotations spread evenly (Fibonacci's sphere)."""
-    index = np.arange(DIRECTIONS) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * index / DIRECTIONS), np.pi * (1 + 5**0.5) * index
+    polar, azimuth = spread_over_sphere(DIRECTIONS)
     tilts = Rotation.from_euler("zy", np.stack([azimuth, polar], 1))
     turns = Rotation.from_euler("z", np.arange(TURNS)[:, None] * 2 * np.pi / TURNS)
     rotations = np.concatenate([(tilt * turns).as_matrix() for tilt in tilts])

@@ -14,11 +14,11 @@ import trimesh
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.viewpoints import look_at, make_intrinsics
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic.camera_rings import look_at
 
 CACHED = Cached(inputs=("models",))
 SUBDIVISIONS = {42: 1, 642: 3}
@@ -72,7 +72,7 @@ def render_templates(model: ObjectModel, views: int, side_px: int) -> Templates:
     radius_mm = float(np.linalg.norm(vertices - middle, axis=1).max())
     distance_mm = DISTANCE_DIAMETERS * 2 * radius_mm
     focal_px = FILLED * side_px / 2 * np.sqrt(distance_mm**2 - radius_mm**2) / radius_mm
-    intrinsics = np.array([[focal_px, 0, side_px / 2], [0, focal_px, side_px / 2], [0, 0, 1]])
+    intrinsics = make_intrinsics(focal_px, side_px, side_px)
     renderer = MeshRenderer(model.mesh)
     colors, depths, poses = [], [], []
     for direction in make_view_directions(views):

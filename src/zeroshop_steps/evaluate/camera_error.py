@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
+from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 
@@ -80,8 +81,8 @@ def compare_cameras(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) ->
     centres = np.array([camera.centre_in_world for camera, _ in pairs])
     true_centres = np.array([camera.centre_in_world for _, camera in pairs])
     truth_from_estimate = align_to_truth(pairs)
-    scale = np.cbrt(np.linalg.det(truth_from_estimate[:3, :3]))
-    aligned = centres @ truth_from_estimate[:3, :3].T + truth_from_estimate[:3, 3]
+    scale = compute_scale(truth_from_estimate)
+    aligned = transform_points(centres, truth_from_estimate)
     rotation = truth_from_estimate[:3, :3] / scale
     angles = []
     for camera, true_camera in pairs:

@@ -20,11 +20,11 @@ import numpy as np
 from zeroshop_steps.evaluate.grading import MEASURES, GradeResult, grade_by_worst
 from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
 from zeroshop_steps.evaluate.surface_measures import measure_largest_part_share, measure_open_boundary, measure_roughness_deg
-from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
+from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 

@@ -20,6 +20,7 @@ from zeroshop_steps.geometry.meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.surface_distance import face_normals, sample_surface
 from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
+from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.geometry.visibility import compute_view_maps, find_visible, sample_image
 from zeroshop_steps.runtime.errors import StepError
 
@@ -181,9 +182,6 @@ def _measure_left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.n
 
 
 def _shrink(view: View) -> View:
-    camera = view.camera
-    scale = LONGEST_PX / max(camera.width_px, camera.height_px)
-    if scale >= 1.0:
+    if max(view.camera.width_px, view.camera.height_px) <= LONGEST_PX:
         return view
-    smaller = camera.resized(max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale)))
-    return ShrunkView(smaller, view.image_path, view.mask_path, view)
+    return ShrunkView(shrink_camera(view.camera, LONGEST_PX), view.image_path, view.mask_path, view)

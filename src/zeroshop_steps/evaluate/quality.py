@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_distance import measure_surface_error
+from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 F_SCORE_MM = 2.0
@@ -110,11 +110,11 @@ def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered
     """
     truth_from_registration = align_to_truth(pair_with_truth(registered, truth.cameras))
     truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
-    aligned = Mesh(mesh.vertices @ truth_from_object[:3, :3].T + truth_from_object[:3, 3], mesh.faces)
+    aligned = Mesh(transform_points(mesh.vertices, truth_from_object), mesh.faces)
     error = measure_surface_error(aligned, truth.surface, list(truth.cameras), truth.support_z_mm)
     one_percent_mm = F_SCORE_DIAMETER * truth.diameter_mm
     up_in_truth = truth_from_object[:3, 2] / np.linalg.norm(truth_from_object[:3, 2])
-    rotation_scale = np.cbrt(np.linalg.det(truth_from_object[:3, :3]))
+    rotation_scale = compute_scale(truth_from_object)
     figures = {
         "accuracy_mm": error.to_truth_mm.mean(),
         "accuracy_median_mm": np.median(error.to_truth_mm),

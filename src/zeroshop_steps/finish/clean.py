@@ -15,8 +15,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.mesh_repair import drop_repeated_faces, find_triangles
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
@@ -139,11 +141,10 @@ def label_parts(mesh: Mesh) -> np.ndarray:
 def _weld(mesh: Mesh) -> Mesh:
     vertices, index = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces = index.reshape(-1)[mesh.faces]
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    _, first = np.unique(np.sort(faces, 1), axis=0, return_index=True)
-    if len(first) == 0:
+    faces = drop_repeated_faces(faces[find_triangles(faces)])
+    if len(faces) == 0:
         raise StepError("the mesh has no face with an area; reconstruct again")
-    return Mesh(vertices, faces[np.sort(first)])
+    return Mesh(vertices, faces)
 
 
 def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
@@ -168,7 +169,7 @@ def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
 
 def _find_seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
     renderer = MeshRenderer(mesh)
-    seen = [hits.face[hits.mask] for hits in (renderer.cast_rays(_shrink_camera(view)) for view in views)]
+    seen = [hits.face[hits.mask] for hits in (renderer.cast_rays(shrink_camera(view.camera, RENDER_PX)) for view in views)]
     return np.unique(np.concatenate(seen))
 
 
@@ -179,15 +180,10 @@ def _turn_towards_cameras(mesh: Mesh, views: list[View]) -> Mesh:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     balance = 0
     for view in views:
-        hits = renderer.cast_rays(_shrink_camera(view))
+        hits = renderer.cast_rays(shrink_camera(view.camera, RENDER_PX))
         face = hits.face[hits.mask]
         balance += np.sign(np.einsum("ij,ij->i", normals[face], view.camera.centre_in_world - corners[face, 0])).sum()
     return mesh if balance >= 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1].copy())
-
-
-def _shrink_camera(view: View):
-    scale = min(1.0, RENDER_PX / max(view.camera.width_px, view.camera.height_px))
-    return view.camera.resized(max(1, round(view.camera.width_px * scale)), max(1, round(view.camera.height_px * scale)))
 
 
 def _keep_faces(mesh: Mesh, faces: np.ndarray) -> Mesh:

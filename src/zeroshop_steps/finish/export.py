@@ -12,6 +12,7 @@ from PIL import Image
 from zeroshop_steps import __version__
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
 
 def move_to_object_frame(mesh: Mesh, object_from_registration: np.ndarray, texture: np.ndarray) -> Mesh:
     """The textured mesh moved by a (4, 4) similarity, with fresh normals."""
-    vertices = mesh.vertices @ object_from_registration[:3, :3].T + object_from_registration[:3, 3]
+    vertices = transform_points(mesh.vertices, object_from_registration)
     return Mesh(vertices, mesh.faces, None, mesh.uv, texture).with_normals()
 
 

@@ -6,16 +6,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.transforms import crop_to_mask, transform_camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
 TILE_PX = 320
-MARGIN = 1.15
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,25 +50,3 @@ def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registra
         photo = cv2.resize(photo, (TILE_PX, TILE_PX), interpolation=interpolation)
         columns.append(np.concatenate([photo, renderer.render_color(tile, (255, 255, 255), 3), renderer.render_shaded(tile, samples=3)], 0))
     return np.concatenate(columns, 1)
-
-
-def transform_camera(camera: Camera, target_from_world: np.ndarray) -> Camera:
-    """The camera that sees a model moved by the (4, 4) similarity `target_from_world` as `camera` sees it unmoved (depths scale)."""
-    linear = target_from_world[:3, :3]
-    rotation = camera.camera_from_world[:3, :3] @ (linear / np.cbrt(np.linalg.det(linear))).T
-    centre = linear @ camera.centre_in_world + target_from_world[:3, 3]
-    camera_from_target = np.eye(4)
-    camera_from_target[:3, :3], camera_from_target[:3, 3] = rotation, -rotation @ centre
-    return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, camera_from_target)
-
-
-def crop_to_mask(camera: Camera, mask: np.ndarray) -> tuple[Camera, int, int]:
-    """A square crop around the mask: its camera and its left and top pixel, which may lie outside the image."""
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    if len(rows) == 0:
-        rows, columns = np.arange(mask.shape[0]), np.arange(mask.shape[1])
-    side = int(np.ceil(MARGIN * max(np.ptp(rows), np.ptp(columns)))) + 1
-    left, top = int(columns[0] + columns[-1] - side) // 2, int(rows[0] + rows[-1] - side) // 2
-    intrinsics = camera.intrinsics.copy()
-    intrinsics[:2, 2] -= (left, top)
-    return Camera(camera.name, side, side, intrinsics, camera.camera_from_world), left, top

@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.detect.templates import make_view_directions
 from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.viewpoints import face_along
 from zeroshop_steps.pose.icp import compute_shape_costs, run_icp
 from zeroshop_steps.pose.nearest_surface import build_nearest_surface
 
@@ -24,7 +25,7 @@ class PoseSearch:
         self._diameter_mm = diameter_mm
         turns = Rotation.from_euler("z", np.arange(TURNS)[:, None] * 2 * np.pi / TURNS)
         self._rotations = np.concatenate(
-            [(turns * Rotation.from_matrix(_look_from(view))).as_matrix() for view in make_view_directions(VIEWS)]
+            [(turns * Rotation.from_matrix(face_along(-view))).as_matrix() for view in make_view_directions(VIEWS)]
         )
 
     @property
@@ -76,11 +77,3 @@ class PoseSearch:
             apart_mm = np.linalg.norm(poses[waiting, :3, 3] - poses[first, :3, 3], axis=1)
             waiting = waiting[~(alike & (apart_mm < SAME_PLACE_DIAMETERS * self._diameter_mm))]
         return np.array(chosen, np.int64)
-
-
-def _look_from(view: np.ndarray) -> np.ndarray:
-    """(3, 3) camera_from_model of a camera that looks from the direction `view` (3,)."""
-    forward = -view
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward])

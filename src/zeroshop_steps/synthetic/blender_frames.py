@@ -15,6 +15,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.mesh_repair import find_triangles
 from zeroshop_steps.runtime.files import atomic_write, write_json
 from zeroshop_steps.runtime.progress import ProgressReport
 from zeroshop_steps.synthetic import lighting
@@ -139,7 +140,7 @@ def _write_description(
 def _mesh_arrays(part: SceneMesh) -> dict[str, np.ndarray]:
     """Without faces that name a vertex twice, which Blender cannot hold."""
     faces = part.faces
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    whole = find_triangles(faces)
     return {
         "vertices_mm": part.vertices,
         "faces": faces[whole],

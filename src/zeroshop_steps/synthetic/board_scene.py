@@ -15,10 +15,11 @@ from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.printed_board import BOARDS, Board, draw_board
+from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.synthetic import raycast, virtual_capture
-from zeroshop_steps.synthetic.camera_rings import LENS_MM, SENSOR_WIDTH_MM, ObjectBounds, look_at
+from zeroshop_steps.synthetic.camera_rings import LENS_MM, SENSOR_WIDTH_MM, ObjectBounds
 from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
 from zeroshop_steps.synthetic.scene_meshes import SCENES, SURFACE_SIDE_IN_SIZES, make_object_mesh, make_surface_mesh
 from zeroshop_steps.synthetic.shading import use_threads
@@ -85,12 +86,12 @@ def place_empty_cameras(
     ]
     target = (middle + [bounds.centre_mm[0], bounds.centre_mm[1], bounds.bottom_mm]) / 2
     focal_px = width_px * lens_mm / SENSOR_WIDTH_MM
-    intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
+    intrinsics = make_intrinsics(focal_px, width_px, height_px)
     cameras = []
     for view in range(EMPTY_VIEWS):
         azimuth = np.radians(bounds.front_azimuth_deg + 360.0 * view / EMPTY_VIEWS + 17.0)
         elevation = np.radians(EMPTY_ELEVATIONS_DEG[view % 2])
-        direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+        direction = direction_at(azimuth, elevation)
         pose = look_at(target + max(bounds.distance_mm, LEAST_DISTANCE_MM) * direction, target)
         cameras.append(Camera(f"{view:06d}.png", width_px, height_px, intrinsics, pose))
     return tuple(cameras)

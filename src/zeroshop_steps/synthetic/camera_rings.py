@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 
 LENS_MM, SENSOR_WIDTH_MM = 50.0, 36.0
 VIEWS_A_RING = 10
@@ -40,17 +41,6 @@ class ObjectBounds:
         return DISTANCE_IN_SIZES * self.largest_mm
 
 
-def look_at(centre_mm: np.ndarray, target_mm: np.ndarray) -> np.ndarray:
-    """(4, 4) camera_from_world of an upright camera (x right, y down, z forward) at `centre_mm` that looks at `target_mm`."""
-    forward = (target_mm - centre_mm) / np.linalg.norm(target_mm - centre_mm)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ centre_mm
-    return camera_from_world
-
-
 def place_ring_camera(
     bounds: ObjectBounds, azimuth_deg: float, elevation_deg: float, width_px: int, height_px: int, name: str, on_surface: bool
 ) -> Camera:
@@ -65,9 +55,9 @@ def place_ring_camera(
         raised_mm = LEAST_HEIGHT_IN_SIZES * bounds.largest_mm - (bounds.centre_mm[2] - bounds.bottom_mm)
         elevation = max(elevation, np.arcsin(np.clip(raised_mm / bounds.distance_mm, -1.0, 1.0)))
     azimuth = np.radians(azimuth_deg + bounds.front_azimuth_deg)
-    direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    direction = direction_at(azimuth, elevation)
     focal_px = width_px * LENS_MM / SENSOR_WIDTH_MM
-    intrinsics = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
+    intrinsics = make_intrinsics(focal_px, width_px, height_px)
     pose = look_at(bounds.centre_mm + bounds.distance_mm * direction, bounds.centre_mm)
     return Camera(name, width_px, height_px, intrinsics, pose)
 

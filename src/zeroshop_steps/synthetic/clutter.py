@@ -9,6 +9,8 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.viewpoints import spread_over_sphere
 from zeroshop_steps.runtime.errors import StepError
 
 HULL_DIRECTIONS = 600
@@ -38,8 +40,7 @@ class RigidBody:
 def make_body(vertices: np.ndarray) -> RigidBody:
     """From (V, 3) vertices in mm."""
     outer = vertices[ConvexHull(vertices).vertices]
-    index = np.arange(HULL_DIRECTIONS) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * index / HULL_DIRECTIONS), np.pi * (1 + 5**0.5) * index
+    polar, azimuth = spread_over_sphere(HULL_DIRECTIONS)
     directions = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], 1)
     hull = outer[np.unique((outer @ np.concatenate([directions, np.eye(3), -np.eye(3)]).T).argmax(0))]
     transforms, likely = trimesh.poses.compute_stable_poses(trimesh.convex.convex_hull(hull))
@@ -76,7 +77,7 @@ def place_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[
             transform = choose_rest(body, rng)
             radius_mm, angle = (FIRST_RADIUS_MM + RADIUS_STEP_MM * attempt) * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
             transform[:2, 3] += radius_mm * np.array([np.cos(angle), np.sin(angle)])
-            shape = manifold3d.Manifold.hull_points(body.hull @ transform[:3, :3].T + transform[:3, 3])
+            shape = manifold3d.Manifold.hull_points(transform_points(body.hull, transform))
             if all(shape.min_gap(other, GAP_MM) >= GAP_MM for other in placed):
                 placed.append(shape)
                 transforms.append(transform)
@@ -97,7 +98,7 @@ def drop_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[n
         radius_mm, angle = DROP_RADIUS_MM * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
         transform[:2, 3] = radius_mm * np.array([np.cos(angle), np.sin(angle)]) - (turned[:, :2].min(0) + turned[:, :2].max(0)) / 2
         transform[2, 3] = DROP_STEP_MM - turned[:, 2].min()
-        shape = manifold3d.Manifold.hull_points(body.hull @ transform[:3, :3].T + transform[:3, 3])
+        shape = manifold3d.Manifold.hull_points(transform_points(body.hull, transform))
         while not all(shape.min_gap(other, GAP_MM) >= GAP_MM for other in placed):
             transform[2, 3] += DROP_STEP_MM
             shape = shape.translate([0.0, 0.0, DROP_STEP_MM])

@@ -7,6 +7,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.synthetic import shading
 from zeroshop_steps.synthetic.board_scene import BOARD, compute_surface_from_board, paint_board
@@ -72,7 +73,7 @@ def scatter_distractors(mesh: Mesh, bounds: ObjectBounds, board_pose: np.ndarray
         body = make_body(other.vertices)
         for _ in range(ATTEMPTS):
             pose = _choose_pose(body, foot, reach_mm, rng)
-            shape = manifold3d.Manifold.hull_points(body.hull @ pose[:3, :3].T + pose[:3, 3])
+            shape = manifold3d.Manifold.hull_points(transform_points(body.hull, pose))
             tall_mm = float((body.vertices @ pose[2, :3] + pose[2, 3]).max() - foot[2])
             gap_mm = max(LEAST_GAP_MM, tall_mm / np.tan(np.radians(CLEAR_VIEW_DEG)))
             if shape.min_gap(thing, gap_mm) >= gap_mm and all(shape.min_gap(one, GAP_BETWEEN_MM) >= GAP_BETWEEN_MM for one in placed):

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds, look_at
+from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 
 DURATION_S = 40.0
 TURNS = 2.0
@@ -47,8 +48,7 @@ class Lens:
     @property
     def intrinsics(self) -> np.ndarray:
         """(3, 3) matrix K."""
-        focal_px = FOCAL_IN_WIDTHS * self.width_px
-        return np.array([[focal_px, 0, self.width_px / 2], [0, focal_px, self.height_px / 2], [0, 0, 1.0]])
+        return make_intrinsics(FOCAL_IN_WIDTHS * self.width_px, self.width_px, self.height_px)
 
 
 class HandheldCamera:
@@ -72,7 +72,7 @@ class HandheldCamera:
         azimuth = np.radians(360.0 * TURNS * share + self._bounds.front_azimuth_deg)
         distance_mm = self.distance_mm * (1 + DISTANCE_WANDER * way[1])
         aim = self._bounds.centre_mm + AIM_WANDER * self.distance_mm * way[2:5]
-        direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+        direction = direction_at(azimuth, elevation)
         pose = look_at(self._bounds.centre_mm + distance_mm * direction, aim)
         turn = np.eye(4)
         roll = Rotation.from_euler("z", ROLL_WANDER_DEG * way[5], degrees=True)

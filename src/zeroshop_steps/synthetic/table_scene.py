@@ -8,9 +8,11 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.viewpoints import direction_at, look_at
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.synthetic import shading
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds, look_at
+from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.depth_sensor import simulate_depth
 from zeroshop_steps.synthetic.lighting import Lights, place_lights
 from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
@@ -83,7 +85,7 @@ class TableScene:
         focal_px = FOCAL_IN_WIDTHS * width_px
         elevation, azimuth = np.radians(rng.uniform(*ELEVATIONS_DEG)), rng.uniform(0, 2 * np.pi)
         distance_mm = rng.uniform(*DISTANCES) * self._radius_mm * focal_px / (height_px / 2)
-        direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        direction = direction_at(azimuth, elevation)
         target = self._middle + rng.normal(0, 0.08 * self._radius_mm, 3)
         roll = np.eye(4)
         angle = rng.normal(0, np.radians(4))
@@ -109,7 +111,7 @@ def vary_lights(bounds: ObjectBounds, rng: np.random.Generator) -> Lights:
 def transform_mesh(mesh: Mesh, pose: np.ndarray) -> Mesh:
     """A mesh moved by a rigid (4, 4) transform."""
     normals = mesh.with_normals().normals if mesh.normals is None else mesh.normals
-    return replace(mesh, vertices=mesh.vertices @ pose[:3, :3].T + pose[:3, 3], normals=normals @ pose[:3, :3].T)
+    return replace(mesh, vertices=transform_points(mesh.vertices, pose), normals=normals @ pose[:3, :3].T)
 
 
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.mesh_rendering import sample_texture
+from zeroshop_steps.geometry.mesh_repair import drop_repeated_faces, find_triangles
 from zeroshop_steps.geometry.meshes import Mesh
 
 # Above this many faces texture coordinates are not carried through the decimation, which would take minutes and gigabytes.
@@ -57,7 +58,7 @@ def _weld(mesh: Mesh) -> tuple[Mesh, np.ndarray | None]:
     """Vertices of equal place as one, and the (F, 3, 2) texture coordinates of the faces' corners."""
     vertices, index = np.unique(mesh.vertices.astype(np.float32), axis=0, return_inverse=True)
     faces = index.reshape(-1)[mesh.faces]
-    sound = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    sound = find_triangles(faces)
     uv = mesh.uv[mesh.faces[sound]] if mesh.uv is not None else None
     return Mesh(vertices.astype(float), faces[sound]), uv
 
@@ -70,9 +71,7 @@ def _cluster_vertices(mesh: Mesh) -> Mesh:
     count = np.bincount(index, minlength=len(cells))[:, None]
     means = np.stack([np.bincount(index, mesh.vertices[:, axis], len(cells)) for axis in range(3)], 1) / count
     faces = index[mesh.faces]
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    _, first = np.unique(np.sort(faces, 1), axis=0, return_index=True)
-    return Mesh(means, faces[np.sort(first)]).without_loose_vertices()
+    return Mesh(means, drop_repeated_faces(faces[find_triangles(faces)])).without_loose_vertices()
 
 
 def _collapse_edges(mesh: Mesh, max_faces: int) -> tuple[Mesh, np.ndarray | None]:

@@ -8,6 +8,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.viewpoints import face_along, make_intrinsics
 from zeroshop_steps.report.site.results_index import Run
 from zeroshop_steps.report.site.viewer_meshes import TrueModel
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -31,13 +32,11 @@ def place_camera(mesh: Mesh, size_px: int, direction: tuple[float, float, float]
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9)
     forward = -np.array(direction) / np.linalg.norm(direction)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
     camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    camera_from_world[:3, :3] = face_along(forward)
     camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (centre - forward * 4.0 * radius)
     focal_px = size_px / 2 * np.sqrt(15.0) / 1.02  # the sphere around the mesh fills the picture
-    intrinsics = np.array([[focal_px, 0, size_px / 2], [0, focal_px, size_px / 2], [0, 0, 1.0]])
+    intrinsics = make_intrinsics(focal_px, size_px, size_px)
     return Camera("view", size_px, size_px, intrinsics, camera_from_world)
 
 

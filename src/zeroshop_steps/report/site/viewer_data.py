@@ -11,8 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.finish.preview import transform_camera
 from zeroshop_steps.geometry.cameras import SparseModel
+from zeroshop_steps.geometry.transforms import transform_camera, transform_points
 from zeroshop_steps.report.site.mesh_reduction import ReducedMesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
@@ -80,7 +80,7 @@ def encode_scene(model: SparseModel, object_from_registration: np.ndarray) -> di
         cameras.append({"name": camera.name, "frame": np.round(np.concatenate(rows), 4).tolist()})
     step = max(1, -(-len(model.points) // POINTS))
     order = np.argsort(-model.track_lengths, kind="stable")[: POINTS * step : step]
-    points = model.points[order] @ object_from_registration[:3, :3].T + object_from_registration[:3, 3]
+    points = transform_points(model.points[order], object_from_registration)
     return {
         "cameras": cameras,
         "points": encode_array(points.astype("<f4")),

@@ -8,6 +8,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
+from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.report.site.mesh_reduction import ReducedMesh, reduce_mesh
 from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.viewer_data import encode_array, encode_mesh, encode_scene, quantize_distances, write_data
@@ -113,12 +114,12 @@ def _write_cell(cell: Cell, run: Run, truth: TrueModel | None, out: Path, max_fa
 
 
 def _transform_mesh(mesh: Mesh, transform: np.ndarray) -> Mesh:
-    return replace(mesh, vertices=mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
+    return replace(mesh, vertices=transform_points(mesh.vertices, transform))
 
 
 def _invert_rigidly(similarity: np.ndarray) -> np.ndarray:
     """The inverse without its scale: the true model stays as large as it is."""
-    rotation = similarity[:3, :3] / np.cbrt(np.linalg.det(similarity[:3, :3]))
+    rotation = similarity[:3, :3] / compute_scale(similarity)
     inverse = np.eye(4)
     inverse[:3, :3], inverse[:3, 3] = rotation.T, -rotation.T @ similarity[:3, 3]
     return inverse

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
+from zeroshop_steps.geometry.mesh_repair import find_triangles
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.synthetic.products.atlas import Panel, map_to_texture, pack_panels, print_texture
 from zeroshop_steps.synthetic.products.solids import Solid
@@ -101,7 +102,7 @@ def _drop_slivers(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> tu
     """Drop faces that the rounding closed up, and vertices that no face uses."""
     _, position = np.unique(vertices, axis=0, return_inverse=True)
     corner = position.reshape(-1)[faces]
-    faces = faces[(corner[:, 0] != corner[:, 1]) & (corner[:, 1] != corner[:, 2]) & (corner[:, 2] != corner[:, 0])]
+    faces = faces[find_triangles(corner)]
     used, faces = np.unique(faces, return_inverse=True)
     return vertices[used], faces.reshape(-1, 3), uv[used]
 

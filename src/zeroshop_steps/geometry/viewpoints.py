@@ -1,0 +1,37 @@
+"""Where to look from: upright cameras, directions by angle, and directions spread evenly over a sphere."""
+
+import numpy as np
+
+
+def face_along(forward: np.ndarray) -> np.ndarray:
+    """(3, 3) camera_from_world of an upright camera (x right, y down, z forward; world z up) that looks along a unit vector.
+
+    The vector must not be vertical.
+    """
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def look_at(centre: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(4, 4) camera_from_world of an upright camera at `centre` that looks at `target`."""
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = face_along((target - centre) / np.linalg.norm(target - centre))
+    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ centre
+    return camera_from_world
+
+
+def direction_at(azimuth_rad: float, elevation_rad: float) -> np.ndarray:
+    """(3,) unit vector; azimuths turn from +x towards +y, elevations rise towards +z."""
+    return np.array([np.cos(elevation_rad) * np.cos(azimuth_rad), np.cos(elevation_rad) * np.sin(azimuth_rad), np.sin(elevation_rad)])
+
+
+def spread_over_sphere(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) polar and azimuth angles in radians of directions spread evenly over a sphere (Fibonacci's lattice)."""
+    index = np.arange(count) + 0.5
+    return np.arccos(1 - 2 * index / count), np.pi * (1 + 5**0.5) * index
+
+
+def make_intrinsics(focal_px: float, width_px: int, height_px: int) -> np.ndarray:
+    """(3, 3) K of a pinhole with square pixels whose principal point is the image's centre."""
+    return np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
