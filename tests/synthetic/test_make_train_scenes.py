@@ -27,7 +27,18 @@ def captured(tmp_path_factory):
 
 
 def make(out, captures, models) -> int:
-    words = ["--method", "make_train_scenes", "--captures", *captures, "--models", *models, "--camera", out / "camera.json", "--out", out / "train"]
+    words = [
+        "--method",
+        "make_train_scenes",
+        "--captures",
+        *captures,
+        "--models",
+        *models,
+        "--camera",
+        out / "camera.json",
+        "--out",
+        out / "train",
+    ]
     return stage_main("zeroshop_steps.synthetic", ["--method", "make_train_scenes", *map(str, words)])
 
 

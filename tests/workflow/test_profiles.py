@@ -45,7 +45,7 @@ def test_a_killed_step_is_a_clear_failure_with_a_remedy(tmp_path):
     while not killed and run.poll() is None and time.monotonic() - started_s < 120:
         for child in psutil.Process(run.pid).children(recursive=True):
             with contextlib.suppress(psutil.NoSuchProcess):  # gone meanwhile
-                if child.cmdline()[1:3] == ["-m", "zeroshop_steps.capture"]:
+                if child.cmdline()[1:3] == ["-m", "zeroshop_steps.synthetic"]:
                     child.send_signal(signal.SIGKILL)
                     killed = True
         time.sleep(0.05)
