@@ -49,6 +49,32 @@ class Mesh:
         normals = sums[position]
         return replace(self, normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
 
+    @property
+    def vertex_normals(self) -> np.ndarray:
+        """(V, 3) the mesh's normals; where it has none, computed from its faces."""
+        normals = self.normals if self.normals is not None else self.with_normals().normals
+        assert normals is not None
+        return normals
+
+    @property
+    def texture_coordinates(self) -> np.ndarray:
+        """(V, 2) the mesh's `uv`. Raises StepError where it has none."""
+        if self.uv is None:
+            raise StepError("the mesh has no texture coordinates (texture_u and texture_v); unwrap it, or take a textured one")
+        return self.uv
+
+    @property
+    def texture_image(self) -> np.ndarray:
+        """(height, width, 3) the mesh's `texture`. Raises StepError where it has none."""
+        if self.texture is None:
+            raise StepError("the mesh has no texture image; a PLY with a TextureFile comment and that image beside it is needed")
+        return self.texture
+
+    @property
+    def is_textured(self) -> bool:
+        """Whether it has texture coordinates and an image."""
+        return self.uv is not None and self.texture is not None
+
     def without_loose_vertices(self) -> "Mesh":
         """The same mesh without vertices that no face has."""
         used, index = np.unique(self.faces, return_inverse=True)
