@@ -11,7 +11,7 @@ from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import VoxelTrainer
-from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, depth_targets
+from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, find_depth_targets
 from zeroshop_steps.surface.training_views import TrainingView
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels
 from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
@@ -50,9 +50,9 @@ def test_a_confirmed_depth_is_anchored_at_the_pixel_that_shows_it(sizes):
     views, depths = sizes
     initialization = confirmed_initialization(views.fine, depths)
     for view, coarse, depth in zip(views.fine, views.coarse, depths, strict=True):
-        pixels, confirmed = depth_targets(view, initialization)
+        pixels, confirmed = find_depth_targets(view, initialization)
         assert len(pixels) > 20 and np.array_equal(depth.reshape(-1)[pixels.numpy()], confirmed.numpy())
-        pixels, confirmed = depth_targets(coarse, initialization)
+        pixels, confirmed = find_depth_targets(coarse, initialization)
         y, x = np.divmod(pixels.numpy(), 32)
         around = np.stack([depth[2 * y + dy, 2 * x + dx] for dy in (0, 1) for dx in (0, 1)])
         assert (np.abs(around - confirmed.numpy()).min(axis=0) == 0).all(), "the coarse pixel is the one that covers the fine one"

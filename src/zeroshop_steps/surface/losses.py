@@ -1,34 +1,70 @@
-"""Losses that every optimizer of this stage shares, on cropped images of (channels, height, width)."""
+"""Losses that the optimizers share, on cropped images of (channels, height, width)."""
+
+from typing import Protocol
 
 import torch
 import torch.nn.functional as F
 
-
-def gaussian_window(size_px: int = 11, sigma_px: float = 1.5) -> torch.Tensor:
-    """(size_px,) normalized Gaussian of the structural similarity (Wang et al. 2004)."""
-    x = torch.arange(size_px, dtype=torch.float32) - (size_px - 1) / 2
-    window = torch.exp(-(x**2) / (2 * sigma_px**2))
-    return window / window.sum()
+from zeroshop_steps.surface.ssim import dssim
+from zeroshop_steps.surface.training_views import TrainingView
 
 
-def _blur(images: torch.Tensor, window: torch.Tensor) -> torch.Tensor:
-    count = len(images)
-    kernel = window.to(images)
-    half = len(kernel) // 2
-    rows = F.conv2d(images[None], kernel.expand(count, 1, 1, -1), padding=(0, half), groups=count)
-    return F.conv2d(rows, kernel[:, None].expand(count, 1, -1, 1), padding=(half, 0), groups=count)[0]
+class RenderedImages(Protocol):
+    """The part of a rendering that every optimizer has: sums over the blending weights, not divided by the opacity.
+
+    Attributes:
+        color: (3, H, W) RGB. depth: (H, W). normal: (3, H, W) in the camera frame. alpha: (H, W) accumulated opacity.
+    """
+
+    @property
+    def color(self) -> torch.Tensor: ...
+
+    @property
+    def depth(self) -> torch.Tensor: ...
+
+    @property
+    def normal(self) -> torch.Tensor: ...
+
+    @property
+    def alpha(self) -> torch.Tensor: ...
 
 
-def ssim_map(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Structural similarity of two (C, H, W) images in [0, 1] as a (C, H, W) map (Wang et al. 2004; 11 px, sigma 1.5 px)."""
-    window = gaussian_window()
-    channels = len(image)
-    blurred = _blur(torch.cat([image, target, image * image, target * target, image * target]), window)
-    mean_i, mean_t, square_i, square_t, product = blurred.split(channels)
-    variance_i, variance_t = square_i - mean_i * mean_i, square_t - mean_t * mean_t
-    covariance = product - mean_i * mean_t
-    c1, c2 = 0.01**2, 0.03**2
-    return (2 * mean_i * mean_t + c1) * (2 * covariance + c2) / ((mean_i**2 + mean_t**2 + c1) * (variance_i + variance_t + c2))
+def image_losses(rendering: RenderedImages, view: TrainingView, lambda_dssim: float, lambda_mask: float) -> dict[str, torch.Tensor]:
+    """L1 and D-SSIM of the colour (Kerbl et al. 2023), and L1 of the opacity against the mask: weighted means over the active pixels."""
+    active = view.active
+    pixels = active.sum()
+    return {
+        "l1": (1 - lambda_dssim) * ((rendering.color - view.color).abs().sum(0) * active).sum() / (3 * pixels),
+        "dssim": lambda_dssim * dssim(rendering.color, view.color, active.float()) / (3 * pixels),
+        "mask": lambda_mask * ((rendering.alpha - view.mask).abs() * active).sum() / pixels,
+    }
+
+
+def depth_loss(rendering: RenderedImages, pixels: torch.Tensor, depths: torch.Tensor, active_pixels: torch.Tensor) -> torch.Tensor:
+    """Sum of the absolute differences between expected and confirmed depths, divided by the number of active pixels.
+
+    So a single confirmed depth weighs the same however many there are. Where a surface has little texture, confirmed depths
+    are more exact than what colour alone finds; their weight in the loss is therefore high.
+
+    Args:
+        pixels, depths: (K,) flat pixel indices and (K,) the confirmed depths there.
+        active_pixels: their number, as a tensor.
+    """
+    if len(pixels) == 0:
+        return rendering.depth.sum() * 0.0
+    depth = rendering.depth.reshape(-1)[pixels] / rendering.alpha.reshape(-1)[pixels].clamp(min=1e-2)
+    return (depth - depths).abs().sum() / active_pixels
+
+
+def normal_mismatch(rendering: RenderedImages, surface_normals: torch.Tensor, counted: torch.Tensor) -> torch.Tensor:
+    """How far the blended normals turn away from those of a surface (Huang et al. 2024, eq. 14), summed over some pixels.
+
+    Args:
+        surface_normals: (3, H, W) in the camera frame.
+        counted: (H, W) bool, the pixels that count.
+    """
+    mismatch = rendering.alpha.detach() - (rendering.normal * surface_normals).sum(0)
+    return (mismatch * counted).sum()
 
 
 def normals_from_depth(depth: torch.Tensor, fx: float, fy: float, cx: float, cy: float) -> torch.Tensor:
@@ -54,9 +90,10 @@ def normals_from_depth(depth: torch.Tensor, fx: float, fy: float, cx: float, cy:
 
 
 def has_normal(depth: torch.Tensor) -> torch.Tensor:
-    """(H, W) bool: where `normals_from_depth` of an (H, W) depth map, 0 beside the surface, is a normal of the surface.
+    """(H, W) bool: the pixels whose result of `normals_from_depth` is a normal of the surface.
 
-    At a contour one of the four neighbours has no depth: the difference is taken to the camera's centre, and points inwards.
+    The depth map, (H, W), is 0 beside the surface. At a contour one of the four neighbours has no depth: the difference is
+    then taken to the camera's centre, and the normal points inwards.
     """
     known = depth > 0
     return F.pad(known[1:-1, 2:] & known[1:-1, :-2] & known[2:, 1:-1] & known[:-2, 1:-1], (1, 1, 1, 1))

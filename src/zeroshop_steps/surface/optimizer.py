@@ -7,14 +7,17 @@ import torch
 
 
 class TrainableModel(Protocol):
-    """What is trained: named tensors, each an attribute of that name."""
+    """What is trained: named tensors, each an attribute of that name. Its length is the number of its primitives."""
+
+    def __len__(self) -> int: ...
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """All of them by name."""
 
 
 class ResizableAdam:
-    """Adam (Kingma & Ba 2015) with one learning rate a tensor; moments follow the rows that stay."""
+    """Adam (Kingma & Ba 2015) with one learning rate for each tensor. Rows of the tensors may come and go; those that stay keep
+    their moments."""
 
     def __init__(self, model: TrainableModel, learning_rates: dict[str, float], betas: tuple[float, float] = (0.9, 0.999)) -> None:
         self.model = model
@@ -24,16 +27,19 @@ class ResizableAdam:
         self.adam = torch.optim.Adam(groups, lr=0.0, betas=betas, eps=1e-15, fused=True)
 
     def step(self) -> None:
-        """One update, then the gradients are forgotten."""
+        """Update the tensors, then clear their gradients."""
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
 
     def set_learning_rate(self, name: str, value: float) -> None:
-        """Change the rate of one group."""
+        """Change the learning rate of one tensor."""
         next(group for group in self.adam.param_groups if group["name"] == name)["lr"] = value
 
     def keep_and_append(self, keep: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
-        """Keep the rows of the (N,) bool mask and append those of `new`, by name and of the same trailing shapes, without moments."""
+        """Keep the rows of the (N,) bool mask and append those of `new`, whose moments begin at zero.
+
+        new: by the name of the tensor, rows of the same trailing shape.
+        """
         for name in [group["name"] for group in self.adam.param_groups]:
             self.replace_tensor(
                 name,
@@ -44,7 +50,7 @@ class ResizableAdam:
     def replace_tensor(
         self, name: str, value: Callable[[torch.Tensor], torch.Tensor], moment: Callable[[torch.Tensor], torch.Tensor]
     ) -> None:
-        """Put `value(old)` in the place of a tensor, and `moment(old)` in that of each of its two moments."""
+        """Replace a tensor by `value(old)`, and each of its two moments by `moment(old)`."""
         group = next(group for group in self.adam.param_groups if group["name"] == name)
         old = group["params"][0]
         tensor = value(old.detach()).requires_grad_()
@@ -57,7 +63,7 @@ class ResizableAdam:
         setattr(self.model, name, tensor)
 
     def reset_moments(self, name: str) -> None:
-        """Drop the moments of one group, after its values were set by hand."""
+        """Set the moments of one tensor to zero, after its values were set by hand."""
         group = next(group for group in self.adam.param_groups if group["name"] == name)
         for moment in ("exp_avg", "exp_avg_sq"):
             self.adam.state[group["params"][0]][moment].zero_()

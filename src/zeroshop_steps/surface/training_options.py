@@ -1,19 +1,39 @@
-"""The command line that the optimizers share, apart from what they import: help should not wait for PyTorch."""
+"""The options and settings that the optimizers share. This module does not import PyTorch, so that `--help` answers at once."""
 
 import os
 from argparse import ArgumentParser
 from pathlib import Path
 
 
+class TrainingSettings:
+    """What the settings of every optimizer hold; each optimizer's own dataclass adds to it.
+
+    Attributes:
+        iterations: training views drawn in a run, one after the other. Settings ending in `_share` are fractions of it.
+        sh_degree: spherical-harmonics degree of the colour at the end; it rises from 0 during the first half of the run.
+        seed: of everything random.
+        lambda_depth: weight of the depths that stereo has confirmed.
+        normal_from_share: when the loss begins to compare normals.
+        coarse_share: when training changes from the coarse images to the fine ones.
+    """
+
+    iterations: int
+    sh_degree: int
+    seed: int
+    lambda_depth: float
+    normal_from_share: float
+    coarse_share: float
+
+
 def add_training_arguments(parser: ArgumentParser, product: str, iterations: int, image_width_px: int, sh_degree: int) -> None:
     """Add the options, with an optimizer's own defaults; product: the file that holds the trained model."""
-    parser.add_argument("--cameras", type=Path, required=True, help="registration: images, masks and sparse model")
+    parser.add_argument("--cameras", type=Path, required=True, help="folder of a registration: images, masks and sparse model")
     parser.add_argument("--stereo", type=Path, required=True, help="seeds.npz that stereo has made from these cameras")
     parser.add_argument("--out", type=Path, required=True, help=f"folder for {product}, training.csv and training.json")
     parser.add_argument("--iterations", type=int, default=iterations)
-    parser.add_argument("--image-width-px", type=int, default=image_width_px, help="images are resampled to this width, never up")
+    parser.add_argument("--image-width-px", type=int, default=image_width_px, help="images are resized to this width, never enlarged")
     parser.add_argument("--sh-degree", type=int, default=sh_degree, choices=range(4), help="spherical-harmonics degree of the colour")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--checkpoint-every", type=int, default=100, help="iterations between checkpoints")
-    parser.add_argument("--resume", action="store_true", help="go on from a checkpoint of the same settings")
+    parser.add_argument("--resume", action="store_true", help="continue from a checkpoint made with the same settings")

@@ -46,7 +46,7 @@ def test_training_finds_the_ball_and_its_closed_surface(ball: tuple) -> None:
     trainer.run(200)
     after = np.mean([trainer.psnr_db(index) for index in range(len(views))])
     assert after > before + 3.0, "the images must be explained much better than by the mist of mean colours at the start"
-    voxels = detached(trainer.voxels)
+    voxels = detached(trainer.model)
     assert len(set(voxels.octree.levels)) > 1
     field = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
     depths = [render_depth(voxels, view) for view in views]
@@ -60,7 +60,7 @@ def test_no_view_goes_unasked_before_voxels_are_dropped(ball: tuple) -> None:
     views, _ = ball
     trainer = trainer_for(views, iterations=100)
     trainer.run(3)
-    seen = np.zeros(len(trainer.voxels), bool)
+    seen = np.zeros(len(trainer.model), bool)
     for index in set(range(len(views))) - trainer.rendered_views:
         rendering = trainer.render(index, 0)
         rendering.alpha.sum().backward()
@@ -68,7 +68,7 @@ def test_no_view_goes_unasked_before_voxels_are_dropped(ball: tuple) -> None:
     assert len(trainer.rendered_views) == 3 and (seen & (trainer.meter.weight == 0)).any()
     trainer._count_remaining_views()
     assert (trainer.meter.weight[seen] > 0.05).all()
-    assert all(tensor.grad is None for tensor in trainer.voxels.tensors().values())
+    assert all(tensor.grad is None for tensor in trainer.model.tensors().values())
 
 
 def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> None:
@@ -86,9 +86,9 @@ def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> N
     second = VoxelTrainer.resume(tmp_path / "checkpoint.pt", ViewPyramid(views, views), initialization, first.settings, {"run": "ball"})
     assert second is not None and second.iteration == 29
     second.run(48)
-    assert np.array_equal(whole.voxels.octree.keys, second.voxels.octree.keys) and len(set(whole.voxels.octree.levels)) > 1
-    for name, tensor in whole.voxels.tensors().items():
-        assert torch.equal(tensor, getattr(second.voxels, name)), name
+    assert np.array_equal(whole.model.octree.keys, second.model.octree.keys) and len(set(whole.model.octree.levels)) > 1
+    for name, tensor in whole.model.tensors().items():
+        assert torch.equal(tensor, getattr(second.model, name)), name
     assert whole.history == second.history
 
 
@@ -197,7 +197,7 @@ def test_pruning_and_subdivision_keep_the_field_and_the_cap() -> None:
 
 
 def test_a_voxel_file_keeps_everything(ball: tuple, tmp_path: Path) -> None:
-    voxels, sphere = detached(trainer_for(ball[0], iterations=10).voxels), ObjectSphere(np.array([10.0, -20.0, 5.0]), 80.0)
+    voxels, sphere = detached(trainer_for(ball[0], iterations=10).model), ObjectSphere(np.array([10.0, -20.0, 5.0]), 80.0)
     write_voxels(tmp_path / "voxels.npz", voxels, sphere)
     back, sphere_back = read_voxels(tmp_path / "voxels.npz")
     assert sphere_back.radius == 80.0 and np.array_equal(sphere_back.centre, sphere.centre)
@@ -211,7 +211,7 @@ def test_a_voxel_file_keeps_everything(ball: tuple, tmp_path: Path) -> None:
 @pytest.mark.parametrize("damage", ["cut", "mixed"])
 def test_a_damaged_voxel_file_is_refused(ball: tuple, tmp_path: Path, damage: str) -> None:
     path = tmp_path / "voxels.npz"
-    voxels = detached(trainer_for(ball[0], iterations=10).voxels)
+    voxels = detached(trainer_for(ball[0], iterations=10).model)
     if damage == "mixed":
         voxels.densities = voxels.densities[:-1]
     write_voxels(path, voxels, ObjectSphere(np.zeros(3), 1.0))

@@ -9,9 +9,9 @@ import torch
 import torch.nn.functional as F
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.surface.losses import depth_loss
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import view_loss
-from zeroshop_steps.surface.trainer import depth_loss
 from zeroshop_steps.surface.training_views import TrainingView
 
 HEIGHT_PX, WIDTH_PX, SAMPLES = 14, 16, 4

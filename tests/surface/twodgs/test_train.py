@@ -13,9 +13,9 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.fuse import fuse_depth_maps, render_depth
-from zeroshop_steps.surface.losses import has_normal, normals_from_depth, ssim_map
+from zeroshop_steps.surface.losses import has_normal, normals_from_depth
 from zeroshop_steps.surface.silhouettes import fit_to_masks
-from zeroshop_steps.surface.ssim import dssim
+from zeroshop_steps.surface.ssim import dssim, ssim_map
 from zeroshop_steps.surface.trainer import ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels, read_splat_ply, write_splat_ply
@@ -34,7 +34,7 @@ def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
     trainer.run(300)
     after = np.mean([trainer.psnr_db(index) for index in range(len(views))])
     assert after > before + 6.0, "the images must be explained much better than by the grey start"
-    surfels = trainer.surfels
+    surfels = trainer.model
     for name, tensor in surfels.tensors().items():
         setattr(surfels, name, tensor.detach())
     mesh = fuse_depth_maps([render_depth(surfels, view) for view in views], views, surfels, voxels=48, min_views=2)
@@ -58,8 +58,8 @@ def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> N
     second = SurfelTrainer.resume(*run, {"run": "ball"})
     assert second is not None and second.iteration == 35
     second.run(60)
-    for name, tensor in whole.surfels.tensors().items():
-        assert torch.equal(tensor, getattr(second.surfels, name)), name
+    for name, tensor in whole.model.tensors().items():
+        assert torch.equal(tensor, getattr(second.model, name)), name
 
 
 def test_damaged_checkpoint_is_named(ball: tuple, tmp_path: Path) -> None:

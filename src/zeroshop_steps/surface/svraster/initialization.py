@@ -10,7 +10,7 @@ from zeroshop_steps.surface.spherical_harmonics import SH_CONSTANT
 from zeroshop_steps.surface.svraster.density_grid import fuse_signed_distances
 from zeroshop_steps.surface.svraster.octree import CELLS, CORNER_OFFSETS, Octree
 from zeroshop_steps.surface.svraster.voxels import Voxels
-from zeroshop_steps.surface.trainer import depth_targets
+from zeroshop_steps.surface.trainer import find_depth_targets
 from zeroshop_steps.surface.training_views import TrainingView
 
 REACH = 0.06
@@ -89,7 +89,7 @@ def _smooth_distances(initialization: Initialization, views: list[TrainingView],
     by_hull = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5) * edge
     near = np.argwhere(np.abs(by_hull) < 2 * REACH)
     points = (near + 0.5) * edge - 1.0
-    cameras, depths = [view.camera for view in views], [_depth_map(view, *depth_targets(view, initialization)) for view in views]
+    cameras, depths = [view.camera for view in views], [_depth_map(view, *find_depth_targets(view, initialization)) for view in views]
     by_depth = fuse_signed_distances(points, cameras, depths, REACH, zero_is_free=False, min_views=1)
     known = (by_depth > -REACH) & occupied[tuple(near.T)]
     distances = np.clip(by_hull, -REACH, REACH)

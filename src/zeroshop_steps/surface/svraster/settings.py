@@ -1,22 +1,34 @@
-"""What the training of sparse voxels depends on besides its images; apart from what it imports: help should not wait for PyTorch."""
+"""Settings of the training of sparse voxels. This module does not import PyTorch, so that `--help` answers at once."""
 
 from dataclasses import dataclass
 
+from zeroshop_steps.surface.training_options import TrainingSettings
+
 LOSSES = {
     "lambda_dssim": "share of structural dissimilarity in the photometric loss; the rest is L1",
-    "lambda_mask": "weight of the opacity's difference from the mask",
+    "lambda_mask": "weight of the difference between opacity and mask",
     "lambda_transmittance": "weight of transmittance concentration: a pixel is full or empty",
-    "lambda_color": "weight of colour concentration: all that a ray sees has the photo's colour",
+    "lambda_color": "weight of colour concentration: everything on a ray has the photo's colour",
     "lambda_ascending": "weight of the ascending loss: density rises along the ray",
     "lambda_normal": "weight of normal consistency with the median depth",
-    "lambda_depth": "weight of depths that stereo confirmed",
+    "lambda_depth": "weight of the depths that stereo has confirmed",
 }
 """The weights of the loss, by their names in VoxelSettings."""
 
 
 @dataclass(frozen=True)
-class VoxelSettings:
-    """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
+class VoxelSettings(TrainingSettings):
+    """What a run depends on besides its images. Settings ending in `_share` are fractions of `iterations`.
+
+    The defaults were tuned on the demo mustard bottle.
+
+    Attributes:
+        lambda_...: weights of the terms of the loss, as `LOSSES` explains them.
+        adapt_shares: when voxels are pruned and subdivided.
+        weight_min: voxels whose largest blending weight is smaller in all views are dropped.
+        level_start, level_max: octree level of the coarsest leaves at first, and of the finest ones ever.
+        count_max: no more leaves than this.
+    """
 
     iterations: int = 400
     sh_degree: int = 1

@@ -7,32 +7,34 @@ import numpy as np
 import torch
 
 from zeroshop_steps.surface.initialization import Initialization
-from zeroshop_steps.surface.losses import has_normal, normals_from_depth
-from zeroshop_steps.surface.optimizer import ResizableAdam
+from zeroshop_steps.surface.losses import has_normal, image_losses, normal_mismatch, normals_from_depth
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.render import Rendering, RenderView, render
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.subdivide import VoxelMeter, prune_and_subdivide
 from zeroshop_steps.surface.svraster.voxels import Voxels
-from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, depth_loss, image_losses
+from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
 
 LEARNING_RATES = {"densities": 0.1, "sh_constant": 0.01, "sh_rest": 0.01 / 20}
 BETAS = (0.9, 0.99)
+"""Of Adam. Rates and betas were tuned on the demo mustard bottle."""
 SOLID_DENSITY = 2.0
-"""Mean density, before activation, from which a leaf counts as the object's inside."""
+"""Mean density, before activation, from which a leaf counts as the inside of the object."""
 SPLIT_PX = 1.5
-"""A leaf that covers fewer pixels than this along its edge has nothing to gain from being split."""
+"""A leaf whose edge covers fewer pixels than this has nothing to gain from being split."""
 RATE_FALL = 0.1
-"""The learning rate at the end, as a share of that at the start; it falls exponentially."""
+"""The learning rate at the end, as a share of that at the beginning; it falls exponentially."""
+SOLID_ALPHA = 0.5
+"""Normals are compared where the accumulated opacity is larger than this."""
 
 
 def view_loss(rendering: Rendering, view: TrainingView, settings: VoxelSettings, with_normals: bool) -> dict[str, torch.Tensor]:
-    """The terms of the loss, each a mean over the view's active pixels, weighted (Sun et al. 2025, sec. 3.3 and supplement).
+    """The weighted terms of the loss, each a mean over the view's active pixels (Sun et al. 2025, sec. 3.3 and supplement).
 
-    Photometric L1, D-SSIM, and L1 of the opacity against the mask; then, with T the light left at a ray's end and w the
-    blending weights: T^2 (1 - T)^2, so that a pixel is full or empty; w |c - C|^2, so that all that a ray sees has the photo's
-    colour C; w max(cos, 0) of normals that face away, so that density rises along the ray; normal consistency.
+    L1 and D-SSIM of the colour, and L1 of the opacity against the mask. With T the transmittance at a ray's end and w the
+    blending weights: T^2 (1 - T)^2, so that a pixel is full or empty; w |c - C|^2, so that everything on a ray has the photo's
+    colour C; w max(cos, 0) of normals that face away, so that density rises along the ray. Finally, normal consistency.
     """
     terms = image_losses(rendering, view, settings.lambda_dssim, settings.lambda_mask)
     active = view.active
@@ -45,38 +47,34 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: VoxelSettings,
     if with_normals:
         k = view.camera.intrinsics
         surface = normals_from_depth(rendering.median_depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
-        solid = active & has_normal(rendering.median_depth) & (rendering.alpha.detach() > 0.5)
-        mismatch = rendering.alpha.detach() - (rendering.normal * surface).sum(0)
-        terms["normal"] = settings.lambda_normal * (mismatch * solid).sum() / pixels
+        solid = active & has_normal(rendering.median_depth) & (rendering.alpha.detach() > SOLID_ALPHA)
+        terms["normal"] = settings.lambda_normal * normal_mismatch(rendering, surface, solid) / pixels
     return terms
 
 
-class VoxelTrainer(Trainer):
-    """Voxels in training."""
+class VoxelTrainer(Trainer[Voxels, Rendering, VoxelSettings]):
+    """Training of sparse voxels, with pruning and subdivision."""
 
-    title, noun = "SVRaster", "voxels"
+    title, primitives, count_name = "SVRaster", "voxels", "voxels"
+    learning_rates, betas = LEARNING_RATES, BETAS
 
-    def __init__(self, voxels: Voxels, views: ViewPyramid, initialization: Initialization, settings: VoxelSettings) -> None:
-        super().__init__(voxels, ResizableAdam(voxels, LEARNING_RATES, BETAS), views, initialization, settings)
-        self.voxels = voxels
+    def __init__(self, model: Voxels, views: ViewPyramid, initialization: Initialization, settings: VoxelSettings) -> None:
+        super().__init__(model, views, initialization, settings)
         self.reset_meter()
 
     def reset_meter(self) -> None:
-        """Begin anew to count what the views say of the voxels."""
-        self.meter, self.rendered_views = VoxelMeter(len(self.voxels)), set[int]()
+        """Forget what the views have said of the voxels."""
+        self.meter, self.rendered_views = VoxelMeter(len(self.model)), set[int]()
 
-    def make_render_views(self, views: list[TrainingView]) -> list[RenderView]:
-        return [RenderView.from_training_view(view) for view in views]
+    def make_render_view(self, view: TrainingView) -> RenderView:
+        return RenderView.from_training_view(view)
 
     def render(self, index: int, degree: int) -> Rendering:
-        v = self.voxels
+        v = self.model
         return render(v.octree, v.densities, torch.cat([v.sh_constant, v.sh_rest], dim=1), degree, self.render_views[index])
 
-    def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
-        settings, view = self.settings, self.views[index]
-        terms = view_loss(rendering, view, settings, share >= settings.normal_from_share)
-        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.depth_targets[index], view.active.sum())
-        return terms
+    def view_loss(self, rendering: Rendering, view: TrainingView, with_normals: bool) -> dict[str, torch.Tensor]:
+        return view_loss(rendering, view, self.settings, with_normals)
 
     def update_model(self, rendering: Rendering, index: int, share: float) -> None:
         self.meter.add(rendering.statistics.weight, rendering.statistics.priority)
@@ -90,16 +88,16 @@ class VoxelTrainer(Trainer):
         if self.iteration not in [math.ceil(share * settings.iterations) for share in settings.adapt_shares]:
             return
         self._count_remaining_views()
-        octree = self.voxels.octree
-        # What is dense and hidden stays: light that leaks through a thin spot must not reach the far wall, where nothing would tell.
-        solid = self.voxels.densities.detach().numpy()[octree.corners].mean(axis=1) > SOLID_DENSITY
+        octree = self.model.octree
+        # What is dense and hidden stays: otherwise a ray through a thin spot would reach the far wall, and no view would notice.
+        solid = self.model.densities.detach().numpy()[octree.corners].mean(axis=1) > SOLID_DENSITY
         keep = (self.meter.weight > settings.weight_min) | solid
         wanted = np.where(octree.sizes > SPLIT_PX * self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
-        prune_and_subdivide(self.voxels, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
+        prune_and_subdivide(self.model, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
         self.reset_meter()
 
     def _count_remaining_views(self) -> None:
-        """Count the weights in the views that were not drawn since the last change: no view's voxel is dropped unasked."""
+        """Count the weights in the views that were not drawn since the last change, so that no voxel is dropped that one of them needs."""
         for index in sorted(set(range(len(self.views))) - self.rendered_views):
             rendering = self.render(index, 0)
             rendering.alpha.sum().backward()
@@ -107,12 +105,12 @@ class VoxelTrainer(Trainer):
         self.optimizer.adam.zero_grad(set_to_none=True)
 
     def _pixel_size(self, octree: Octree) -> np.ndarray:
-        """(N,) the least edge of a pixel, in normalized units, at a leaf's depth, over the views in use."""
+        """(N,) edge of a pixel at each leaf's depth, in normalized units: the least over the views in use."""
         sizes = [view.camera.project(octree.centres)[1] / view.camera.intrinsics[0, 0] for view in self.views]
         return np.min(sizes, axis=0)
 
     def extra_state(self) -> dict[str, Any]:
-        octree = self.voxels.octree
+        octree = self.model.octree
         leaves = (torch.from_numpy(octree.origins), torch.from_numpy(octree.levels))
         return {
             "leaves": leaves,

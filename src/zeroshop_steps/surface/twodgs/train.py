@@ -7,17 +7,32 @@ from typing import Any
 import torch
 
 from zeroshop_steps.surface.initialization import Initialization
-from zeroshop_steps.surface.losses import normals_from_depth
-from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, depth_loss, image_losses
+from zeroshop_steps.surface.losses import image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
+from zeroshop_steps.surface.training_options import TrainingSettings
 from zeroshop_steps.surface.training_views import TrainingView
-from zeroshop_steps.surface.twodgs.densify import GradientMeter, ResizableAdam, densify_and_prune, reset_opacity
+from zeroshop_steps.surface.twodgs.densify import GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
 from zeroshop_steps.surface.twodgs.surfels import Surfels
 
 
 @dataclass(frozen=True)
-class SurfelSettings:
-    """What a run depends on besides its images; shares of the run are fractions of `iterations`."""
+class SurfelSettings(TrainingSettings):
+    """What a run depends on besides its images. Settings ending in `_share` are fractions of `iterations`.
+
+    The paper trains whole scenes for 30,000 iterations. These values were tuned on renderings of demo and YCB-V objects: 800
+    iterations explain about twenty views of one object.
+
+    Attributes:
+        lambda_dssim: share of D-SSIM in the photometric loss; the rest is L1.
+        lambda_mask, lambda_normal, lambda_distortion: weights of the opacity against the mask, of normal consistency and of
+            the depth distortion, which is off by default.
+        densify_from_share, densify_until_share, densify_every: when surfels are cloned, split and dropped.
+        densify_gradient: mean screen-space gradient from which a surfel is cloned or split (`densify_and_prune`).
+        opacity_reset_share: how often all opacities are lowered.
+        opacity_min: surfels fainter than this are dropped.
+        count_max: no more surfels than this.
+    """
 
     iterations: int = 800
     sh_degree: int = 2
@@ -39,22 +54,26 @@ class SurfelSettings:
 
 
 SPLIT_SCALE = 0.03
-"""Standard deviation, in normalized units, from which a disk is split rather than cloned."""
+"""Standard deviation, in normalized units, from which a surfel is split rather than cloned."""
 SCALE_MAX = 0.08
-"""Largest standard deviation of a disk, in normalized units: a larger one would bridge hollows."""
-
+"""Largest standard deviation of a surfel, in normalized units. A larger surfel would bridge hollows."""
+OPACITY_AFTER_RESET = 0.1
+"""Opacities are lowered to at most this: about that of new surfels."""
 
 LEARNING_RATES = {
     "positions": 6e-4, "log_scales": 5e-3, "quaternions": 1e-3, "opacity_logits": 5e-2, "sh_constant": 2.5e-3, "sh_rest": 2.5e-3 / 20,
 }  # fmt: skip
+"""All but that of the positions are those of Kerbl et al. 2023; theirs falls from 1.6e-4 in units of the scene's extent."""
 POSITION_RATE_FALL = 0.01
-"""The positions' learning rate at the end, as a share of that at the start; it falls exponentially (Kerbl et al. 2023)."""
+"""The positions' learning rate at the end, as a share of that at the beginning; it falls exponentially (Kerbl et al. 2023)."""
+SOLID_ALPHA = 0.5
+"""Normals are compared where the accumulated opacity is larger than this."""
 
 
 def view_loss(rendering: Rendering, view: TrainingView, settings: SurfelSettings, with_normals: bool) -> dict[str, torch.Tensor]:
-    """The terms of the loss, each a mean over the view's active pixels, weighted.
+    """The weighted terms of the loss, each a mean over the view's active pixels.
 
-    Photometric L1 and D-SSIM (Kerbl et al. 2023), L1 of the opacity against the mask, normal consistency and depth
+    L1 and D-SSIM of the colour (Kerbl et al. 2023), L1 of the opacity against the mask, normal consistency and depth
     distortion (Huang et al. 2024, eq. 13 and 14).
     """
     terms = image_losses(rendering, view, settings.lambda_dssim, settings.lambda_mask)
@@ -64,39 +83,35 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: SurfelSettings
         k = view.camera.intrinsics
         depth = rendering.depth / rendering.alpha.clamp(min=1e-3)
         surface = normals_from_depth(depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2]) * rendering.alpha.detach()
-        solid = active & (rendering.alpha.detach() > 0.5)
-        mismatch = rendering.alpha.detach() - (rendering.normal * surface).sum(0)
-        terms["normal"] = settings.lambda_normal * (mismatch * solid).sum() / pixels
+        solid = active & (rendering.alpha.detach() > SOLID_ALPHA)
+        terms["normal"] = settings.lambda_normal * normal_mismatch(rendering, surface, solid) / pixels
         if settings.lambda_distortion:
             terms["distortion"] = settings.lambda_distortion * (rendering.distortion * active).sum() / pixels
     return terms
 
 
-class SurfelTrainer(Trainer):
-    """Disks in training."""
+class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
+    """Training of surfels, with adaptive density control."""
 
-    title, noun = "2DGS", "disks"
+    title, primitives, count_name = "2DGS", "surfels", "disks"
+    learning_rates = LEARNING_RATES
 
-    def __init__(self, surfels: Surfels, views: ViewPyramid, initialization: Initialization, settings: SurfelSettings) -> None:
-        super().__init__(surfels, ResizableAdam(surfels, LEARNING_RATES), views, initialization, settings)
-        self.surfels = surfels
-        self.meter = GradientMeter(len(surfels))
+    def __init__(self, model: Surfels, views: ViewPyramid, initialization: Initialization, settings: SurfelSettings) -> None:
+        super().__init__(model, views, initialization, settings)
+        self.meter = GradientMeter(len(model))
         self.generator = torch.Generator().manual_seed(settings.seed)
 
-    def make_render_views(self, views: list[TrainingView]) -> list[RenderView]:
-        return [RenderView.from_training_view(view) for view in views]
+    def make_render_view(self, view: TrainingView) -> RenderView:
+        return RenderView.from_training_view(view)
 
     def render(self, index: int, degree: int) -> Rendering:
-        s = self.surfels
+        s = self.model
         sh = torch.cat([s.sh_constant, s.sh_rest], dim=1)
         parameters = (s.positions, s.log_scales, s.quaternions, s.opacity_logits, sh)
         return render(*parameters, degree, self.render_views[index], distortion=self.settings.lambda_distortion > 0)
 
-    def losses(self, rendering: Rendering, index: int, share: float) -> dict[str, torch.Tensor]:
-        settings, view = self.settings, self.views[index]
-        terms = view_loss(rendering, view, settings, share >= settings.normal_from_share)
-        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.depth_targets[index], view.active.sum())
-        return terms
+    def view_loss(self, rendering: Rendering, view: TrainingView, with_normals: bool) -> dict[str, torch.Tensor]:
+        return view_loss(rendering, view, self.settings, with_normals)
 
     def update_model(self, rendering: Rendering, index: int, share: float) -> None:
         active = float(self.views[index].active.sum())
@@ -104,13 +119,13 @@ class SurfelTrainer(Trainer):
         self.optimizer.set_learning_rate("positions", LEARNING_RATES["positions"] * POSITION_RATE_FALL**share)
         self.optimizer.step()
         with torch.no_grad():
-            self.surfels.log_scales.clamp_(max=math.log(SCALE_MAX))
+            self.model.log_scales.clamp_(max=math.log(SCALE_MAX))
 
     def adapt_model(self) -> None:
         settings = self.settings
         first, last = settings.densify_from_share * settings.iterations, settings.densify_until_share * settings.iterations
         if first <= self.iteration <= last and self.iteration % settings.densify_every == 0:
-            outside = self.initialization.free_space.contains(self.surfels.positions.detach().numpy().astype(float))
+            outside = self.initialization.free_space.contains(self.model.positions.detach().numpy().astype(float))
             densify_and_prune(
                 self.optimizer,
                 self.meter,
@@ -121,10 +136,10 @@ class SurfelTrainer(Trainer):
                 count_max=settings.count_max,
                 generator=self.generator,
             )
-            self.meter = GradientMeter(len(self.surfels))
+            self.meter = GradientMeter(len(self.model))
         every = math.ceil(settings.opacity_reset_share * settings.iterations)
         if self.iteration % every == 0 and self.iteration < last:
-            reset_opacity(self.optimizer, 0.1)
+            reset_opacity(self.optimizer, OPACITY_AFTER_RESET)
 
     def extra_state(self) -> dict[str, Any]:
         meter = (torch.from_numpy(self.meter.total), torch.from_numpy(self.meter.views))
