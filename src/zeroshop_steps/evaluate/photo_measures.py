@@ -21,7 +21,7 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.surface_distance import face_normals, sample_surface
 from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
 from zeroshop_steps.geometry.transforms import shrink_camera
-from zeroshop_steps.geometry.visibility import compute_view_maps, find_visible, sample_image
+from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
 from zeroshop_steps.runtime.errors import StepError
 
 LONGEST_PX = 1000  # larger photos are shrunk: finer print than this asks for finer alignment than a grade is about
@@ -137,7 +137,7 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
         towards = view.camera.centre_in_world - places[0]
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
         seen = (
-            find_visible(pixels, depth, hits.depth, 0.004 * diameter)
+            find_visible(pixels, depth, hits.depth, VISIBLE_SHARE * diameter)
             & (cosine > MIN_COSINE)
             & (sample_image(maps.trust, pixels) > MIN_TRUST)
         )

@@ -1,1 +1,1 @@
-"""From the raw surface of a reconstruction to a product: clean, framed, scaled, textured and graded against truth."""
+"""From a raw surface to a finished mesh: cleaned, closed below, framed, scaled, unwrapped, textured and published."""

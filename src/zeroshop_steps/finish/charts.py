@@ -1,7 +1,7 @@
-"""Cut a surface into charts that a parallel projection lays flat.
+"""Cut a surface into charts, each of which a parallel projection flattens.
 
-Reconstructed surfaces are rough: charts that follow every bump end up as thousands of scraps. So directions are taken
-from a smoothed copy of the surface, which the charts then follow in broad strokes.
+Reconstructed surfaces are rough. Charts that followed every bump would be thousands of scraps, so the directions of the
+projections are taken from a smoothed copy of the surface.
 """
 
 import numpy as np
@@ -12,21 +12,27 @@ from scipy.sparse.csgraph import connected_components
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth
 
-SMOOTHING = 15  # steps over the mesh for the copy that directions are taken from
-LIGHT_SMOOTHING = 2  # steps for the positions that are laid flat: little, so that print stays straight
-DIRECTIONS = 14  # at most; near ones are merged
-MERGE_DEG = 30.0
-LABEL_SMOOTHING = 12  # steps over the faces: keeps charts large and their borders short
-MIN_COSINE = 0.15  # faces that are steeper to their chart's direction leave it
-SMALL_SHARE = 2e-3  # charts below this share of the surface join a neighbour where that can show them
-TINY_SHARE = 2e-4  # charts below this join a neighbour in any case: a fold of a few texels there is better than a scrap
+# A step averages over direct neighbours, so its reach grows with the edges. The numbers of steps suit meshes of about 45,000 faces.
+SMOOTHING = 15  # steps for the copy that gives the directions; fewer leave bumps that break charts, more round the object's edges
+LIGHT_SMOOTHING = 2  # steps for the positions that are flattened; more would bend straight print
+DIRECTIONS = 14  # at most, before those are merged that are close
+MERGE_DEG = 30.0  # directions closer than this become one: a projection shows a face 30 degrees off with 87 % of its width
+LABEL_SMOOTHING = 12  # steps over the faces; makes charts larger and their borders shorter
+MIN_COSINE = 0.15  # between a face and its chart's direction, 81 degrees; a steeper face would be squeezed to a seventh of its width
+SMALL_SHARE = 2e-3  # of the surface; a smaller chart joins a neighbour that can show it
+TINY_SHARE = 2e-4  # of the surface; a smaller chart joins a neighbour even if it folds there: a few wrong texels beat a scrap
+MAX_LAYERS = 5  # rounds in which hidden parts of a chart are split off; what is still hidden then becomes one chart a face
+SAMPLED_FACES = 5000  # directions are clustered on about so many faces: enough for 14 means, and quick
+KMEANS_ROUNDS, JOIN_ROUNDS = 12, 8  # bounds of the time; joining ends sooner where nothing changes any more
+FACING_COSINE = 0.5  # within 60 degrees of each axis some direction is kept, so that every face finds one that shows it
+GRID_CELLS = 2e7  # of the overlap test at most: 20 MB
 
 
 def cut_into_charts(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Cut a mesh whose seams are not split yet.
 
     Returns:
-        chart: (F,) chart of each face; each chart is connected and, but for folds of a few texels, shown without overlap.
+        chart: (F,) chart of each face. Charts are connected and do not overlap themselves, except for folds of a few texels.
         flat: (F, 3, 2) projected corners, in the mesh's unit.
     """
     neighbours = build_neighbour_matrix(mesh)
@@ -43,7 +49,7 @@ def cut_into_charts(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     light = smooth(mesh.vertices - mesh.vertices.mean(0), neighbours, LIGHT_SMOOTHING).astype(float)[mesh.faces]
     flat = np.stack([np.einsum("fcj,fj->fc", light, right[label]), np.einsum("fcj,fj->fc", light, up[label])], -1)
     height = np.einsum("fcj,fj->fc", corners, directions[label]).mean(1)
-    for layer in range(1, 6):  # what lies behind another part of its chart becomes a chart of its own
+    for layer in range(1, MAX_LAYERS + 1):  # what lies behind another part of its chart becomes a chart of its own
         behind = _drop_tiny_groups(find_overlapped_faces(chart, flat, height), pairs, areas)
         if not behind.any():
             break
@@ -56,13 +62,13 @@ def cut_into_charts(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 def find_main_directions(normals: np.ndarray, areas: np.ndarray) -> np.ndarray:
     """(D, 3) directions that the surface faces most: spherical k-means from a farthest-first start, near ones merged."""
-    step = max(1, len(normals) // 5000)
+    step = max(1, len(normals) // SAMPLED_FACES)
     normals, areas = normals[::step], areas[::step]
     mean = [normals[areas.argmax()]]
     for _ in range(DIRECTIONS - 1):
         mean.append(normals[(normals @ np.array(mean).T).max(1).argmin()])
     directions = np.array(mean)
-    for _ in range(12):
+    for _ in range(KMEANS_ROUNDS):
         nearest = (normals @ directions.T).argmax(1)
         sums = np.zeros_like(directions)
         np.add.at(sums, nearest, normals * areas[:, None])
@@ -73,9 +79,9 @@ def find_main_directions(normals: np.ndarray, areas: np.ndarray) -> np.ndarray:
     for k in np.argsort(-weight, kind="stable"):
         if all(directions[k] @ other < np.cos(np.radians(MERGE_DEG)) for other in kept):
             kept.append(directions[k])
-    # a face must find a direction that shows it, however odd its own is
+    # Every face must find a direction that shows it.
     for axis in np.concatenate([np.eye(3), -np.eye(3)]):
-        if max(axis @ other for other in kept) < 0.5:
+        if max(axis @ other for other in kept) < FACING_COSINE:
             kept.append(axis)
     return np.array(kept)
 
@@ -94,7 +100,7 @@ def find_adjacent_faces(faces: np.ndarray) -> np.ndarray:
 def find_overlapped_faces(chart: np.ndarray, flat: np.ndarray, height: np.ndarray) -> np.ndarray:
     """(F,) bool: faces that lie behind another face of their chart in the projection.
 
-    Tested on a grid of half an edge length, so slivers may escape; they cost a texel, not a print.
+    Tested on a grid with cells of half an edge. Slivers may be missed; they cost a texel at most.
     """
     edge = np.median(np.linalg.norm(flat[:, 1] - flat[:, 0], axis=1))
     charts = int(chart.max()) + 1
@@ -103,10 +109,10 @@ def find_overlapped_faces(chart: np.ndarray, flat: np.ndarray, height: np.ndarra
     for corner in range(3):
         np.minimum.at(low, chart, flat[:, corner])
         np.maximum.at(high, chart, flat[:, corner])
-    cell = max(edge / 2.0, float(np.sqrt(np.prod(high - low, axis=1).sum() / 2e7)), 1e-30)
+    cell = max(edge / 2.0, float(np.sqrt(np.prod(high - low, axis=1).sum() / GRID_CELLS)), 1e-30)
     size = np.ceil((high - low) / cell).astype(np.int64) + 2
     start = np.concatenate([[0], np.cumsum(size.prod(1))])
-    order = np.argsort(-height, kind="stable")  # the front first
+    order = np.argsort(-height, kind="stable")  # from front to back
     return _find_covered(order, chart, (flat - low[chart][:, None]) / cell, size[:, 0], start)
 
 
@@ -119,7 +125,7 @@ def _label_faces(normals: np.ndarray, areas: np.ndarray, directions: np.ndarray,
     for _ in range(LABEL_SMOOTHING):
         vote = (neighbours @ vote + vote) / 4.0
     label = np.where(cosine > MIN_COSINE, vote, -1.0 + 0.1 * cosine).argmax(1)
-    for _ in range(8):  # small charts join the neighbour with the longest common border that can show them
+    for _ in range(JOIN_ROUNDS):  # small charts join the neighbour with the longest common border that can show them
         chart = _label_connected(label, pairs)
         share = np.bincount(chart, areas) / areas.sum()
         small = share[chart] < SMALL_SHARE

@@ -1,7 +1,7 @@
-"""Clean the raw surface: drop floaters, repair, smooth lightly, simplify.
+"""Clean the raw surface: remove floaters, repair, smooth lightly, simplify.
 
-Floaters are parts that no camera sees, that lie outside the photos' masks, or that are small beside the largest part.
-The largest part always stays, whatever its size, so a small or coarse object never vanishes.
+Floaters are parts that no camera sees, that lie outside the masks, or that are much smaller than the largest part. The largest
+part is always kept.
 """
 
 import argparse
@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pymeshlab
 from scipy.sparse import coo_matrix
@@ -22,24 +23,37 @@ from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
-RENDER_PX = 320  # longest side of the renders that tell which faces are seen
-MASK_MARGIN_PX = 3.0  # a mask's border is not known better
+RENDER_PX = 320  # longer side of the renders that tell which parts are seen; smaller ones would miss thin parts
+MASK_MARGIN_PX = 3.0  # a vertex this far outside a mask is outside: borders of masks are about this uncertain
+OUTSIDE_VIEWS = 2  # photos whose masks a vertex must lie outside of; one mask alone may be wrong
+MIN_FACES = 100  # fewer cannot describe an object
+TAUBIN_LAMBDA, TAUBIN_MU = 0.5, -0.53  # Taubin 1995: a step that shrinks, then one that grows a little more
+DECIMATION_QUALITY = 0.3  # MeshLab's threshold against slivers, its default; given since it would else keep that of its last call
+BORDER_WEIGHT = 2.0  # edges of open borders count twice in the decimation, so that borders keep their shape
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method\'s command line."""
+    """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="raw mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--max-faces", type=int, default=45000)
-    parser.add_argument("--min-part", type=float, default=0.05, help="parts below this share of the largest part's area are floaters")
-    parser.add_argument("--smooth", type=int, default=30, help="Taubin smoothing steps (they do not shrink the surface); 0 for none")
-    parser.add_argument("--max-hole-edges", type=int, default=30, help="holes with at most this many edges are closed")
-    parser.add_argument("--out", type=Path, required=True, help="cleaned mesh; its figures go beside it as .json")
+    parser.add_argument("--max-faces", type=int, default=45000, help="the mesh is simplified to so many (default: %(default)s)")
+    parser.add_argument(
+        "--min-part", type=float, default=0.05, help="smallest part that is kept, as a share of the largest (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--smooth",
+        type=int,
+        default=30,
+        help="steps of Taubin smoothing, which does not shrink; 0 for none (default: %(default)s)",
+    )
+    parser.add_argument("--max-hole-edges", type=int, default=30, help="holes with at most so many edges are closed (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="cleaned mesh; its figures are written beside it as .json")
 
 
 def run(args: argparse.Namespace) -> None:
-    if args.max_faces < 100:
-        raise StepError(f"--max-faces is {args.max_faces}; at least 100 are needed for a surface")
+    """Clean one mesh."""
+    if args.max_faces < MIN_FACES:
+        raise StepError(f"--max-faces is {args.max_faces}; at least {MIN_FACES} are needed for a surface")
     if not 0.0 <= args.min_part <= 1.0:
         raise StepError(f"--min-part is {args.min_part}; it is a share between 0 and 1")
     start_s = time.monotonic()
@@ -73,11 +87,11 @@ def run(args: argparse.Namespace) -> None:
 def clean_mesh(
     raw: Mesh, views: list[View], max_faces: int = 45000, min_part: float = 0.05, smooth: int = 30, max_hole_edges: int = 30
 ) -> tuple[Mesh, dict[str, int]]:
-    """Clean `raw`; see the module's text.
+    """Clean a raw mesh, as the module describes.
 
     Returns:
         mesh: the cleaned mesh, oriented towards the cameras.
-        dropped: how many parts were dropped, by reason.
+        dropped: how many parts were removed, by reason.
     """
     mesh = _weld(raw)
     mesh = _trim_to_masks(mesh, views)
@@ -88,15 +102,15 @@ def clean_mesh(
     worker.meshing_repair_non_manifold_vertices(vertdispratio=0.0)
     if max_hole_edges > 0:
         worker.meshing_close_holes(maxholesize=max_hole_edges, selfintersection=False, newfaceselected=False)
-    worker.set_selection_none()  # where faces are selected, the filters below change only those
+    worker.set_selection_none()  # otherwise the filters below change only the selected faces
     if smooth > 0:
-        worker.apply_coord_taubin_smoothing(lambda_=0.5, mu=-0.53, stepsmoothnum=smooth)
+        worker.apply_coord_taubin_smoothing(lambda_=TAUBIN_LAMBDA, mu=TAUBIN_MU, stepsmoothnum=smooth)
     if worker.current_mesh().face_number() > max_faces:
         worker.meshing_decimation_quadric_edge_collapse(
             targetfacenum=max_faces,
-            qualitythr=0.3,  # what is left out here would come from the filter's last call in the same process
+            qualitythr=DECIMATION_QUALITY,  # every option is given: MeshLab would take missing ones from its last call
             preserveboundary=True,
-            boundaryweight=2.0,
+            boundaryweight=BORDER_WEIGHT,
             preservenormal=True,
             planarquadric=True,
             autoclean=True,
@@ -106,14 +120,12 @@ def clean_mesh(
     result = worker.current_mesh()
     mesh = Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
     if len(mesh.faces) == 0:
-        raise StepError(
-            "nothing is left of the mesh after repair: the reconstruction holds no connected surface; add photos or check masks"
-        )
+        raise StepError("nothing is left of the mesh after repair: it has no connected surface; add photos or check the masks")
     return _turn_towards_cameras(mesh, views), dropped
 
 
 def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh, dict[str, int]]:
-    """Keep the largest part (by area) and those that are seen and hold at least `min_part` of its area."""
+    """Keep the largest part by area, and every part that is seen and has at least `min_part` of its area."""
     labels = label_parts(mesh)
     areas = mesh.face_areas()
     part_areas = np.bincount(labels, areas)
@@ -131,7 +143,7 @@ def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh,
 
 
 def label_parts(mesh: Mesh) -> np.ndarray:
-    """(F,) index of the connected part of each face; parts are joined by shared vertices."""
+    """(F,) index of each face's connected part; faces are connected by common vertices."""
     a, b, c = mesh.faces.T
     size = len(mesh.vertices)
     graph = coo_matrix((np.ones(2 * len(a), bool), (np.r_[a, b], np.r_[b, c])), (size, size))
@@ -148,9 +160,7 @@ def _weld(mesh: Mesh) -> Mesh:
 
 
 def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
-    """Drop faces with a corner outside the masks of at least two photos: the object lies inside all of them."""
-    import cv2
-
+    """Remove faces with a corner outside the masks of at least two photos; the object is inside all of them."""
     outside = np.zeros(len(mesh.vertices), int)
     for view in views:
         mask = view.mask()
@@ -161,9 +171,9 @@ def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
         x, y = np.floor(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64).T
         inside_image = (depth > 0) & (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
         outside[inside_image] += distance[y[inside_image], x[inside_image]] > MASK_MARGIN_PX
-    keep = (outside[mesh.faces] < 2).all(1)
+    keep = (outside[mesh.faces] < OUTSIDE_VIEWS).all(1)
     if not keep.any():
-        raise StepError("the mesh lies outside the masks: mesh and cameras do not belong together, or the masks are of another object")
+        raise StepError("the mesh lies outside the masks: mesh and cameras do not belong together, or the masks show another object")
     return _keep_faces(mesh, mesh.faces[keep])
 
 
@@ -174,7 +184,7 @@ def _find_seen_faces(mesh: Mesh, views: list[View]) -> np.ndarray:
 
 
 def _turn_towards_cameras(mesh: Mesh, views: list[View]) -> Mesh:
-    """Turn all faces over when most of what the cameras see is the surface's back."""
+    """Flip all faces if the cameras mostly see the back of the surface."""
     renderer = MeshRenderer(mesh)
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

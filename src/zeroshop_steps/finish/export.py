@@ -1,4 +1,4 @@
-"""Write the product: a PLY in millimetres in the object frame with its PNG, a GLB in metres with y up, and a JSON about both."""
+"""Write the finished mesh: a PLY with its PNG in millimetres, a GLB in metres with y up, and a JSON that describes both."""
 
 import argparse
 import importlib.metadata
@@ -17,19 +17,24 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 
 PACKAGES = ("numpy", "torch", "pycolmap", "open3d", "trimesh", "pymeshlab", "xatlas", "opencv-python-headless", "numba")
+METRES_PER_MM = 0.001
+ROUGHNESS = 0.9  # of the GLB's material: nearly matt, since the texture already shows the light of the photos
 FRAME_TEXT = "origin at the bounding-box centre, z up from the support surface, x towards the first camera, right-handed"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method\'s command line."""
+    """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
-    parser.add_argument("--texture", type=Path, required=True)
+    parser.add_argument("--texture", type=Path, required=True, help="baked texture")
     parser.add_argument("--frame", type=Path, required=True, help="frame.json")
-    parser.add_argument("--stages", type=Path, nargs="*", default=[], help="JSONs of earlier stages, whose seconds and parameters are kept")
-    parser.add_argument("--out", type=Path, required=True, help="mesh.ply; .png, .glb and .json go beside it")
+    parser.add_argument(
+        "--stages", type=Path, nargs="*", default=[], help="JSONs of earlier steps, whose seconds and parameters are copied"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="mesh.ply; .png, .glb and .json are written beside it")
 
 
 def run(args: argparse.Namespace) -> None:
+    """Export one mesh."""
     frame = read_json(args.frame)
     mesh = read_ply(args.mesh)
     if mesh.uv is None:
@@ -47,8 +52,14 @@ def move_to_object_frame(mesh: Mesh, object_from_registration: np.ndarray, textu
 
 
 def make_metadata(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
-    """The content of the product's JSON."""
-    seconds = {name: _seconds(content) for name, content in stages.items() if _seconds(content) is not None}
+    """The content of mesh.json.
+
+    Args:
+        mesh: in the object frame.
+        frame: content of frame.json.
+        stages: contents of the earlier steps' JSONs, by step.
+    """
+    seconds = {name: found for name, content in stages.items() if (found := _seconds(content)) is not None}
     cpu_seconds = {name: content["cpu_seconds"] for name, content in stages.items() if "cpu_seconds" in content}
     return {
         "ply_unit": "millimetre" if frame["scale"] == "known" else "unknown",
@@ -62,7 +73,7 @@ def make_metadata(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
         "frame_facts": {key: value for key, value in frame.items() if key != "seconds"},
         "extents": [round(float(extent), 4) for extent in np.ptp(mesh.vertices, axis=0)],
         "faces": len(mesh.faces),
-        "texture_px": mesh.texture.shape[0],
+        "texture_px": mesh.texture_image.shape[0],
         "seconds": seconds | {"total": round(sum(seconds.values()), 2)},
         "cpu_seconds": cpu_seconds,
         "parameters": {name: content["parameters"] for name, content in stages.items() if "parameters" in content},
@@ -71,39 +82,41 @@ def make_metadata(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
 
 
 def summarize_product(mesh: Mesh, frame: dict) -> str:
-    """One line for people: size and frame."""
+    """Size and frame in one line for the log."""
     size = " x ".join(f"{extent:.1f}" for extent in np.ptp(mesh.vertices, axis=0))
     return f"{size} {'mm' if frame['scale'] == 'known' else '(scale unknown)'}, up from {frame['up_source']}"
 
 
-def write_product(path: Path, mesh: Mesh, notes: dict) -> None:
-    """Write `path` (PLY), and .png, .glb, .json beside it; the PLY comes last, so a whole PLY means a whole product."""
+def write_product(path: Path, mesh: Mesh, metadata: dict) -> None:
+    """Write `path` (PLY) with .png, .glb and .json beside it. The PLY is written last: if it exists, everything does."""
     texture = path.with_suffix(".png")
-    write_image(texture, mesh.texture)
-    write_glb(path.with_suffix(".glb"), mesh, 0.001 if notes["scale"] == "known" else 1.0)
-    write_json(path.with_suffix(".json"), notes)
+    write_image(texture, mesh.texture_image)
+    write_glb(path.with_suffix(".glb"), mesh, METRES_PER_MM if metadata["scale"] == "known" else 1.0)
+    write_json(path.with_suffix(".json"), metadata)
     write_ply(path, mesh, texture.name)
 
 
 def write_glb(path: Path, mesh: Mesh, scale: float) -> None:
-    """Write binary glTF with y up: (x, y, z) becomes (x, z, -y) times `scale`. trimesh flips v to glTF's upper-left origin itself."""
+    """Write binary glTF with y up: (x, y, z) becomes (x, z, -y) times `scale`. trimesh flips v to glTF's upper-left origin."""
     y_up = scale * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     material = trimesh.visual.material.PBRMaterial(
-        baseColorTexture=Image.fromarray(mesh.texture), metallicFactor=0.0, roughnessFactor=0.9, doubleSided=True
+        baseColorTexture=Image.fromarray(mesh.texture_image), metallicFactor=0.0, roughnessFactor=ROUGHNESS, doubleSided=True
     )
     exported = trimesh.Trimesh(
         mesh.vertices @ y_up.T,
         mesh.faces,
-        vertex_normals=(mesh.normals @ y_up.T) / scale,
-        visual=trimesh.visual.TextureVisuals(uv=mesh.uv, material=material),
+        vertex_normals=(mesh.vertex_normals @ y_up.T) / scale,
+        visual=trimesh.visual.TextureVisuals(uv=mesh.texture_coordinates, material=material),
         process=False,
     )
     with atomic_write(path) as temporary:
-        temporary.write_bytes(exported.export(file_type="glb", include_normals=True))
+        content = exported.export(file_type="glb", include_normals=True)
+        assert isinstance(content, bytes)
+        temporary.write_bytes(content)
 
 
 def _seconds(content: dict) -> float | None:
-    """A stage's seconds: one number, or its steps' with their total."""
+    """The seconds of a step: one number, or the `total` of several."""
     seconds = content.get("seconds")
     return seconds.get("total") if isinstance(seconds, dict) else seconds
 

@@ -1,21 +1,20 @@
-"""Exposure: photos of one object are not equally bright, since cameras choose it anew for each."""
+"""Differences of exposure: cameras expose each photo anew, so the same spot is brighter in one photo than in another."""
 
 import numpy as np
 
-ROUNDS = 5
-LEAST_POINTS = 50
-GAIN_RANGE = (0.5, 2.0)
-DARKEST = 0.02
-"""Brightness of 1 below which a point tells nothing of a ratio."""
+ROUNDS = 5  # the mean depends on the gains and they on the mean, so both are computed in turns
+LEAST_POINTS = 50  # common points from which a median is taken; with fewer, a photo keeps its exposure
+GAIN_RANGE = (0.5, 2.0)  # one stop down or up; more is no exposure but another light or a wrong place
+DARKEST = 0.02  # brightness, of 1; below, noise dominates the ratio of two photos
 
 
 def estimate_gains(brightness: np.ndarray, weight: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """(V,) factors that make photos equally bright: the median ratio between what all photos and what each shows.
+    """(V,) factors that make V photos equally bright: the median ratio between the mean of all photos and each of them.
 
     Args:
-        brightness: (N, V) of surface points in each photo, 0 to 1.
-        weight: (N, V) how well each photo shows them, 0 where it does not.
-        usable: (N, V) bool, which of them count for a photo, where another one shows them, too.
+        brightness: (N, V) of N surface points in each photo, 0 to 1.
+        weight: (N, V) how well each photo shows a point; 0 where it does not.
+        usable: (N, V) bool, the points that may be used for a photo; of these, those that another photo shows as well are.
     """
     found = np.ones(brightness.shape[1], np.float32)
     usable = usable & (brightness > DARKEST) & ((weight > 0).sum(1) > 1)[:, None]

@@ -1,8 +1,8 @@
-"""Give the mesh its object frame: up and scale are those of the height stage.
+"""Compute the object frame of a mesh. Its up direction and its scale come from the height stage.
 
-z points away from the support plane (without one, along the cameras' common up); x points horizontally from the object
-to the first camera; the origin is the bounding-box centre. Lengths are millimetres, units of the registration where the
-scale is unknown.
+z is the normal of the support plane, or the mean up direction of the cameras where no plane was found. x points horizontally
+from the object to the first camera. The origin is the centre of the bounding box. Lengths are millimetres; if the scale is
+unknown, they are units of the registration.
 """
 
 import argparse
@@ -18,20 +18,22 @@ from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import read_json, write_json
 
-KEPT = ("up_source", "scale_source", "scale", "height_m", "height_deviation_m", "height_measured_from", "height_in_registration")
-ROUNDS = 6  # the box turns by less than a hundredth of what x turns by, and x by a fraction of what the box's middle moves
+FROM_HEIGHT = ("up_source", "scale_source", "scale", "height_m", "height_deviation_m", "height_measured_from", "height_in_registration")
+ROUNDS = 6  # x depends on the box's centre, and the box on x; each round moves both by a fraction of what the last one did
+STRAIGHT_DOWN = 0.1  # horizontal share of the view direction below which the first camera looks straight down (within 6 degrees)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method\'s command line."""
+    """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="mesh with its underside, registration frame")
     parser.add_argument("--height", type=Path, required=True, help="height.json")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--capture", type=Path, required=True, help="capture folder; its first photo is what x should point to")
+    parser.add_argument("--capture", type=Path, required=True, help="capture folder; x should point to the camera of its first photo")
     parser.add_argument("--out", type=Path, required=True, help="frame.json")
 
 
 def run(args: argparse.Namespace) -> None:
+    """Write frame.json."""
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
@@ -46,22 +48,20 @@ def run(args: argparse.Namespace) -> None:
 
 
 def compute_object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) -> dict[str, Any]:
-    """The object frame as the content of frame.json.
+    """The content of frame.json.
 
-    `object_from_registration` is a (4, 4) similarity to millimetres (to registration units where the scale is unknown).
-    Everything is computed from the mesh, the cameras and the height's plane alone, so it moves with the registration frame.
+    `object_from_registration` is a (4, 4) similarity to millimetres, or to registration units if the scale is unknown. It depends
+    on the mesh, the cameras and the support plane only, so another registration frame gives the same object frame.
 
     Args:
-        mesh: in the registration frame; its box gives the origin.
-        views: the first one gives x.
+        mesh: in the registration frame; its bounding box gives the origin.
+        views: registered photos; the first one gives x.
         height: content of height.json.
     """
     z, metric = np.array(height["up"]), height["scale"] == "known"
     rotation, middle, warnings = _compute_rotation(z, mesh, views[0])
     if height["up_source"] == "camera_roll":
-        warnings.append(
-            "no ground was found to stand on, so z follows how the camera was held, which may lean; print under the object helps"
-        )
+        warnings.append("no ground was found, so z follows how the camera was held and may lean; print under the object helps")
     scale = height["metres_per_unit"] * 1000.0 if metric else 1.0
     similarity = np.eye(4)
     similarity[:3, :3] = scale * rotation
@@ -69,7 +69,7 @@ def compute_object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) 
     residual = height["up_uncertainty"]["plane_residual"]
     return {
         "object_from_registration": similarity.tolist(),
-        **{key: height[key] for key in KEPT},
+        **{key: height[key] for key in FROM_HEIGHT},
         "unit": "mm" if metric else "registration",
         "bottom_z": float(scale * height["bottom"] + similarity[2, 3]),
         "up_uncertainty": height["up_uncertainty"] | {"plane_residual": None if residual is None else round(scale * residual, 6)},
@@ -79,9 +79,9 @@ def compute_object_frame(mesh: Mesh, views: list[View], height: dict[str, Any]) 
 
 
 def _compute_rotation(z: np.ndarray, mesh: Mesh, view: View) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """(3, 3) rotation object_from_registration, (3,) middle of the box after it, and warnings.
+    """(3, 3) rotation object_from_registration, (3,) centre of the rotated box, and warnings.
 
-    x leads from that middle to the camera, and the box follows x: a few rounds settle both.
+    x points from that centre to the camera, and the box depends on x, so both are computed in turns.
     """
     centre = mesh.vertices.mean(0)
     for _ in range(ROUNDS):
@@ -94,11 +94,11 @@ def _compute_rotation(z: np.ndarray, mesh: Mesh, view: View) -> tuple[np.ndarray
 
 
 def _point_to_camera(z: np.ndarray, centre: np.ndarray, view: View) -> tuple[np.ndarray, list[str]]:
-    """(3,) unit x: the horizontal direction from the object's centre to the first camera; from above, its image's lower side."""
+    """(3,) unit x and warnings: the horizontal direction to the first camera; if it looks straight down, its image's lower side."""
     direction = view.camera.centre_in_world - centre
     horizontal = direction - z * (z @ direction)
     warnings = []
-    if np.linalg.norm(horizontal) < 0.1 * np.linalg.norm(direction):
+    if np.linalg.norm(horizontal) < STRAIGHT_DOWN * np.linalg.norm(direction):
         warnings.append("the first camera looks straight down, so x follows the lower side of its image")
         horizontal = view.camera.camera_from_world[1, :3]
         horizontal = horizontal - z * (z @ horizontal)
@@ -106,7 +106,7 @@ def _point_to_camera(z: np.ndarray, centre: np.ndarray, view: View) -> tuple[np.
 
 
 def find_first_photo(capture: Path) -> str | None:
-    """The name of a capture's first picture; None without any."""
+    """File name of a capture's first photo; None if it has none."""
     folder = capture / "images"
     names = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES) if folder.is_dir() else []
     return names[0] if names else None

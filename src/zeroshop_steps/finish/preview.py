@@ -1,4 +1,4 @@
-"""Draw a picture for people: input photos, the textured mesh from the same cameras, and its bare shape."""
+"""Draw a preview: input photos, and below them the textured mesh and its bare shape from the same cameras."""
 
 import argparse
 from pathlib import Path
@@ -15,17 +15,19 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
 TILE_PX = 320
+SAMPLES = 3  # rays along each side of a pixel
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method\'s command line."""
+    """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--count", type=int, default=6, help="number of photos shown")
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--count", type=int, default=6, help="number of photos (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
 
 
 def run(args: argparse.Namespace) -> None:
+    """Write the preview of one mesh."""
     if args.count < 1:
         raise StepError(f"--count is {args.count}; at least one photo is needed")
     mesh = read_ply(args.mesh)
@@ -35,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registration: np.ndarray, count: int) -> np.ndarray:
-    """Three rows of tiles (photo, textured mesh, shape), one column a photo, cropped to the object."""
+    """Three rows of tiles (photo, textured mesh, bare shape) with one column for each photo, cropped to the object."""
     chosen = [views[k] for k in np.unique(np.linspace(0, len(views) - 1, count).round().astype(int))]
     columns = []
     for view in chosen:
@@ -47,6 +49,7 @@ def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registra
         photo[y0 - top : y1 - top, x0 - left : x1 - left] = image[y0:y1, x0:x1]
         tile = camera.resized(TILE_PX, TILE_PX)
         interpolation = cv2.INTER_AREA if camera.width_px > TILE_PX else cv2.INTER_CUBIC
-        photo = cv2.resize(photo, (TILE_PX, TILE_PX), interpolation=interpolation)
-        columns.append(np.concatenate([photo, renderer.render_color(tile, (255, 255, 255), 3), renderer.render_shaded(tile, samples=3)], 0))
+        rows: list[np.ndarray] = [cv2.resize(photo, (TILE_PX, TILE_PX), interpolation=interpolation)]
+        rows += [renderer.render_color(tile, (255, 255, 255), SAMPLES), renderer.render_shaded(tile, samples=SAMPLES)]
+        columns.append(np.concatenate(rows, 0))
     return np.concatenate(columns, 1)

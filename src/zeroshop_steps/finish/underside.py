@@ -1,9 +1,9 @@
 """Close the underside, which no photo shows while the object stands on its support.
 
-Every open border near the support plane is led down to the plane, where its outline is made smooth, and closed flat in it: an
-object touches its support there, and a robot or a pose estimator is better off with a bottom than with a hole. What is added
-is marked as unseen: it is the mesh's last faces, and neither quality nor grade counts it. Its colour comes with the texture,
-which fills what no photo sees from its surroundings.
+Every open border near the support plane is extended down to the plane, and the hole there is closed by a flat face with a smooth
+outline. The object touches its support there, and a closed bottom serves robots and pose estimators better than a hole. The added
+faces are the last ones of the mesh and are marked as unseen; quality and grade ignore them. The texture step colours them like
+their surroundings.
 """
 
 import argparse
@@ -20,26 +20,28 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.runtime.files import read_json, write_json
 
 STATES = ("closed", "open")
-NEAR_DIAGONALS = 0.05  # a wide border is the underside's where most of it is this near to the plane, in diagonals of the object
-FARTHEST_DIAGONALS = 0.15  # ... and none of it farther: a hole in the wall that reaches the ground is no underside
-MOST = 0.8
-SMALL_NEAR_DIAGONALS = 0.015  # a small border, of a foot or of a hole through the object, must be nearer
-SMALL_SHARE = 0.1  # in area, of the widest
-SMOOTHED_DIAGONALS = (0.02, 0.05, 0.1, 0.2, 0.4)  # waves of the outline shorter than this go; the first that leaves it simple is taken
-SIMPLE = 1e-4  # of the area, by which faces may lie upside down
-FIRST_STEP = 0.01  # width of the flat part's outermost ring, in its diagonals
-GROWTH = 1.4  # from ring to ring
+# Lengths in diagonals of the object's bounding box.
+NEAR_DIAGONALS = 0.05  # a wide border belongs to the underside if most of it is this close to the plane
+FARTHEST_DIAGONALS = 0.15  # and none of it farther away: a hole in a wall may reach the ground, but it is no underside
+MOST = 0.8  # share of the vertices of a border that "most of it" means
+SMALL_NEAR_DIAGONALS = 0.015  # a small border, of a foot or of a hole through the object, must be closer to the plane
+SMALL_SHARE = 0.1  # of the area of the widest border; smaller ones are small
+SMOOTHED_DIAGONALS = (0.02, 0.05, 0.1, 0.2, 0.4)  # waves of the outline shorter than this are removed; tried until it is simple
+FILTER_POWER = 8  # of that low-pass filter: waves half as long are damped to 1/257, waves twice as long keep 99.6 %
+SIMPLE = 1e-4  # share of the area that may be covered upside down in an outline that counts as simple
+FIRST_STEP = 0.01  # width of the outermost ring of the flat part, in diagonals of that part
+GROWTH = 1.4  # of the rings' width, from one to the next: large triangles inside, small ones at the border
 
 
 @dataclass(frozen=True)
 class Underside:
-    """What was closed, as it stands in the product's JSON.
+    """What was closed, as mesh.json describes it.
 
     Attributes:
         state: closed or open.
-        first_face, faces: which faces of the mesh were added; none of them is seen in a photo.
-        borders: how many open borders were closed; left_open: how many stayed.
-        watertight: whether every edge now has as many faces on the one side as on the other, so that the mesh bounds a solid.
+        first_face, faces: index of the first added face, and how many were added; no photo shows them.
+        borders: number of borders that were closed; left_open: number of those that were not.
+        watertight: whether every edge now belongs to as many faces in one direction as in the other, so that the mesh bounds a solid.
     """
 
     state: str
@@ -50,16 +52,16 @@ class Underside:
     watertight: bool
 
     def as_record(self) -> dict[str, Any]:
-        """For JSON."""
+        """The record for the JSON."""
         return {"seen": False, **self.__dict__}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
-    parser.add_argument("--height", type=Path, required=True, help="height.json, which has the support plane")
-    parser.add_argument("--underside", choices=STATES, default="closed", help="close it, or leave it open (default: %(default)s)")
-    parser.add_argument("--out", type=Path, required=True, help="mesh to write; its facts go beside it as .json")
+    parser.add_argument("--height", type=Path, required=True, help="height.json with the support plane")
+    parser.add_argument("--underside", choices=STATES, default="closed", help="whether to close it (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="mesh to write; its figures are written beside it as .json")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -75,7 +77,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def leave_open(mesh: Mesh) -> tuple[Mesh, Underside]:
-    """The mesh as it is; it may be closed already."""
+    """The mesh as it is, and what that means; it may be closed already."""
     borders = find_open_borders(mesh.faces)
     return mesh, Underside("open" if borders else "closed", len(mesh.faces), 0, 0, len(borders), watertight=not borders)
 
@@ -84,12 +86,12 @@ def close_underside(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Un
     """Close the borders near the plane up . x = bottom.
 
     Args:
-        mesh: any open or closed surface; its own vertices and faces stay the first ones, untouched.
+        mesh: open or closed; its vertices and faces stay unchanged and come first.
         up: (3,) unit normal of the support plane, towards the object.
-        bottom: the plane's height along it.
+        bottom: height of the plane along `up`.
 
     Returns:
-        The mesh with fresh normals, and what was added.
+        The mesh with new normals, and what was added.
     """
     borders = find_open_borders(mesh.faces)
     chosen = _choose_borders(borders, mesh.vertices, up, bottom)
@@ -114,16 +116,16 @@ def close_underside(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Un
     return whole, Underside("closed", len(mesh.faces), added, len(chosen), len(borders) - len(chosen), watertight)
 
 
-def drop_underside(mesh: Mesh, notes: dict[str, Any]) -> Mesh:
-    """The mesh without the faces that the product's JSON marks as an unseen underside."""
-    first = (notes.get("underside") or {}).get("first_face", len(mesh.faces))
+def drop_underside(mesh: Mesh, metadata: dict[str, Any]) -> Mesh:
+    """The mesh without the faces that the content of mesh.json marks as an unseen underside."""
+    first = (metadata.get("underside") or {}).get("first_face", len(mesh.faces))
     return Mesh(mesh.vertices, mesh.faces[:first], mesh.normals, mesh.uv, mesh.texture, mesh.quality).without_loose_vertices()
 
 
 def find_open_borders(faces: np.ndarray) -> list[np.ndarray]:
-    """Closed chains of vertices along the edges of (F, 3) faces that have no partner in the other direction.
+    """Closed chains of vertices along the edges of (F, 3) faces that no face uses in the other direction.
 
-    At every vertex as many such edges end as begin, so that all of them belong to chains; none passes a vertex twice.
+    At every vertex as many such edges end as begin, so all of them belong to chains. No chain passes a vertex twice.
     """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     _, index = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
@@ -149,7 +151,7 @@ def find_open_borders(faces: np.ndarray) -> list[np.ndarray]:
 
 
 def _choose_borders(borders: list[np.ndarray], vertices: np.ndarray, up: np.ndarray, bottom: float) -> list[np.ndarray]:
-    """The borders that run along the plane."""
+    """The borders that belong to the underside."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     heights = [np.abs(vertices[border] @ up - bottom) / diagonal for border in borders]
     areas = np.array([abs(up @ _vector_area(vertices[border])) for border in borders])
@@ -160,19 +162,19 @@ def _choose_borders(borders: list[np.ndarray], vertices: np.ndarray, up: np.ndar
 
 
 def _vector_area(chain: np.ndarray) -> np.ndarray:
-    """(3,) area that a closed (N, 3) chain encloses, as a vector along its normal."""
+    """(3,) area enclosed by a closed (N, 3) chain, as a vector along its normal."""
     around = chain - chain.mean(0)
     return np.cross(around, np.roll(around, -1, 0)).sum(0) / 2
 
 
 def _axes_seen_from_below(up: np.ndarray) -> np.ndarray:
-    """(2, 3) unit axes of the plane with this normal, of which the second is to the left of the first as seen from below."""
+    """(2, 3) unit axes of the plane with this normal; seen from below, the second is to the left of the first."""
     across = np.linalg.svd(up[None])[2][1:]
     return across[::-1] if np.linalg.det(np.stack([*across, up])) > 0 else across
 
 
 def _fill(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Vertices and faces in the plane between closed (N, 2) chains, smoothed until nothing is covered twice; None where that fails."""
+    """Vertices and faces in the plane inside closed (N, 2) chains, which are smoothed until they do not overlap; None if they still do."""
     for length in SMOOTHED_DIAGONALS:
         points, faces = _triangulate_rings([_smooth_outline(border, length * diagonal) for border in borders])
         (ax, ay), (bx, by), (cx, cy) = points[faces].transpose(1, 2, 0)
@@ -183,21 +185,21 @@ def _fill(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.nd
 
 
 def _smooth_outline(chain: np.ndarray, length: float) -> np.ndarray:
-    """A closed (N, 2) chain without waves shorter than `length`; longer ones stay as they are."""
+    """A closed (N, 2) chain without waves shorter than `length` (Butterworth's low-pass filter)."""
     step = np.linalg.norm(chain - np.roll(chain, -1, 0), axis=1).sum() / len(chain)
     frequency = 2.0 * np.pi * np.fft.fftfreq(len(chain))
-    kept = 1.0 / (1.0 + (frequency * length / (2.0 * np.pi * step)) ** 8)
+    kept = 1.0 / (1.0 + (frequency * length / (2.0 * np.pi * step)) ** FILTER_POWER)
     return np.fft.ifft(np.fft.fft(chain, axis=0) * kept[:, None], axis=0).real
 
 
 def _triangulate_rings(rings: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Fill the plane inside an outline, by rings that become coarser inwards, so that triangles stay round.
+    """Triangulate the plane inside an outline by rings that become coarser inwards, which avoids long thin triangles.
 
     Args:
         rings: closed (N, 2) chains as seen from below, in the direction of the borders.
 
     Returns:
-        (M, 2) vertices, of which those of the rings come first, and (T, 3) faces that are seen from below.
+        (M, 2) vertices, those of the rings first, and (T, 3) faces that face down.
     """
     ends = np.cumsum([len(ring) for ring in rings])
     index = [np.arange(end - len(ring), end)[::-1] for end, ring in zip(ends, rings, strict=True)]
@@ -219,7 +221,7 @@ def _triangulate_rings(rings: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]
 
 
 def _resample(ring: np.ndarray, step: float) -> np.ndarray:
-    """A closed (N, 2) chain with points about `step` apart."""
+    """The closed (N, 2) chain with points about `step` apart."""
     around = np.concatenate([ring, ring[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(around, axis=0), axis=1))])
     places = np.linspace(0.0, length[-1], max(int(length[-1] / step), 0), endpoint=False)

@@ -1,9 +1,10 @@
-"""Unwrap the surface into a texture atlas: cut it into charts, pack them with xatlas; vertices are split where a seam runs."""
+"""Unwrap the surface into a texture atlas: cut it into charts and pack them with xatlas. Vertices are split along the seams."""
 
 import argparse
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xatlas
@@ -14,65 +15,75 @@ from zeroshop_steps.geometry.surface_fields import weld
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
-PADDING_TEXELS = 6
+PADDING_TEXELS = 6  # between charts: texture filtering, also in coarser mip levels, must not reach a neighbouring chart
+TEXTURE_SIZES = (64, 8192)  # texels; smaller ones show no print, larger ones few viewers load
+ATLAS_FILL = 0.6  # share of the square that charts are expected to cover, for the first guess of the density
+PACK_ROUNDS = 3  # the density is corrected until the atlas's size is within PACKED_SIZE of the asked one
+PACKED_SIZE, SAFETY = (0.97, 1.1), 0.98
+STRETCHED, STRETCH_SLACK = 1.2, 1e-3  # an edge this much longer in the atlas than its chart's scale says was not moved with its chart
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method\'s command line."""
-    parser.add_argument("--mesh", type=Path, required=True)
-    parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels")
-    parser.add_argument("--out", type=Path, required=True, help="mesh with texture_u and texture_v; its figures go beside it as .json")
+    """The method's command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="mesh with its underside, registration frame")
+    parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels (default: %(default)s)")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="mesh with texture_u and texture_v; a .json with its figures goes beside it"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
+    """Unwrap one mesh."""
     check_texture_size(args.texture_size)
     start_s = time.monotonic()
     mesh, charts = unwrap_mesh(read_ply(args.mesh), args.texture_size)
     write_ply(args.out, mesh)
-    figures = {"charts": charts, "vertices": len(mesh.vertices), "atlas_use": round(measure_atlas_use(mesh), 4)}
+    use = round(measure_atlas_use(mesh), 4)
+    figures: dict[str, Any] = {"charts": charts, "vertices": len(mesh.vertices), "atlas_use": use}
     figures |= {"parameters": {"texture_size": args.texture_size}, "seconds": round(time.monotonic() - start_s, 2)}
     write_json(args.out.with_suffix(".json"), figures)
-    print(f"unwrap: {charts} charts, {figures['atlas_use']:.0%} of the texture used, {figures['seconds']} s", file=sys.stderr)
+    print(f"unwrap: {charts} charts, {use:.0%} of the texture used, {figures['seconds']} s", file=sys.stderr)
 
 
 def check_texture_size(texture_size: int) -> None:
-    """Raise StepError for a texture size outside 64 to 8192."""
-    if not 64 <= texture_size <= 8192:
-        raise StepError(f"--texture-size is {texture_size}; expected 64 to 8192 texels")
+    """Raise StepError for a texture size out of range."""
+    smallest, largest = TEXTURE_SIZES
+    if not smallest <= texture_size <= largest:
+        raise StepError(f"--texture-size is {texture_size}; expected {smallest} to {largest} texels")
 
 
 def unwrap_mesh(mesh: Mesh, texture_size: int) -> tuple[Mesh, int]:
     """Unwrap into one square atlas.
 
     Returns:
-        mesh: seam-split mesh with `uv` in [0, 1] and normals that are shared across seams.
+        mesh: split along the seams, with `uv` in [0, 1] and the same normals on both sides of a seam.
         charts: number of charts.
     """
     mesh, _ = weld(mesh)
     chart, flat = cut_into_charts(mesh)
-    # one vertex for each pair of place and chart
+    # One vertex for each pair of position and chart.
     keys, split = np.unique(chart[:, None] * len(mesh.vertices) + mesh.faces, return_inverse=True)
     faces, place = split.reshape(-1, 3), keys % len(mesh.vertices)
     uv = np.zeros((len(keys), 2))
     uv[faces.reshape(-1)] = flat.reshape(-1, 2)
     atlas = _pack_charts(uv, faces, chart, texture_size)
     source, packed_faces, packed_uv = atlas.get_mesh(0)
-    longest = max(atlas.width, atlas.height)  # xatlas scales each axis to [0, 1]; keep texels square
+    longest = max(atlas.width, atlas.height)  # xatlas scales each axis to [0, 1]; this keeps texels square
     packed_uv = packed_uv.astype(float) * np.array([atlas.width, atlas.height]) / longest
     faces, place, packed_uv = _collapse_stretched(packed_faces.astype(np.int64), place[source], packed_uv, flat)
-    return Mesh(mesh.vertices[place], faces, mesh.normals[place], packed_uv), int(chart.max()) + 1
+    return Mesh(mesh.vertices[place], faces, mesh.vertex_normals[place], packed_uv), int(chart.max()) + 1
 
 
 def _collapse_stretched(
     faces: np.ndarray, place: np.ndarray, uv: np.ndarray, flat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shrink faces to a point of the atlas that packing did not move as a whole: xatlas leaves faces without area where they were.
+    """Shrink faces to a point of the atlas if packing did not move all of their corners: xatlas leaves faces without area in place.
 
-    Such a face would run across other charts; it is a line in its own, so one colour is enough for it.
+    Such a face would lie across other charts. In its own chart it is a line, so one colour is enough.
     """
     lengths, wanted = (np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2) for corners in (uv[faces], flat))
     density = np.median(lengths[wanted > 0] / wanted[wanted > 0])
-    bad = (lengths > 1.2 * density * wanted + 1e-3).any(1)
+    bad = (lengths > STRETCHED * density * wanted + STRETCH_SLACK).any(1)
     sound = np.zeros(len(place), bool)
     sound[faces[~bad]] = True
     anchor = np.where(sound[faces[bad]], faces[bad], -1).max(1)
@@ -86,28 +97,29 @@ def _collapse_stretched(
 
 
 def _pack_charts(uv: np.ndarray, faces: np.ndarray, chart: np.ndarray, texture_size: int) -> xatlas.Atlas:
-    """Pack charts so that the longer side of the atlas comes out close to `texture_size` texels, which keeps the padding as asked."""
+    """Pack the charts so that the longer side of the atlas is close to `texture_size` texels; then the padding is as asked."""
     a, b, c = (uv[faces[:, corner]] for corner in range(3))
     area = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() / 2
     if area <= 0:
         raise StepError("the mesh could not be unwrapped: it has no face with an area; clean it first")
-    density = texture_size * np.sqrt(0.6 / area)
-    for _ in range(3):
+    density = texture_size * np.sqrt(ATLAS_FILL / area)
+    for _ in range(PACK_ROUNDS):
         atlas = xatlas.Atlas()
         atlas.add_uv_mesh((uv * density).astype(np.float32), faces.astype(np.uint32), chart.astype(np.uint32)[:, None])
         pack = xatlas.PackOptions()
         pack.resolution, pack.texels_per_unit, pack.padding = 0, 1.0, PADDING_TEXELS  # one page, however large
         pack.bilinear, pack.bruteForce = True, False
-        pack.rotate_charts = False  # xatlas turns charts by swapping u and v, which mirrors the print
+        pack.rotate_charts = False  # xatlas rotates charts by swapping u and v, which mirrors the print
         atlas.generate(xatlas.ChartOptions(), pack)
         ratio = texture_size / max(atlas.width, atlas.height)
-        if 0.97 < ratio < 1.1:
+        if PACKED_SIZE[0] < ratio < PACKED_SIZE[1]:
             break
-        density *= 0.98 * ratio
+        density *= SAFETY * ratio
     return atlas
 
 
 def measure_atlas_use(mesh: Mesh) -> float:
     """Share of the texture that triangles cover."""
-    a, b, c = (mesh.uv[mesh.faces[:, corner]] for corner in range(3))
+    uv = mesh.texture_coordinates
+    a, b, c = (uv[mesh.faces[:, corner]] for corner in range(3))
     return float(np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() / 2)

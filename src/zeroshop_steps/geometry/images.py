@@ -69,6 +69,14 @@ def write_depth_mm(path: Path, depth_mm: np.ndarray) -> None:
     write_image(path, np.clip(steps, 0, None).astype(np.uint16))
 
 
+def spread_colors(image: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(height, width, C) image in which every pixel that is not (height, width) `known` has the colour of the nearest known one."""
+    _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    colors = np.zeros((int(labels.max()) + 1, image.shape[2]), image.dtype)
+    colors[labels[known]] = image[known]
+    return colors[labels]
+
+
 def _decode(path: Path, flags: int) -> np.ndarray:
     path = Path(path)
     if not path.is_file():

@@ -13,6 +13,7 @@ from zeroshop_steps.geometry.registered_views import View
 ERODE_PX = 2.5  # this close to a silhouette or an occlusion edge a photo may show something else
 MIXED_PX = 1.5  # this close, pixels mix what lies on both sides of the edge
 FEATHER_PX = 12.0  # trust grows back over this distance
+VISIBLE_SHARE = 0.004  # of the object's size: a point this far behind the rendered surface is visible; depth differs within a pixel
 MIN_COSINE = 0.15  # more grazing views are not used
 
 
@@ -55,7 +56,7 @@ def rate_vertex_views(mesh: Mesh, maps: list[ViewMaps], extent: float) -> np.nda
         pixels, depth = view.camera.project(mesh.vertices)
         towards = view.camera.centre_in_world - mesh.vertices
         cosine = np.einsum("ij,ij->i", mesh.normals, towards) / np.linalg.norm(towards, axis=1)
-        seen = find_visible(pixels, depth, view.depth, 0.004 * extent) & (cosine > MIN_COSINE)
+        seen = find_visible(pixels, depth, view.depth, VISIBLE_SHARE * extent) & (cosine > MIN_COSINE)
         trust = sample_image(view.trust, pixels)
         quality[:, k] = seen * trust * cosine**2 * (view.camera.intrinsics[0, 0] / np.maximum(depth, 1e-12))
     return quality / max(float(quality.max()), 1e-30)

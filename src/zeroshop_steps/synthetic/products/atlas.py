@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.images import spread_colors
 from zeroshop_steps.synthetic.products.canvas import Canvas
 
 GUTTER_PX = 8
@@ -66,7 +67,7 @@ def print_texture(panels: Sequence[Panel], places: dict[str, PanelPlace], px_per
     Texels between the panels take the colour of the nearest one, so that filtering never mixes in a foreign colour.
     """
     texture = np.zeros((size_px, size_px, 3), np.uint8)
-    empty = np.full((size_px, size_px), 255, np.uint8)
+    printed = np.zeros((size_px, size_px), bool)
     for panel in panels:
         place = places[panel.name]
         size = (place.width * SUPERSAMPLING, place.height * SUPERSAMPLING)
@@ -74,11 +75,8 @@ def print_texture(panels: Sequence[Panel], places: dict[str, PanelPlace], px_per
         panel.draw(canvas)
         image = cv2.resize(canvas.pixels, (place.width, place.height), interpolation=cv2.INTER_AREA)
         rows, columns = slice(place.top, place.top + place.height), slice(place.left, place.left + place.width)
-        texture[rows, columns], empty[rows, columns] = image, 0
-    _, label = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    source = np.zeros((label.max() + 1, 3), np.uint8)
-    source[label[empty == 0]] = texture[empty == 0]
-    return source[label]
+        texture[rows, columns], printed[rows, columns] = image, True
+    return spread_colors(texture, printed)
 
 
 def map_to_texture(uv_mm: np.ndarray, panel: Panel, place: PanelPlace, size_px: int) -> np.ndarray:
