@@ -4,12 +4,24 @@ import os
 import shutil
 from pathlib import Path
 
+import numba
 import pytest
+import torch
 
 from helpers.paths import REPOSITORY
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Every test starts with one thread: images this small gain nothing from a second one, and lose much on a busy machine.
+
+    A step that an earlier test called may have asked for more. Where threads matter, the test asks for its own.
+    """
+    numba.set_num_threads(1)
+    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="session")
