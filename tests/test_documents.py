@@ -1,4 +1,4 @@
-"""The documents: no line too long, no link that leads nowhere."""
+"""The documents: no line too long, no link that leads nowhere, no target that Snakemake does not know."""
 
 import re
 from pathlib import Path
@@ -6,10 +6,14 @@ from pathlib import Path
 import pytest
 
 from helpers.paths import REPOSITORY
+from helpers.running import run_snakemake
 
 MAX_CHARACTERS = 120
 README_LINES = 100
 LINK = re.compile(r"\]\(([^)\s]+)\)")
+COMMAND = re.compile(r"(?:^    |`)snakemake ([^#`\n]*)", re.MULTILINE)
+TARGET = re.compile(r"results/[a-z0-9_./-]+")
+"""Without capital letters: those stand for a name of the reader's own."""
 SKIPPED_FOLDERS = {".venv", ".snakemake", ".git", "node_modules", "resources", "results", ".pytest_cache", ".hypothesis"}
 
 
@@ -41,3 +45,12 @@ def test_a_document_is_well_formed(document):
 
 def test_the_readme_is_short():
     assert len((REPOSITORY / "README.md").read_text().splitlines()) <= README_LINES
+
+
+def test_every_target_can_be_planned(tmp_path):
+    words = {word for document in documents() for command in COMMAND.findall(document.read_text()) for word in command.split()}
+    # One needs weights, the other a dataset of the reader's own.
+    targets = sorted(word for word in words if TARGET.fullmatch(word) and "/vggt/" not in word and not word.startswith("results/mine/"))
+    assert len(targets) > 10
+    run = run_snakemake(tmp_path, *targets, "-n", "--quiet", "all")
+    assert run.returncode == 0, run.stdout
