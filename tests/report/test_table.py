@@ -4,9 +4,10 @@ import csv
 
 import pytest
 
-from zeroshop_steps.report.table import gather, write_table
+from zeroshop_steps.report.table import gather
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
+from zeroshop_steps.runtime.tables import write_table
 
 
 def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
@@ -17,7 +18,7 @@ def test_rows_of_all_cells_with_coordinates_and_failures(tmp_path):
     failed = root / "demo/bowl/su_h/colmap/2dgs/outcome.json"
     passed_on = failed.with_name("grade.csv")
     write_failure([failed, passed_on], Failure("surface.twodgs", "3 of 20 images registered"))
-    write_table(gather([good, failed, passed_on], root), tmp_path / "table.csv")
+    write_table(tmp_path / "table.csv", gather([good, failed, passed_on], root))
     with (tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["object"], row["nvs"], row["measure"], row["value"], row["reason"]) for row in rows] == [

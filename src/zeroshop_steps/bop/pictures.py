@@ -6,12 +6,12 @@ the estimated one in red.
 """
 
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.detections import Detection, decode_mask, read_detections
@@ -145,31 +145,30 @@ def draw_worst(
 
     None where no object was estimated.
     """
-    with errors.open(newline="") as file:
-        table = csv.DictReader(file)
-        rows = [row for row in table if int(row["obj_id"]) in models]
-        if "mssd" not in (table.fieldnames or []):
-            raise StepError(f"{errors} has no MSSD; score the estimates with --errors mssd and others")
-    if not rows:
+    table = pd.read_csv(errors)
+    if "mssd" not in table:
+        raise StepError(f"{errors} has no MSSD; score the estimates with --errors mssd and others")
+    table = table[table.obj_id.isin(models)].sort_values("mssd", ascending=False, kind="stable")
+    if table.empty:
         return None
     poses, tiles = make_transform(estimates.rotations, estimates.translations_mm), []
-    for row in sorted(rows, key=lambda row: -float(row["mssd"]))[:count]:
-        number, frame = int(row["obj_id"]), frames[int(row["scene_id"]), int(row["im_id"])]
-        instance = frame.instances[int(row["instance"])]
+    for row in table.head(count).to_dict("records"):
+        number, frame = row["obj_id"], frames[row["scene_id"], row["im_id"]]
+        instance = frame.instances[row["instance"]]
         image = read_image(frame.photo_path())
         height, width = image.shape[:2]
         silhouettes = [
             renderers[number].render(pose, frame.intrinsics, width, height).image(width, height) > 0
-            for pose in (instance.camera_from_model, poses[int(row["estimate"])])
+            for pose in (instance.camera_from_model, poses[row["estimate"]])
         ]
         tile, scale = _cut_tile(image, silhouettes[0] | silhouettes[1])
         for silhouette, color in zip(silhouettes, (TRUE_COLOR, ESTIMATED_COLOR), strict=True):
             _draw_outline(tile, _cut_tile(silhouette.astype(np.uint8) * 255, silhouettes[0] | silhouettes[1])[0] > 127, color, 1)
         share = "" if instance.visible_share is None else f", {100 * instance.visible_share:.0f} % visible"
         lines = [f"scene {frame.scene_id}, image {frame.image_id}, object {number}{share}"]
-        lines.append(", ".join(f"{kind.upper()} {float(row[kind]):.2f}" for kind in ("mssd", "mspd", "vsd") if kind in row))
+        lines.append(", ".join(f"{kind.upper()} {row[kind]:.2f}" for kind in ("mssd", "mspd", "vsd") if kind in row))
         caption = np.full((CAPTION_PX, TILE_PX, 3), 255, np.uint8)
-        for index, line in enumerate([lines[0], f"{lines[1]}, score {float(row['score']):.2f}"]):
+        for index, line in enumerate([lines[0], f"{lines[1]}, score {row['score']:.2f}"]):
             cv2.putText(caption, line, (4, 17 + 19 * index), FONT, 0.42, (0, 0, 0), 1, cv2.LINE_AA)
         tiles.append(np.concatenate([tile, caption]))
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % min(IN_A_ROW, len(tiles)))

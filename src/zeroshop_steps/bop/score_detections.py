@@ -8,8 +8,9 @@ from pathlib import Path
 
 from zeroshop_steps.bop.detections import read_detections
 from zeroshop_steps.bop.precision import average_precision
-from zeroshop_steps.bop.score_poses import ROW, write_rows
+from zeroshop_steps.bop.score_poses import ROW
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
+from zeroshop_steps.runtime.tables import write_table
 
 KINDS = {"masks": ("segm", ""), "boxes": ("bbox", "box_")}
 """COCO's name of what is compared, and what its measures begin with."""
@@ -39,5 +40,5 @@ def run(args: argparse.Namespace) -> None:
         said += [f"{prefix}{name} {scores[name]:.4f}" for name in ("ap", "ap_50", "ap_75")]
     rows.append({"measure": "instances", "object": "", "value": sum(target.inst_count for target in targets)})
     rows.append({"measure": "detections", "object": "", "value": len(detections)})
-    write_rows(args.out, ROW, rows)
+    write_table(args.out, rows, ROW)
     print(", ".join(said))

@@ -5,7 +5,6 @@ one row a measure, over all and by object; with --errors-out also the errors of 
 """
 
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.recall import ERRORS, PosePairs, average_recall, measure_pose_errors, pair_up
 from zeroshop_steps.bop.targets import Target, read_target_frames, read_targets
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.tables import write_table
 
 ROW = ("measure", "object", "value")
 ERROR_ROW = ("scene_id", "im_id", "obj_id", "estimate", "score", "instance")
@@ -52,9 +51,9 @@ def run(args: argparse.Namespace) -> None:
     for number, measures in recall.by_object.items():
         measures = {**measures, "instances": recall.targets[number]}
         rows += [{"measure": measure, "object": number, "value": value} for measure, value in measures.items()]
-    write_rows(args.out, ROW, rows)
+    write_table(args.out, rows, ROW)
     if args.errors_out:
-        write_rows(args.errors_out, [*ERROR_ROW, *errors], make_error_rows(pairs, errors, estimates, targets))
+        write_table(args.errors_out, make_error_rows(pairs, errors, estimates, targets), [*ERROR_ROW, *errors])
     print(", ".join(f"{name} {value:.4f}" for name, value in recall.overall.items()))
 
 
@@ -79,11 +78,3 @@ def make_error_rows(pairs: PosePairs, errors: dict, estimates: Estimates, target
             | {kind: float(values[index].mean()) for kind, values in errors.items()}
         )
     return rows
-
-
-def write_rows(out: Path, columns: Sequence[str], rows: Sequence[dict]) -> None:
-    """Write rows as CSV; without rows, its head alone."""
-    with atomic_write(out) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows(rows)

@@ -5,7 +5,6 @@ centres. Writes a JSON and, beside it, a tidy CSV with one row a measurement.
 """
 
 import argparse
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +12,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
-from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.runtime.tables import write_table
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,10 @@ def run(args: argparse.Namespace) -> None:
         per_camera = zip(error.names, error.centre_mm, error.rotation_deg, strict=True)
         record["cameras"] = {name: {"centre_error_mm": float(c), "rotation_error_deg": float(r)} for name, c, r in per_camera}
     write_json(args.out, record)
-    with atomic_write(args.out.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["camera", "measure", "value"])
-        writer.writerows(["all", key, value] for key, value in record.items() if isinstance(value, int | float))
-        for name, values in record.get("cameras", {}).items():
-            writer.writerows([name, key, value] for key, value in values.items())
+    summary = {key: value for key, value in record.items() if isinstance(value, int | float)}
+    figures = {"all": summary, **record.get("cameras", {})}
+    rows = [{"camera": name, "measure": key, "value": value} for name, values in figures.items() for key, value in values.items()]
+    write_table(args.out.with_suffix(".csv"), rows, ["camera", "measure", "value"])
 
 
 def compare_cameras(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> CameraError:

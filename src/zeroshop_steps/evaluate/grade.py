@@ -9,7 +9,6 @@ mean the same for both; quality.json has the same two figures in photos that wer
 """
 
 import argparse
-import csv
 import sys
 import time
 from dataclasses import asdict, replace
@@ -26,7 +25,8 @@ from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.runtime.tables import write_table
 
 SEEN_FROM_BELOW = 2  # cameras under the support's height that show the underside
 
@@ -119,10 +119,8 @@ def write_grade(path: Path, content: dict) -> None:
         if content[side]:
             rows.append((f"grade_by_{side}", content[side]["grade"], "; ".join(content[side]["reasons"])))
     rows += [(name, value, "") for name, value in content["photos"]["measures"].items()]
-    with atomic_write(path.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["measure", "value", "reason"])
-        writer.writerows(rows)
+    columns = ["measure", "value", "reason"]
+    write_table(path.with_suffix(".csv"), [dict(zip(columns, row, strict=True)) for row in rows])
 
 
 def _record_side(verdict: GradeResult, values: dict[str, float]) -> dict:

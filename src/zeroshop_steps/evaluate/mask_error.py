@@ -5,7 +5,6 @@ Writes a tidy CSV: a row for every frame, empty where it was left out, and rows 
 """
 
 import argparse
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,8 @@ from zeroshop_steps.geometry.images import read_image, read_mask, write_image
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write, read_json
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.tables import write_table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,11 +57,10 @@ def run(args: argparse.Namespace) -> None:
     summary = {"masks": len(found), "left_out": len(overlaps) - len(found)}
     if len(found):
         summary |= {"iou_median": round(float(np.median(found)), 4), "iou_min": round(float(found.min()), 4)}
-    with atomic_write(args.out) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["camera", "measure", "value"])
-        writer.writerows(["all", key, value] for key, value in summary.items())
-        writer.writerows([name, "iou", "" if overlap is None else round(overlap, 4)] for name, overlap in overlaps.items())
+    rows = [{"camera": "all", "measure": key, "value": value} for key, value in summary.items()]
+    for name, overlap in overlaps.items():
+        rows.append({"camera": name, "measure": "iou", "value": None if overlap is None else round(overlap, 4)})
+    write_table(args.out, rows)
     worst = sorted((frame for frame in frames if frame.found is not None), key=lambda frame: frame.overlap)[:SHEET_COLUMNS]
     images = [read_image(args.cameras / "images" / f"{frame.name}.png") for frame in worst]
     write_image(args.out.with_suffix(".png"), draw_mask_errors(worst, images))

@@ -9,7 +9,6 @@ cameras'; the other figures are free of it, because the alignment includes scale
 """
 
 import argparse
-import csv
 import sys
 import time
 from dataclasses import dataclass
@@ -24,7 +23,8 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
-from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
+from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.runtime.tables import write_table
 
 F_SCORE_MM = 2.0
 F_SCORE_DIAMETER = 0.01
@@ -89,10 +89,8 @@ def run(args: argparse.Namespace) -> None:
     costs = {"training_seconds": took.get("nvs"), "training_cpu_seconds": cpu.get("nvs"), "mesh_seconds": took.get("total")}
     figures |= {name: value for name, value in costs.items() if value is not None}
     write_json(args.out, figures | {"seconds": round(time.monotonic() - start_s, 2)})
-    with atomic_write(args.out.with_suffix(".csv")) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["measure", "value"])
-        writer.writerows([key, value] for key, value in figures.items() if isinstance(value, int | float) and not isinstance(value, bool))
+    measured = {key: value for key, value in figures.items() if isinstance(value, int | float) and not isinstance(value, bool)}
+    write_table(args.out.with_suffix(".csv"), [{"measure": key, "value": value} for key, value in measured.items()])
     print(
         f"quality: accuracy {figures['accuracy_mm']} mm, completeness {figures['completeness_mm']} mm, "
         f"F at 1 % {figures['f_score_1_percent']}, PSNR {figures['psnr_db']} dB",

@@ -7,16 +7,19 @@ published_bop.csv. What its row "official submission" has was scored by BOP itse
 """
 
 import argparse
-import csv
-from collections.abc import Sequence
+import math
 from pathlib import Path
 
-from zeroshop_steps.report.table import read_rows
+import pandas as pd
+
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.tables import read_table, write_table
 
 PUBLISHED = Path(__file__).with_name("published_bop.csv")
 THESIS = "thesis"
+RUN = ["source", "task", "method", "masks"]
+"""The columns that tell one run of a method from another."""
 COLUMNS = ("dataset", "models", "task", "method", "masks", "measure", "object", "value", "source")
 TRUE_MODELS, TRUE_MASKS = "models", "truth"
 LOST = "lost with"
@@ -36,18 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the table and its page."""
-    rows = [row for path in args.scores for row in read_scores(path, args.root)]
-    if args.published:
-        rows += read_published()
-    with atomic_write(args.out) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
+    parts = [read_scores(path, args.root) for path in args.scores]
+    table = pd.concat([*parts, *([read_published()] if args.published else [])], ignore_index=True)
+    write_table(args.out, table)
     with atomic_write(args.page) as temporary:
-        temporary.write_text(render_page(rows))
+        temporary.write_text(render_page(table))
 
 
-def read_scores(path: Path, root: Path) -> list[dict[str, str]]:
+def read_scores(path: Path, root: Path) -> pd.DataFrame:
     """The measurements in results/DATASET/bop/DETECTOR-MODELS/precision.csv or .../ESTIMATOR-MASKS-MODELS/scores.csv.
 
     Raises:
@@ -60,63 +59,63 @@ def read_scores(path: Path, root: Path) -> list[dict[str, str]]:
     except ValueError:
         raise StepError(f"{path} is no run's; expected {root}/DATASET/bop/DETECTOR-MODELS or ESTIMATOR-MASKS-MODELS, and a CSV") from None
     where = {"dataset": dataset, "models": models, "task": "pose" if masks else "detection", "method": name, "masks": masks}
-    return [where | {key: row[key] for key in ("measure", "object", "value")} | {"source": "measured"} for row in read_rows(path)]
+    return read_table(path).assign(**where, source="measured")[list(COLUMNS)]
 
 
-def read_published() -> list[dict[str, str]]:
+def read_published() -> pd.DataFrame:
     """The thesis's Table 4.5."""
-    with PUBLISHED.open(newline="") as file:
-        return [{"dataset": "ycbv", **row, "object": "", "source": THESIS} for row in csv.DictReader(file)]
+    return read_table(PUBLISHED).assign(dataset="ycbv", object="", source=THESIS)[list(COLUMNS)]
 
 
-def render_page(rows: Sequence[dict[str, str]]) -> str:
+def render_page(table: pd.DataFrame) -> str:
     """The whole Markdown text."""
-    head, *body = summarize_models(rows)
+    head, *body = summarize_models(table)
     lines = [[title.replace("\n", "<br>") for title in head], ["---", *["--:"] * (len(head) - 1)]]
     lines += [[f"*{name}*" if name.startswith(LOST) else name, *values] for name, *values in body]
     text = "# Detection and pose estimation\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
     text += "\nAP: average precision of masks over IoU 0.5 to 0.95. AR: average recall of VSD, MSSD and MSPD as in the BOP Challenge.\n"
-    counts = {row["value"] for row in rows if row["measure"] == "instances" and not row["object"]}
-    text += f"{' and '.join(sorted(counts))} instances in virtual test images.\n" if counts else ""
-    if any(row["source"] == THESIS for row in rows):
+    counts = table[(table.measure == "instances") & (table.object == "")].value
+    text += f"{' and '.join(sorted(set(counts)))} instances in virtual test images.\n" if len(counts) else ""
+    if (table.source == THESIS).any():
         text += "Columns of the thesis: YCB-V's real test images (diploma thesis, TU Wien, January 2026, Table 4.5).\n"
     return text
 
 
-def summarize_models(rows: Sequence[dict[str, str]]) -> list[list[str]]:
+def summarize_models(table: pd.DataFrame) -> list[list[str]]:
     """One row a set of models, one column a method and its masks, after a row of titles; below, what each set loses."""
-    shown = [row for row in rows if not row["object"] and row["measure"] == SHOWN[row["task"]]]
-    columns = _columns(shown)
-    values = {(row["models"], _column(row)): float(row["value"]) for row in shown}
-    models = list(dict.fromkeys(row["models"] for row in shown))
-    table = [["", *(_title(*column) for column in columns)]]
-    for name in models:
-        table.append([_words(name), *(_number(values.get((name, column))) for column in columns)])
-    for name in models:
-        compared = [column for column in columns if (name, column) in values and (TRUE_MODELS, column) in values]
-        if name != TRUE_MODELS and compared:
-            losses = {column: values[TRUE_MODELS, column] - values[name, column] for column in compared}
-            table.append([f"{LOST} {_words(name)}", *(_number(losses.get(column)) for column in columns)])
-    return table
+    shown = _select_shown(table[table.object == ""])
+    models, runs = shown.models.unique(), _list_runs(shown)
+    if not runs:
+        return [[""]]
+    values = shown.pivot(index="models", columns=RUN, values="value").reindex(index=models, columns=pd.MultiIndex.from_tuples(runs))
+    rows = [["", *(_title(*run) for run in runs)], *([_words(name), *map(_number, values.loc[name])] for name in models)]
+    for name in models[models != TRUE_MODELS] if TRUE_MODELS in models else []:
+        losses = values.loc[TRUE_MODELS] - values.loc[name]
+        if losses.notna().any():
+            rows.append([f"{LOST} {_words(name)}", *map(_number, losses)])
+    return rows
 
 
-def summarize_objects(rows: Sequence[dict[str, str]]) -> list[list[str]]:
+def summarize_objects(table: pd.DataFrame) -> list[list[str]]:
     """One row an object of BOP's number, one column a set of models, a method and its masks, after a row of titles."""
-    shown = [row for row in rows if row["object"] and row["measure"] == SHOWN[row["task"]]]
-    columns = [(models, column) for models in dict.fromkeys(row["models"] for row in shown) for column in _columns(shown)]
-    values = {(row["object"], row["models"], _column(row)): float(row["value"]) for row in shown}
-    table = [["", *(f"{_words(models)}: {_title(*column)}" for models, column in columns)]]
-    for number in sorted({row["object"] for row in shown}, key=int):
-        table.append([number, *(_number(values.get((number, *column))) for column in columns)])
-    return table
+    shown = _select_shown(table[table.object != ""])
+    columns = [(models, *run) for models in shown.models.unique() for run in _list_runs(shown)]
+    if not columns:
+        return [[""]]
+    values = shown.pivot(index="object", columns=["models", *RUN], values="value").reindex(columns=pd.MultiIndex.from_tuples(columns))
+    titles = ["", *(f"{_words(models)}: {_title(*run)}" for models, *run in columns)]
+    return [titles, *([number, *map(_number, values.loc[number])] for number in sorted(values.index, key=int))]
 
 
-def _columns(rows: Sequence[dict[str, str]]) -> list[tuple[str, str, str, str]]:
-    return sorted(dict.fromkeys(_column(row) for row in rows), key=lambda key: (key[0] == THESIS, key[1] == "pose", key[3] != TRUE_MASKS))
+def _select_shown(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows of the one measure that is shown of each task, their values as numbers."""
+    return table[table.measure == table.task.map(SHOWN)].astype({"value": float})
 
 
-def _column(row: dict[str, str]) -> tuple[str, str, str, str]:
-    return row["source"], row["task"], row["method"], row["masks"]
+def _list_runs(shown: pd.DataFrame) -> list[tuple[str, str, str, str]]:
+    """The runs in the order of the columns: the thesis's last, detection before poses, true masks before found ones."""
+    runs = shown[RUN].drop_duplicates().itertuples(index=False, name=None)
+    return sorted(runs, key=lambda run: (run[0] == THESIS, run[1] == "pose", run[3] != TRUE_MASKS))
 
 
 def _title(source: str, task: str, method: str, masks: str) -> str:
@@ -129,5 +128,5 @@ def _words(models: str) -> str:
     return "ground truth" if models == TRUE_MODELS else models.removeprefix("models_")
 
 
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.3f}"
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3f}"

@@ -3,9 +3,10 @@
 import argparse
 from pathlib import Path
 
-from zeroshop_steps.report.table import parse_cell, write_table
+from zeroshop_steps.report.table import parse_cell
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.tables import write_table
 
 READS_FAILURES = True
 
@@ -20,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the table."""
-    write_table([make_row(*pair, args.root) for pair in zip(args.heights, args.truths, strict=True)], args.out)
+    write_table(args.out, [make_row(*pair, args.root) for pair in zip(args.heights, args.truths, strict=True)])
 
 
 def make_row(height: Path, truth: Path, root: Path) -> dict[str, str]:

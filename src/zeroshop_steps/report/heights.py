@@ -6,7 +6,6 @@ published_heights.csv. The plot is that of its Figure 4.8: absolute error in per
 """
 
 import argparse
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from zeroshop_steps.report.table import parse_cell
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_write, read_json
+from zeroshop_steps.runtime.tables import read_table, write_table
 
 PUBLISHED = Path(__file__).with_name("published_heights.csv")
 BESIDE, APART, THESIS = "board beside the object", "board in the empty scene", "thesis: MASt3R"
@@ -72,11 +72,7 @@ def run(args: argparse.Namespace) -> None:
     """Write the table and the plot."""
     published = read_published_heights()
     rows = [make_row(path, args.root, published) for path in args.heights]
-    with atomic_write(args.out) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-        writer.writerows(list_unmatched(published, rows))
+    write_table(args.out, [*rows, *list_unmatched(published, rows)], COLUMNS)
     figure = draw_plot(rows, published)
     with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), atomic_write(args.out.with_suffix(".svg")) as temporary:
         FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
@@ -86,18 +82,9 @@ def run(args: argparse.Namespace) -> None:
 
 def read_published_heights() -> list[PublishedHeight]:
     """The thesis's Tables 4.3 and 4.4."""
-    with PUBLISHED.open(newline="") as file:
-        return [
-            PublishedHeight(
-                row["table"],
-                row["name"],
-                row["ycbv_object"],
-                float(row["height_m"]),
-                float(row["mast3r_height_m"]),
-                float(row["difference_percent"]),
-            )
-            for row in csv.DictReader(file)
-        ]
+    table = read_table(PUBLISHED).rename(columns={"mast3r_height_m": "measured_height_m"}).drop(columns="difference_mm")
+    numbers = {"height_m": float, "measured_height_m": float, "difference_percent": float}
+    return [PublishedHeight(**row) for row in table.astype(numbers).to_dict("records")]
 
 
 def make_row(path: Path, root: Path, published: Sequence[PublishedHeight]) -> dict[str, str | float]:

@@ -5,13 +5,14 @@ cell that failed comes as the record of its failure; it becomes one row with gra
 """
 
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
-from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.tables import read_table, write_table
 
 AXES = ("dataset", "object", "scene", "registration", "nvs")
 
@@ -27,38 +28,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the table."""
-    write_table(gather(args.measurements, args.root), args.out)
+    write_table(args.out, gather(args.measurements, args.root))
 
 
-def gather(measurements: Sequence[Path], root: Path) -> list[dict[str, str]]:
-    """The rows of all cells, each with its coordinates, in the order of the files.
+def gather(measurements: Sequence[Path], root: Path) -> pd.DataFrame:
+    """The rows of all cells in the order of the files: the coordinates first, then every column that any file has.
 
     Raises:
         StepError: a file that is missing, empty, or not below `root`.
     """
-    rows: list[dict[str, str]] = []
+    parts: list[pd.DataFrame] = []
     for path in measurements:
         where = parse_cell(path, root)
         failure = read_failure(path)
-        if failure:
-            row = {**where, "measure": "grade", "value": "none", "reason": str(failure)}
-            # A step that was given the record has left the same one.
-            rows.extend([row] if row not in rows[-1:] else [])
+        if failure is None:
+            parts.append(read_table(path).assign(**where))
             continue
-        rows.extend({**row, **where} for row in read_rows(path))
-    return rows
-
-
-def read_rows(path: Path) -> list[dict[str, str]]:
-    """The measurements in a CSV. Raises StepError where it is missing or has none."""
-    try:
-        with path.open(newline="") as file:
-            measured = list(csv.DictReader(file))
-    except FileNotFoundError:
-        raise StepError(f"{path} does not exist; run the step that writes it first") from None
-    if not measured:
-        raise StepError(f"{path} has no rows; delete it and run its step again")
-    return measured
+        row = pd.DataFrame([{**where, "measure": "grade", "value": "none", "reason": str(failure)}])
+        # A step that was given the record has left the same one.
+        if not (parts and parts[-1].equals(row)):
+            parts.append(row)
+    table = pd.concat(parts, ignore_index=True)
+    axes = [axis for axis in AXES if axis in table]
+    return table[[*axes, *table.columns.drop(axes)]]
 
 
 def parse_cell(path: Path, root: Path) -> dict[str, str]:
@@ -70,12 +62,3 @@ def parse_cell(path: Path, root: Path) -> dict[str, str]:
     if not len(AXES) - 1 <= len(folders) <= len(AXES):
         raise StepError(f"{path} does not lie in a cell; expected {root}/DATASET/OBJECT/SCENE/REGISTRATION[/NVS]/FILE")
     return dict(zip(AXES, folders, strict=False))
-
-
-def write_table(rows: Sequence[dict[str, str]], out: Path) -> None:
-    """Write rows as CSV: the coordinates first, then every column that any row has; what a row lacks stays empty."""
-    columns = dict.fromkeys([*(axis for axis in AXES if any(axis in row for row in rows)), *(key for row in rows for key in row)])
-    with atomic_write(out) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(columns), restval="")
-        writer.writeheader()
-        writer.writerows(rows)

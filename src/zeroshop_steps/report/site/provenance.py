@@ -3,8 +3,10 @@
 import json
 from pathlib import Path
 
+import pandas as pd
+
 from zeroshop_steps.evaluate.grading import MEASURES
-from zeroshop_steps.report.site.results_index import Cell, Run, read_csv
+from zeroshop_steps.report.site.results_index import Cell, Run, find_table
 
 # Curves that a page shows of a training, in this order, as far as the method has them.
 CURVES = ("loss", "l1", "mask", "depth", "normal")
@@ -65,10 +67,9 @@ def list_measures(cell: Cell) -> list[dict]:
 def read_training_curves(cell: Cell) -> dict[str, list[tuple[float, float]]]:
     """The losses of a training over its iterations."""
     path = next((path for path in (cell.folder / "splats/training.csv", cell.folder / "voxels/training.csv") if path.is_file()), None)
-    rows = read_csv(path) if path else []
-    return {
-        name: [(float(row["iteration"]), float(row[name])) for row in rows if row.get(name)] for name in CURVES if rows and name in rows[0]
-    }
+    table = find_table(path) if path else pd.DataFrame()
+    curves = {name: table[table[name] != ""][["iteration", name]].astype(float) for name in CURVES if name in table}
+    return {name: list(curve.itertuples(index=False, name=None)) for name, curve in curves.items()}
 
 
 def list_provenance(cell: Cell, run: Run) -> list[tuple[str, str]]:

@@ -3,16 +3,18 @@
 Nothing here expects a finished run: a part that is missing is a part to be shown as missing.
 """
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from zeroshop_steps.methods import NVS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, read_failure
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.tables import read_table
 
 # Folders beside scenes, registrations and cells that are none of them.
 NO_SCENE = {"model", "logs", "benchmarks", "report"}
@@ -144,12 +146,14 @@ def read_cell(folder: Path, registered: dict) -> Cell:
     return Cell(folder.parents[1].name, folder.parent.name, folder.name, folder, state, failure, steps, grade, figures, facts)
 
 
-def read_csv(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV; none where it is missing or records a failure."""
+def find_table(path: Path) -> pd.DataFrame:
+    """The rows of a CSV as text; none where it is missing, empty or records a failure."""
     if not path.is_file() or read_failure(path):
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+        return pd.DataFrame()
+    try:
+        return read_table(path)
+    except StepError:
+        return pd.DataFrame()
 
 
 def _is_cell(folder: Path) -> bool:

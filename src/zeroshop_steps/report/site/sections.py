@@ -9,7 +9,7 @@ from zeroshop_steps.report.site.advice import advise, advise_on_failure
 from zeroshop_steps.report.site.charts import line_chart
 from zeroshop_steps.report.site.plan import camera_plan
 from zeroshop_steps.report.site.provenance import list_costs, list_measures, list_provenance, read_training_curves
-from zeroshop_steps.report.site.results_index import Cell, Run, read_csv
+from zeroshop_steps.report.site.results_index import Cell, Run, find_table
 from zeroshop_steps.report.site.viewer_meshes import read_object_frame
 from zeroshop_steps.report.site.views import write_sheets, write_views
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -72,8 +72,8 @@ def _draw_plan(run: Run):
 
 
 def _read_camera_errors(run: Run) -> dict[str, str]:
-    path = run.folder / "camera_error.csv"
-    return {row["measure"]: row["value"] for row in read_csv(path) if row.get("camera") == "all"}
+    rows = find_table(run.folder / "camera_error.csv").itertuples()
+    return {row.measure: row.value for row in rows if row.camera == "all"}
 
 
 def _skip_damaged(write, *arguments) -> dict[str, str]:

@@ -4,17 +4,19 @@ Tables 4.1 to 4.5 and Figure 4.8 are those of the diploma thesis ("ZeroShOP: Zer
 environments", TU Wien, January 2026).
 """
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
+
+import pandas as pd
 
 from zeroshop_steps.report import bop
 from zeroshop_steps.report.heights import THESIS, read_published_heights
 from zeroshop_steps.report.reconstruction import read_published_cells
 from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.html import make_link, write_page
-from zeroshop_steps.report.site.results_index import read_csv
-from zeroshop_steps.runtime.files import atomic_directory, atomic_write
+from zeroshop_steps.report.site.results_index import find_table
+from zeroshop_steps.runtime.files import atomic_directory
+from zeroshop_steps.runtime.tables import write_table
 
 SCENE_ORDER = ("su_l", "su_h", "se", "video")
 FIGURES = (
@@ -36,29 +38,33 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
         folder: of the report; cards: what the gallery knows of each object; dataset: its name.
         tables: the dataset's tables; those that are missing are left out.
     """
-    found = {path.stem: read_csv(path) for path in sorted(tables.glob("*.csv"))} if tables and tables.is_dir() else {}
-    thesis = read_published_cells() if dataset == "ycbv" else []
+    found = {path.stem: find_table(path) for path in sorted(tables.glob("*.csv"))} if tables and tables.is_dir() else {}
+    heights, scores = (found.get(name, pd.DataFrame()) for name in ("height", "bop"))
+    measured = scores[scores.source != bop.THESIS] if len(scores) else scores
+    thesis = list(read_published_cells().itertuples()) if dataset == "ycbv" else []
     content = {
         "grades": make_grade_tables(cards, thesis),
         "figures": make_figure_rows(cards),
         "columns": list_used_columns(cards),
-        "heights": make_height_rows(found.get("height", [])),
-        "height_columns": list_used_height_columns(found.get("height", [])),
-        "figure_4_8": draw_height_plot(found.get("height", [])),
+        "heights": make_height_rows(heights),
+        "height_columns": list_used_height_columns(heights),
+        "figure_4_8": draw_height_plot(heights),
         "plots": draw_plots(cards),
-        "bop": bop.summarize_models([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
-        "bop_objects": bop.summarize_objects([row for row in found.get("bop", []) if row["source"] != bop.THESIS]),
+        "bop": bop.summarize_models(measured) if len(measured) else [],
+        "bop_objects": bop.summarize_objects(measured) if len(measured) else [],
         "bop_links": {str(card["number"]): {"name": card["name"], "link": card["page"]} for card in cards if card["number"]},
         "published_bop": bop.summarize_models(bop.read_published()),
     }
-    rows = {"grades": make_grade_csv(cards, thesis), "figures": make_figure_csv(cards), "heights": content["heights"]}
-    rows |= {name: table for name, table in found.items() if name not in rows} | {"published_bop": bop.read_published()}
-    rows = {name: table for name, table in rows.items() if table}
-    with atomic_directory(folder / "downloads") as downloads:
-        for name, table in rows.items():
-            write_csv(downloads / f"{name}.csv", table)
+    downloads = {"grades": make_grade_csv(cards, thesis), "figures": make_figure_csv(cards), "heights": content["heights"]}
+    downloads |= {name: table for name, table in found.items() if name not in downloads} | {"published_bop": bop.read_published()}
+    downloads = {name: table for name, table in downloads.items() if len(table)}
+    with atomic_directory(folder / "downloads") as place:
+        for name, table in downloads.items():
+            write_table(place / f"{name}.csv", table)
     names = {card["object"]: card["name"] for card in cards}
-    write_page(folder / "tables.html", "tables.html", dataset=dataset, cards=cards, names=names, downloads=set(rows), root="", **content)
+    write_page(
+        folder / "tables.html", "tables.html", dataset=dataset, cards=cards, names=names, downloads=set(downloads), root="", **content
+    )
 
 
 def make_grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
@@ -93,10 +99,10 @@ def list_used_columns(cards: Sequence[dict]) -> list[tuple[str, str]]:
     return [column for column in FIGURES if column[0] in there]
 
 
-def make_height_rows(measured: Sequence[dict]) -> list[dict]:
+def make_height_rows(measured: pd.DataFrame) -> list[dict]:
     """The measured heights with published ones beside; the published ones alone where none were measured."""
-    if measured:
-        return list(measured)
+    if len(measured):
+        return measured.to_dict("records")
     columns = {"published_height_m": "height_m", "published_measured_height_m": "measured_height_m"}
     columns |= {"published_difference_percent": "difference_percent"}
     return [
@@ -106,21 +112,20 @@ def make_height_rows(measured: Sequence[dict]) -> list[dict]:
     ]
 
 
-def list_used_height_columns(measured: Sequence[dict]) -> list[tuple[str, str]]:
+def list_used_height_columns(measured: pd.DataFrame) -> list[tuple[str, str]]:
     """The columns of the table of heights: our own only where something was measured."""
     own = [("height_m", "true height m"), ("measured_height_m", "measured m"), ("difference_percent", "difference %")]
     published = [("published_name", "published name"), ("published_height_m", "published height m")]
     published += [("published_measured_height_m", "published, MASt3R m"), ("published_difference_percent", "published difference %")]
-    return (own if measured else []) + published
+    return (own if len(measured) else []) + published
 
 
-def draw_height_plot(measured: Sequence[dict]):
+def draw_height_plot(measured: pd.DataFrame):
     """Figure 4.8: error in per cent over the true height, the thesis's and ours."""
     series = {THESIS: [(found.height_m, abs(found.difference_percent), found.name) for found in read_published_heights()]}
-    for row in measured:
-        if row.get("difference_percent"):
-            point = (float(row["height_m"]), abs(float(row["difference_percent"])), row["object"])
-            series.setdefault(row["how"], []).append(point)
+    for row in measured.itertuples():
+        if row.difference_percent:
+            series.setdefault(row.how, []).append((float(row.height_m), abs(float(row.difference_percent)), row.object))
     return scatter(series, "true height in m", "error of the measured height in %", trend=True)
 
 
@@ -164,15 +169,6 @@ def make_figure_csv(cards: Sequence[dict]) -> list[dict]:
         for cell in card["cells"]
         for name, value in cell["figures"].items()
     ]
-
-
-def write_csv(path: Path, rows: Sequence[dict]) -> None:
-    """Write rows with the columns that any of them has."""
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _order(scene: str) -> int:
