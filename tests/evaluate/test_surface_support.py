@@ -73,7 +73,7 @@ def test_shares_are_of_the_area(cup):
 
 def test_a_file_of_another_mesh_is_refused(cup, tmp_path):
     np.savez(tmp_path / "evidence.npz", evidence=np.zeros(7, np.uint8))
-    with pytest.raises(StepError, match="tells of 7 vertices"):
+    with pytest.raises(StepError, match="has 7 vertices"):
         with_surface_support(cup[0], tmp_path / "evidence.npz")
     (tmp_path / "evidence.npz").write_bytes(b"PK half of it")
     with pytest.raises(StepError, match="not a whole file"):

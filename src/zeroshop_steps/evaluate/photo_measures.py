@@ -18,7 +18,7 @@ from zeroshop_steps.finish import exposure
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, RayHits
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.surface_distance import face_normals, sample_surface
+from zeroshop_steps.geometry.surface_distance import sample_surface
 from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
 from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
@@ -153,7 +153,7 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
 
 def _count_back_pixels(mesh: Mesh, hits: RayHits, view: View) -> int:
     towards = view.camera.centre_in_world - mesh.vertices[mesh.faces[:, 0]]
-    facing = np.einsum("ij,ij->i", face_normals(mesh), towards)
+    facing = np.einsum("ij,ij->i", mesh.face_normals(), towards)
     return int((facing[hits.face[hits.mask]] < 0).sum())
 
 

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.finish.clean import label_parts
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
-from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, face_normals, sample_surface
+from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, sample_surface
 from zeroshop_steps.geometry.surface_fields import weld
 
 UNDERSIDE_DIAMETERS = 0.05  # a border this near to the support is the rim of the side that no photo shows
@@ -42,7 +42,7 @@ def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: floa
     diameter = diameter_of(joined)
     # a little inside the face: rays at the border itself may miss it
     points = 0.9 * ends.mean(1) + 0.1 * joined.vertices[joined.faces[faces]].mean(1)
-    counts = count_seeing_views(points, face_normals(joined)[faces], joined, list(cameras), support_z) >= SEEN_BY
+    counts = count_seeing_views(points, joined.face_normals()[faces], joined, list(cameras), support_z) >= SEEN_BY
     if support_z is not None:
         counts &= points[:, 2] > support_z + UNDERSIDE_DIAMETERS * diameter
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
@@ -54,7 +54,7 @@ def measure_roughness_deg(mesh: Mesh, seed: int = 0) -> float:
     The median leaves out edges and folds that the object itself may have.
     """
     points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(seed))
-    normals = face_normals(mesh)[faces]
+    normals = mesh.face_normals()[faces]
     a, b = cKDTree(points).query_pairs(ROUGHNESS_DIAMETERS * diameter_of(mesh), output_type="ndarray").T
     same_side = np.einsum("ij,ij->i", normals[a], normals[b]) > 0.0
     a, b = a[same_side], b[same_side]

@@ -1,1 +1,1 @@
-"""Geometry: cameras, images, meshes and what several stages compute from them."""
+"""Geometry that several stages share: cameras, images, meshes, the support plane and what the photos see."""

@@ -1,6 +1,6 @@
-"""Cameras of an image set, as every stage after registration sees them: one pinhole camera each, OpenCV axes.
+"""Pinhole cameras with OpenCV axes, as every stage after registration uses them.
 
-On disk they travel as COLMAP sparse models (binary). Here they are arrays.
+On disk they are COLMAP sparse models (binary); in memory they are arrays.
 """
 
 from collections.abc import Iterable
@@ -12,6 +12,8 @@ import pycolmap
 
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
+
+LEAST_PAIRS = 3  # a similarity between two sets of points needs three
 
 
 @dataclass(frozen=True)
@@ -37,10 +39,16 @@ class Camera:
         return -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
 
     @property
+    def pinhole_params(self) -> list[float]:
+        """fx, fy, cx, cy in pixels: the parameters of COLMAP's PINHOLE model."""
+        k = self.intrinsics
+        return [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+
+    @property
     def row(self) -> np.ndarray:
         """(16,) numbers for compiled code: rotation (9) and translation (3) of camera_from_world, then fx, fy, cx, cy."""
-        pose, k = self.camera_from_world, self.intrinsics
-        return np.array([*pose[:3, :3].ravel(), *pose[:3, 3], k[0, 0], k[1, 1], k[0, 2], k[1, 2]])
+        pose = self.camera_from_world
+        return np.array([*pose[:3, :3].ravel(), *pose[:3, 3], *self.pinhole_params])
 
     def project(self, points_in_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project (N, 3) points to (N, 2) pixel positions and (N,) depths along the optical axis."""
@@ -49,8 +57,22 @@ class Camera:
             pixels = points[:, :2] / points[:, 2:] * self.intrinsics[[0, 1], [0, 1]] + self.intrinsics[:2, 2]
         return pixels, points[:, 2]
 
+    def find_pixels(self, points_in_world: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The pixels that (N, 3) points fall into.
+
+        Returns:
+            rows, columns: (N,) int; they mean nothing where `inside` is False.
+            depth: (N,) along the optical axis.
+            inside: (N,) bool: the point is in front of the camera and in the image.
+        """
+        pixels, depth = self.project(points_in_world)
+        with np.errstate(invalid="ignore"):
+            columns, rows = np.floor(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64).T
+        inside = (depth > 0) & (columns >= 0) & (rows >= 0) & (columns < self.width_px) & (rows < self.height_px)
+        return rows, columns, depth, inside
+
     def resized(self, width_px: int, height_px: int) -> "Camera":
-        """The same camera for an image resampled to another size."""
+        """The same camera for its image resampled to another size."""
         scale = np.diag([width_px / self.width_px, height_px / self.height_px, 1.0])
         return Camera(self.name, width_px, height_px, scale @ self.intrinsics, self.camera_from_world)
 
@@ -92,8 +114,7 @@ def read_sparse_model(folder: Path) -> SparseModel:
         camera = reconstruction.cameras[image.camera_id]
         if camera.model.name not in ("PINHOLE", "SIMPLE_PINHOLE"):
             raise StepError(f"{folder}: camera model {camera.model.name} has distortion; undistort first (the register stage does)")
-        camera_from_world = np.eye(4)
-        camera_from_world[:3] = image.cam_from_world().matrix()
+        camera_from_world = to_matrix(image.cam_from_world())
         cameras.append(Camera(image.name, camera.width, camera.height, np.array(camera.calibration_matrix()), camera_from_world))
     points = list(reconstruction.points3D.values())
     return SparseModel(
@@ -109,33 +130,48 @@ def write_cameras(folder: Path, cameras: tuple[Camera, ...] | list[Camera]) -> N
     reconstruction = pycolmap.Reconstruction()
     shared: dict[tuple, int] = {}
     for image_id, camera in enumerate(cameras, start=1):
-        k = camera.intrinsics
-        key = (camera.width_px, camera.height_px, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+        key = (camera.width_px, camera.height_px, *camera.pinhole_params)
         if key not in shared:
             shared[key] = len(shared) + 1
             reconstruction.add_camera_with_trivial_rig(
                 pycolmap.Camera(model="PINHOLE", width=key[0], height=key[1], params=list(key[2:]), camera_id=shared[key])
             )
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(camera.camera_from_world[:3, :3]), camera.camera_from_world[:3, 3])
-        reconstruction.add_image_with_trivial_frame(pycolmap.Image(name=camera.name, camera_id=shared[key], image_id=image_id), pose)
+        image = pycolmap.Image(name=camera.name, camera_id=shared[key], image_id=image_id)
+        reconstruction.add_image_with_trivial_frame(image, to_rigid(camera.camera_from_world))
     Path(folder).mkdir(parents=True, exist_ok=True)
     reconstruction.write_binary(str(folder))
 
 
+def to_matrix(pose: pycolmap.Rigid3d) -> np.ndarray:
+    """A COLMAP pose as a (4, 4) matrix."""
+    matrix = np.eye(4)
+    matrix[:3] = pose.matrix()
+    return matrix
+
+
+def to_rigid(matrix: np.ndarray) -> pycolmap.Rigid3d:
+    """A (3, 4) or (4, 4) rigid transform as a COLMAP pose."""
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(matrix[:3, :3]), matrix[:3, 3])
+
+
 def pair_with_truth(registered: Iterable[Camera], truth: Iterable[Camera]) -> list[tuple[Camera, Camera]]:
-    """Registered cameras with the true ones whose images have the same stem. Raises StepError below three, too few to align by."""
+    """Pair registered cameras with the true cameras of the same image stem.
+
+    Raises:
+        StepError: fewer than three pairs, which are needed to align them.
+    """
     true_cameras = {Path(camera.name).stem: camera for camera in truth}
     pairs = [(camera, true_cameras[stem]) for camera in registered if (stem := Path(camera.name).stem) in true_cameras]
-    if len(pairs) < 3:
+    if len(pairs) < LEAST_PAIRS:
         raise StepError(
-            f"only {len(pairs)} registered camera(s) have a true one of the same name; three are needed to align them: register the images"
-            " of this capture again"
+            f"only {len(pairs)} registered camera(s) have a true camera of the same name, {LEAST_PAIRS} are needed to align them;"
+            " register the images of this capture again"
         )
     return pairs
 
 
 def align_to_truth(pairs: Iterable[tuple[Camera, Camera]]) -> np.ndarray:
-    """The (4, 4) similarity truth_from_registration of such pairs, by their centres."""
+    """The (4, 4) similarity truth_from_registration that best aligns the centres of paired cameras."""
     source, target = (np.array([camera.centre_in_world for camera in cameras]) for cameras in zip(*pairs, strict=True))
     return fit_similarity(source, target)
 

@@ -1,4 +1,4 @@
-"""Which pixels of a registered image matter: the object's sphere, and the crop of each image around its mask."""
+"""The part of each registered image that shows the object: the sphere around the object, and the crop around its mask."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,29 +10,36 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
 
 STRIDE_PX = 3
-"""Stereo finds planes at every third pixel of every third row; patches are compared at the images' own resolution."""
+"""Stereo estimates planes at every third pixel of every third row; patches are compared at the images' own resolution."""
 SEED_WIDTH_PX = 1000
-"""Width of the images in which seeds are looked for, at most: fine print is all that some hollows have."""
-SEED_BORDER_PX = 10
+"""Largest width of the images in which stereo looks for seeds: the inner walls of some objects have fine print only."""
+SEED_BORDER_PX = 10  # around the mask, so that patches at its rim lie in the crop
 
 
 @dataclass(frozen=True)
 class ObjectSphere:
-    """A sphere around the object: world = centre + radius * normalized. Training happens in normalized coordinates."""
+    """A sphere around the object: world = centre + radius * normalized. Surfaces are optimized in normalized coordinates."""
 
     centre: np.ndarray
     radius: float
 
     def normalized(self, camera: Camera) -> Camera:
-        """The camera seen from normalized coordinates."""
+        """The camera in normalized coordinates."""
         camera_from_world = camera.camera_from_world.copy()
         camera_from_world[:3, 3] = (camera_from_world[:3, :3] @ self.centre + camera_from_world[:3, 3]) / self.radius
         return Camera(camera.name, camera.width_px, camera.height_px, camera.intrinsics, camera_from_world)
 
 
 def fit_object_sphere(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> ObjectSphere:
-    """Centre: the point nearest, in the least-squares sense, to the rays through the masks' box centres.
-    Radius: large enough for the largest half diagonal of a mask's box, back-projected to the centre's depth."""
+    """The sphere around the object that the masks show.
+
+    Its centre is nearest, in the least-squares sense, to the rays through the centres of the masks' boxes. Its radius holds the
+    largest half diagonal of a box, back-projected to the centre's depth. Cameras and masks must be right: unlike
+    `rays.find_nearest_point`, which checks of cameras use, wrong ones move this centre.
+
+    Raises:
+        StepError: the centre lies behind a camera.
+    """
     matrix, vector = np.zeros((3, 3)), np.zeros(3)
     half_diagonals = []
     for camera, mask in zip(cameras, masks, strict=True):
@@ -48,21 +55,21 @@ def fit_object_sphere(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) ->
     depths = [camera.project(centre[None])[1][0] for camera in cameras]
     if min(depths) <= 0:
         name = cameras[int(np.argmin(depths))].name
-        raise StepError(f"the masked object lies behind the camera of {name}: its registration is wrong; leave it out or take it again")
+        raise StepError(f"the masked object lies behind the camera of {name}: that camera is wrong; leave the photo out or take it again")
     radius = max(half * depth / camera.intrinsics[0, 0] for half, depth, camera in zip(half_diagonals, depths, cameras, strict=True))
     return ObjectSphere(centre, float(radius))
 
 
 @dataclass(frozen=True)
 class Crop:
-    """The part of an image around its mask, resampled.
+    """The part of a resampled image around its mask.
 
     Attributes:
         camera: pinhole camera of the crop, in normalized coordinates.
         size_px: width and height of the whole image, resampled.
         window: rows and columns of the crop in it.
         coverage: (H, W) float32 share of each pixel that the object covers, 0 to 1.
-        active: (H, W) bool, the pixels that count: within the border around the mask.
+        active: (H, W) bool, the pixels that count: the mask and the border around it.
     """
 
     camera: Camera
@@ -73,7 +80,7 @@ class Crop:
 
 
 def crop(camera: Camera, mask: np.ndarray, sphere: ObjectSphere, image_width_px: int, border_px: int) -> Crop:
-    """The crop to the mask's box and `border_px` of an image resampled to `image_width_px` (never up)."""
+    """Crop an image, resampled to `image_width_px` (never enlarged), to the mask's box and `border_px` around it."""
     width_px = min(image_width_px, camera.width_px)
     height_px = round(camera.height_px * width_px / camera.width_px)
     coverage = cv2.resize(mask.astype(np.float32), (width_px, height_px), interpolation=cv2.INTER_AREA)
@@ -89,12 +96,12 @@ def crop(camera: Camera, mask: np.ndarray, sphere: ObjectSphere, image_width_px:
 
 
 def crop_for_seeds(camera: Camera, mask: np.ndarray, sphere: ObjectSphere) -> Crop:
-    """The crop in which stereo looks for seeds: of the image's full size, if that is moderate."""
+    """The crop in which stereo looks for seeds: at full size up to `SEED_WIDTH_PX`."""
     return crop(camera, mask, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
 
 
 def grid_camera(camera: Camera) -> Camera:
-    """The camera of the pixels at which stereo finds planes."""
+    """The camera whose pixels are those at which stereo estimates planes: every `STRIDE_PX`-th of each axis."""
     s = STRIDE_PX
     # The centre of pixel i of the grid is the centre of pixel s * i of the image.
     intrinsics = camera.intrinsics / np.array([[s], [s], [1]]) + np.array([[0, 0, 0.5 - 0.5 / s], [0, 0, 0.5 - 0.5 / s], [0, 0, 0]])

@@ -1,4 +1,4 @@
-"""Reading and writing images and masks, with errors that name the file and the remedy."""
+"""Read, write and sample images and masks, with errors that name the file and the remedy."""
 
 from pathlib import Path
 
@@ -9,6 +9,8 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+REMAP_COLUMNS = 16384
+"""Points are sampled in rows of so many: OpenCV's remap takes images of fewer than 32768 rows and columns."""
 
 
 def list_images(folder: Path) -> list[Path]:
@@ -23,7 +25,10 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Read an image as (height, width, 3) uint8 RGB, sRGB-encoded. EXIF rotation is ignored: cameras are fitted to the stored pixels."""
+    """Read an image as (height, width, 3) uint8 RGB, sRGB-encoded.
+
+    EXIF rotation is ignored, because cameras are fitted to the stored pixels.
+    """
     return cv2.cvtColor(_decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION), cv2.COLOR_BGR2RGB)
 
 
@@ -48,7 +53,7 @@ def read_depth_mm(path: Path) -> np.ndarray:
 
 
 def write_image(path: Path, image: np.ndarray) -> None:
-    """Write (height, width, 3) uint8 RGB or (height, width) uint8 / uint16, whole or not at all."""
+    """Write (height, width, 3) uint8 RGB or (height, width) uint8 / uint16, atomically."""
     if image.ndim == 3:
         image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     with atomic_write(path) as temporary:
@@ -75,6 +80,22 @@ def spread_colors(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     colors = np.zeros((int(labels.max()) + 1, image.shape[2]), image.dtype)
     colors[labels[known]] = image[known]
     return colors[labels]
+
+
+def sample_bilinear(image: np.ndarray, positions: np.ndarray, border_mode: int) -> np.ndarray:
+    """Sample an (H, W) or (H, W, C) image at (N, 2) positions; (N,) or (N, C) float32.
+
+    Args:
+        image: of any type.
+        positions: x and y with pixel centres at whole numbers; finite.
+        border_mode: OpenCV's, for positions off the image; a constant border is 0.
+    """
+    rows = max(1, -(-len(positions) // REMAP_COLUMNS))
+    padded = np.zeros((2, rows * REMAP_COLUMNS), np.float32)
+    padded[:, : len(positions)] = positions.T
+    map_x, map_y = padded.reshape(2, rows, REMAP_COLUMNS)
+    sampled = cv2.remap(image.astype(np.float32), map_x, map_y, cv2.INTER_LINEAR, borderMode=border_mode, borderValue=0)
+    return sampled.reshape(rows * REMAP_COLUMNS, *image.shape[2:])[: len(positions)]
 
 
 def _decode(path: Path, flags: int) -> np.ndarray:

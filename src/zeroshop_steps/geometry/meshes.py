@@ -1,20 +1,21 @@
-"""Triangle meshes, plain or textured, and the one PLY reader and writer (BOP's layout)."""
+"""Triangle meshes, plain or textured, and how they are read from and written to PLY (BOP's layout)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    import trimesh  # a second to import, in every step: so only where it is needed
+    import trimesh  # takes a second to import, so steps import it only where they need it
 
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 FACE_TYPE = np.dtype([("count", "u1"), ("index", "<i4", 3)])
+SEEN_QUALITY, MEASURED_QUALITY = 0.25, 0.75  # mean quality of a face's corners, halfway between the classes 0, 0.5 and 1
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Mesh:
         normals: (V, 3) unit vertex normals, or None.
         uv: (V, 2) texture coordinates, origin at the image's lower left, or None.
         texture: (height, width, 3) uint8 RGB, or None.
-        quality: (V,) how sure the surface is there: 1 measured, 0.5 assumed, 0 never seen; or None.
+        quality: (V,) how certain the surface is: 1 measured, 0.5 assumed, 0 never seen; or None where that is not known.
     """
 
     vertices: np.ndarray
@@ -38,14 +39,13 @@ class Mesh:
     quality: np.ndarray | None = None
 
     def with_normals(self) -> "Mesh":
-        """The same mesh with area-weighted vertex normals computed from its faces; vertices split by a texture seam share theirs."""
-        corners = self.vertices[self.faces]
-        face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        """The same mesh with area-weighted vertex normals; vertices at one position, split by a texture seam, share theirs."""
+        area_normals = self._area_normals()
         _, position = np.unique(self.vertices, axis=0, return_inverse=True)
         position = position.reshape(-1)
         sums = np.zeros((position.max() + 1, 3))
         for corner in range(3):
-            np.add.at(sums, position[self.faces[:, corner]], face_normals)
+            np.add.at(sums, position[self.faces[:, corner]], area_normals)
         normals = sums[position]
         return replace(self, normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
 
@@ -75,53 +75,71 @@ class Mesh:
         """Whether it has texture coordinates and an image."""
         return self.uv is not None and self.texture is not None
 
+    def require_quality(self) -> np.ndarray:
+        """(V,) quality. Raises ValueError where the mesh has none: a fault of the program, not of the user's."""
+        if self.quality is None:
+            raise ValueError("the mesh has no quality")
+        return self.quality
+
     def without_loose_vertices(self) -> "Mesh":
-        """The same mesh without vertices that no face has."""
+        """The same mesh without vertices that belong to no face."""
         used, index = np.unique(self.faces, return_inverse=True)
         normals, uv, quality = (None if values is None else values[used] for values in (self.normals, self.uv, self.quality))
         return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture, quality)
 
     def seen_faces(self) -> np.ndarray:
-        """(F,) bool, faces that photos saw; all where the mesh does not say."""
-        return self._face_quality() >= 0.25
+        """(F,) bool, faces that photos saw; all without quality."""
+        return self._face_quality() >= SEEN_QUALITY
 
     def assumed_faces(self) -> np.ndarray:
-        """(F,) bool, faces that photos saw and that nothing measured; none where the mesh does not say."""
+        """(F,) bool, faces that photos saw and that nothing measured; none without quality."""
         return self.seen_faces() & ~self.measured_faces()
 
     def measured_faces(self) -> np.ndarray:
-        """(F,) bool, faces whose place something measured; all where the mesh does not say."""
-        return self._face_quality() >= 0.75
+        """(F,) bool, faces whose position was measured; all without quality."""
+        return self._face_quality() >= MEASURED_QUALITY
 
     def _face_quality(self) -> np.ndarray:
         return np.ones(len(self.faces)) if self.quality is None else self.quality[self.faces].mean(1)
 
     def face_areas(self) -> np.ndarray:
         """(F,) areas of the faces, in the unit of the vertices squared."""
+        return np.linalg.norm(self._area_normals(), axis=1) / 2
+
+    def face_normals(self) -> np.ndarray:
+        """(F, 3) unit normals of the faces, zero where a face has no area."""
+        normals = self._area_normals()
+        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+
+    def _area_normals(self) -> np.ndarray:
+        """(F, 3) normals of the faces, as long as twice their areas."""
         corners = self.vertices[self.faces]
-        return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
     def as_trimesh(self) -> "trimesh.Trimesh":
-        """Geometry only, vertices kept as they are."""
+        """The geometry alone; vertices are not merged."""
         import trimesh
 
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
 
 def read_ply(path: Path) -> Mesh:
-    """Read a PLY mesh; the texture that its `TextureFile` comment names is read from beside it.
+    """Read a PLY mesh, and from beside it the texture that its `TextureFile` comment names.
 
-    Raises StepError for a missing, damaged or empty mesh, faces out of range, and a named texture that is absent.
+    Raises:
+        StepError: the mesh is missing, damaged or empty, or its texture is missing.
     """
     path = Path(path)
     if not path.is_file():
         raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
-    vertices, faces, data = _read_as_written(path) or _read_by_trimesh(path)
+    vertices, faces, data = _read_own_layout(path) or _read_with_trimesh(path)
     if len(vertices) == 0 or len(faces) == 0:
         raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed")
     if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
-        raise StepError(f"mesh {path} is damaged: vertices that are not finite or faces that name missing vertices; export it again")
-    names = data.dtype.names if isinstance(data, np.ndarray) else tuple(data)
+        raise StepError(
+            f"mesh {path} is damaged: it has vertices that are not finite, or faces with vertices out of range; export it again"
+        )
+    names = data.dtype.names or () if isinstance(data, np.ndarray) else tuple(data)
 
     def columns(*keys: str) -> np.ndarray | None:
         return np.stack([np.asarray(data[key], float).reshape(-1) for key in keys], 1) if set(keys) <= set(names) else None
@@ -133,8 +151,11 @@ def read_ply(path: Path) -> Mesh:
     return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture, None if quality is None else quality[:, 0])
 
 
-def _read_as_written(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Vertices, faces and the table of vertices of a whole file in the layout that `write_ply` has; None for any other."""
+def _read_own_layout(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Vertices, faces and the vertex table of a complete file in the layout of `write_ply`; None for any other file.
+
+    It spares the import of trimesh, which takes a second.
+    """
     content = path.read_bytes()
     header, end, body = content.partition(b"end_header\n")
     lines = [line for line in header.decode("ascii", "replace").split("\n")[:-1] if not line.startswith("comment ")]
@@ -154,11 +175,12 @@ def _read_as_written(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | 
     return np.stack([vertex[axis] for axis in "xyz"], 1).astype(float), face["index"].astype(np.int64), vertex
 
 
-def _read_by_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | dict]:
+def _read_with_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | dict]:
+    """The same of any PLY file."""
     import trimesh
 
     try:
-        loaded = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True)
+        loaded: Any = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True)
         data = loaded.metadata["_ply_raw"]["vertex"]["data"]
         return np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64), data
     except Exception as error:
@@ -178,8 +200,8 @@ def _header(vertices: int, columns: Iterable[str], faces: int, comments: Iterabl
 def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
     """Write a binary PLY: positions, normals, `texture_u`/`texture_v`, and a `TextureFile` comment naming `texture_name`.
 
-    `quality`, where the mesh has it, is a property that MeshLab shows as colours, and other readers pass over.
-    The texture image itself is written by the caller: several PLYs may share one.
+    `quality`, where the mesh has it, is a vertex property that MeshLab can show as colours; other readers ignore it.
+    The caller writes the texture image, because several PLYs may share one.
     """
     columns = {"x": mesh.vertices[:, 0], "y": mesh.vertices[:, 1], "z": mesh.vertices[:, 2]}
     if mesh.normals is not None:
@@ -199,7 +221,7 @@ def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
 
 
 def read_texture_name(path: Path) -> str | None:
-    """The texture that a PLY's `TextureFile` comment names, or None."""
+    """The texture that a PLY names in its `TextureFile` comment, or None."""
     with open(path, "rb") as file:
         for raw in file:
             line = raw.decode("ascii", "replace").strip()
@@ -211,5 +233,8 @@ def read_texture_name(path: Path) -> str | None:
 
 
 def diameter_of(mesh: Mesh) -> float:
-    """Diagonal of the bounding box: the length that relative measures refer to, in the mesh's unit."""
+    """Diagonal of the bounding box, in the mesh's unit: the length that relative measures refer to.
+
+    BOP's diameter is the largest distance between two vertices, which is a little shorter.
+    """
     return float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))

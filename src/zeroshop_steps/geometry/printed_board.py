@@ -1,7 +1,7 @@
-"""The printed board that gives the scale: a chessboard with a marker in every white square (ChArUco), and its PDF.
+"""The printed board that gives the scale: a chessboard with an ArUco marker in every white square (ChArUco), and its PDF.
 
-Squares are told apart by their markers, so a board may be cut off in a photo. Every board has markers of its own: a photo
-tells which one it shows.
+The markers tell the squares apart, so a photo may show a part of the board only. No two boards share a marker, so a photo
+shows which board it is.
 """
 
 from dataclasses import dataclass
@@ -21,18 +21,21 @@ from zeroshop_steps.runtime.files import atomic_write
 DICTIONARY = cv2.aruco.DICT_5X5_1000
 MM_PER_INCH = 25.4
 RULER_MM = 150.0
+"""Length of the line under the board. The user measures it on paper to find out at which scale the board was printed."""
+# The sheet's layout in mm: the board is moved up to make room for the ruler below it and the text below that.
+BOARD_RAISED_MM, RULER_BELOW_MM, TEXT_BELOW_MM = 7.0, 8.0, 4.0
 
 
 @dataclass(frozen=True)
 class Board:
-    """A board. Its frame: mm, x to the right and y down on the paper, origin at the upper left square's outer corner.
+    """A board. Its frame: millimetres, x to the right and y down on the paper, origin at the outer corner of the upper left square.
 
     Attributes:
         name: as on the command line.
         paper_mm: (width, height) of the sheet.
-        columns, rows: squares.
+        columns, rows: number of squares.
         square_mm, marker_mm: sides of a square and of the marker in it.
-        first_id: its markers are numbered from here on; no two boards share one.
+        first_id: number of its first marker; no two boards share a number.
     """
 
     name: str
@@ -45,23 +48,23 @@ class Board:
 
     @property
     def size_mm(self) -> tuple[float, float]:
-        """Width and height of the squares together."""
+        """Width and height of all squares together."""
         return self.columns * self.square_mm, self.rows * self.square_mm
 
     @property
     def ids(self) -> range:
-        """Its markers."""
+        """Numbers of its markers."""
         return range(self.first_id, self.first_id + self.columns * self.rows // 2)
 
     @cached_property
     def charuco(self) -> cv2.aruco.CharucoBoard:
-        """The same for OpenCV."""
+        """The same board for OpenCV."""
         dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
         ids = np.array(self.ids, np.int32)
         return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, dictionary, ids)
 
     def corners_mm(self) -> np.ndarray:
-        """(N, 3) corners inside the chessboard, in the order of their numbers; z is 0."""
+        """(N, 3) inner corners of the chessboard, in OpenCV's order; z is 0."""
         return np.array(self.charuco.getChessboardCorners(), float)
 
     def black_mm(self) -> np.ndarray:
@@ -97,17 +100,17 @@ def write_pdf(board: Board, path: Path) -> None:
 
 
 def draw_sheet(board: Board) -> Figure:
-    """The sheet as a figure whose unit is the millimetre."""
+    """Draw the sheet as a figure whose unit is the millimetre."""
     width, height = board.paper_mm
     figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_xlim(0.0, width)
     axes.set_ylim(height, 0.0)
     axes.set_axis_off()
-    left, top = (width - board.size_mm[0]) / 2, (height - board.size_mm[1]) / 2 - 7.0
+    left, top = (width - board.size_mm[0]) / 2, (height - board.size_mm[1]) / 2 - BOARD_RAISED_MM
     for x, y, w, h in board.black_mm():
         axes.add_patch(Rectangle((left + x, top + y), w, h, facecolor="black", edgecolor="none", antialiased=False))
-    start, level = (width - RULER_MM) / 2, top + board.size_mm[1] + 8.0
+    start, level = (width - RULER_MM) / 2, top + board.size_mm[1] + RULER_BELOW_MM
     axes.add_line(Line2D([start, start + RULER_MM], [level, level], color="black", linewidth=0.6, solid_capstyle="butt"))
     for tick in np.arange(0.0, RULER_MM + 1.0, 10.0):
         long = 2.5 if tick % 50 == 0 else 1.2
@@ -116,12 +119,12 @@ def draw_sheet(board: Board) -> Figure:
         f"ZeroShOP board {board.name}. Print at 100 %, not fitted to the page. The line must be {RULER_MM:g} mm long from end to end;\n"
         "if it is not, give its measured length as height.marker.ruler_mm. Lay the board flat beside the object."
     )
-    axes.text(width / 2, level + 4.0, text, ha="center", va="top", fontsize=7)
+    axes.text(width / 2, level + TEXT_BELOW_MM, text, ha="center", va="top", fontsize=7)
     return figure
 
 
 def draw_board(board: Board, texels_per_mm: float, margin_mm: float) -> np.ndarray:
-    """(height, width) float32 picture of the board with a white margin: 0 black, 1 white, edges as exact shares of a texel."""
+    """Draw the board with a white margin as (height, width) float32: 0 black, 1 white, exact shares where an edge crosses a texel."""
     size = np.ceil((np.array(board.size_mm) + 2 * margin_mm) * texels_per_mm).astype(int)
     picture = np.ones((size[1], size[0]), np.float32)
     for x, y, w, h in board.black_mm() * texels_per_mm:
@@ -133,6 +136,6 @@ def draw_board(board: Board, texels_per_mm: float, margin_mm: float) -> np.ndarr
 
 
 def _coverage(start: float, length: float, count: int) -> np.ndarray:
-    """(count,) share of each unit cell that lies between `start` and `start + length`."""
+    """(count,) the share of each unit cell that lies between `start` and `start + length`."""
     cells = np.arange(count)
     return np.clip(np.minimum(cells + 1, start + length) - np.maximum(cells, start), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The registered photos with their cameras and masks, as the finishing steps read them."""
+"""Registered photos with their cameras and masks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from zeroshop_steps.runtime.errors import StepError
 
 @dataclass(frozen=True)
 class View:
-    """A photo, its mask and its camera; pixels are read on demand.
+    """A photo, its mask and its camera. Pixels are read on demand.
 
     Attributes:
         camera: the photo's camera.
-        image_path, mask_path: the files; `mask_path` is None where the set has no masks.
+        image_path, mask_path: the files; `mask_path` is None without masks.
     """
 
     camera: Camera
@@ -42,10 +42,10 @@ class View:
 
 
 def read_views(folder: Path, images: str = "images", masks: str = "masks", sparse: str = "sparse") -> tuple[list[View], SparseModel]:
-    """Read a `register` product (or held-out views, with other sub-folder names).
+    """Read what the register stage writes, or held-out views, whose sub-folders have other names.
 
     Returns:
-        views: one a registered image, sorted by name.
+        views: one for each registered image, sorted by name.
         model: the cameras and sparse points.
     """
     folder = Path(folder)
@@ -60,7 +60,7 @@ def read_views(folder: Path, images: str = "images", masks: str = "masks", spars
 
 
 def read_object_masks(views: Sequence[View]) -> list[np.ndarray]:
-    """The views' masks. Raises StepError naming one that shows no object."""
+    """The views' masks. Raises StepError where one is empty."""
     masks = [view.mask() for view in views]
     for view, mask in zip(views, masks, strict=True):
         if not mask.any():

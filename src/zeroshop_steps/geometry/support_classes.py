@@ -1,4 +1,7 @@
-"""What evidence.npz says of a mesh: unseen, assumed or measured. Apart from the step that finds it out, which loads much more."""
+"""The classes of surface support: unseen, assumed or measured, and the file evidence.npz that holds them.
+
+They are apart from surface_support.py, which determines them, because that imports much more.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,26 +12,30 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 
 UNSEEN, ASSUMED, MEASURED = 0, 1, 2
-NAMES = ("unseen", "assumed", "measured")
+CLASS_NAMES = ("unseen", "assumed", "measured")
 
 
 def with_surface_support(mesh: Mesh, path: Path) -> Mesh:
-    """The mesh with what the step `evidence` wrote of it as its quality.
+    """The mesh with the classes in a file as its quality.
+
+    Args:
+        mesh: without quality.
+        path: evidence.npz, as `evaluate --method surface_support` writes it.
 
     Raises:
-        StepError: the file is absent, damaged or of another mesh.
+        StepError: the file is missing, damaged or belongs to another mesh.
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
             evidence = archive["evidence"]
     except (OSError, ValueError, KeyError) as error:
-        raise StepError(f"{path} is not a whole file of evidence ({type(error).__name__}: {error}); delete it and make it again") from None
+        raise StepError(f"{path} is not a complete evidence file ({type(error).__name__}: {error}); delete it and make it again") from None
     if evidence.shape != (len(mesh.vertices),):
-        raise StepError(f"{path} tells of {len(evidence)} vertices, its mesh has {len(mesh.vertices)}; make it again")
+        raise StepError(f"{path} has {len(evidence)} vertices, its mesh has {len(mesh.vertices)}; make it again")
     return replace(mesh, quality=evidence / MEASURED)
 
 
 def compute_area_shares(mesh: Mesh) -> dict[str, float]:
-    """The share of the surface with each evidence, by name, of a mesh with quality."""
-    area, quality = mesh.face_areas(), mesh.quality[mesh.faces]
-    return {name: round(float(area @ (quality * MEASURED == kind).mean(1) / area.sum()), 5) for kind, name in enumerate(NAMES)}
+    """The share of the surface area in each class, by name, of a mesh with quality."""
+    area, quality = mesh.face_areas(), mesh.require_quality()[mesh.faces]
+    return {name: round(float(area @ (quality * MEASURED == kind).mean(1) / area.sum()), 5) for kind, name in enumerate(CLASS_NAMES)}

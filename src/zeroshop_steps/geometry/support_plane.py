@@ -1,127 +1,175 @@
-"""Find the plane that the object stands on among the sparse points, or the up direction from the cameras' roll."""
+"""The plane under a reconstructed object, fitted to sparse points; or else the up direction, from how the cameras were held."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from zeroshop_steps.geometry.registered_views import View
 
-TRIALS = 2000
-NEAR_DIAGONALS = 3.0  # background points farther than this many object diagonals say nothing about the support
+# Lengths are shares of the object's diagonal.
+# All were set by hand, and checked on all virtual objects and on tilted cameras (tests/finish/test_frame.py).
+TRIALS = 2000  # of RANSAC; finds a plane with 15 % of the points at least once with 99.9 % probability
+SMALLEST_TRIANGLE = 1e-6  # three points that span less than this (scale squared) lie on a line and give no plane
+NEAR_DIAGONALS = 3.0  # points farther from the object belong to the room, not to its support
 THRESHOLD_DIAGONALS = 0.01  # inliers lie this close to the plane
-TOUCH_DIAGONALS = 0.12  # the object's lowest part lies this close to its support
+TOUCH_DIAGONALS = 0.12  # the object's lowest part lies this close to its support; more is another table
+SUNK_DIAGONALS = 0.05  # the object may reach this far below a candidate: a raw mesh bulges at its foot
+SUNK_SHARE, LOWEST_SHARE = 0.02, 0.01  # of the vertices; fewer are spikes, which do not count for the two limits above
+CAMERAS_ABOVE_SHARE = 0.8  # of the cameras at least are above the support; some may be registered wrongly
 MAX_ROLL_ANGLE_DEG = 60.0  # between the plane's normal and the cameras' up, where that is well defined
-MIN_INLIERS = 30
-TILTED_SHARE = 0.1  # a plane that agrees with the cameras' up and holds less than this share of another's points is no plane
+MIN_CERTAINTY = 0.2  # of the up from roll; below, the cameras' x axes nearly agree and leave it open
+MIN_INLIERS = 30  # fewer points are a plane by chance
+TILTED_SHARE = 0.1  # an upright plane with less than this share of another plane's score is chance: the cameras were tilted
+OUTSIDE_VIEWS, OUTSIDE_SHARE = 2, 0.25  # a background point is outside the mask in so many views, and in this share of its views
+VERTICES = 2000  # of the object are tested against each candidate: all of them would only take longer
+REFINEMENT_ROUNDS = 20
+TUKEY_DEVIATIONS = 4.5  # residuals beyond this many standard deviations count nothing (4.685 is 95 % efficient)
+LEAST_SHRINKING = 0.1  # of the threshold from one round to the next, so that it does not collapse
+DEVIATION_OF_MEDIAN = 1.4826  # standard deviation of normal noise, over the median of its absolute values
 
 
 @dataclass(frozen=True)
-class SupportPlane:
-    """A plane, in the registration frame.
+class Plane:
+    """A plane: normal . x = offset.
 
     Attributes:
-        normal: (3,) unit normal towards the object.
-        offset: the plane is normal . x = offset.
+        normal: (3,) unit normal, in the registration's frame.
+        offset: distance of the plane from the origin along the normal.
+    """
+
+    normal: np.ndarray
+    offset: float
+
+    def heights(self, points: np.ndarray) -> np.ndarray:
+        """(P,) heights of (P, 3) points above the plane."""
+        return points @ self.normal - self.offset
+
+
+@dataclass(frozen=True)
+class SupportPlane(Plane):
+    """The plane under an object, its normal towards the object.
+
+    Attributes:
         inliers: number of sparse points on it.
         residual: root mean square distance of the inliers.
         normal_deviation_deg: standard deviation of the normal that these residuals imply.
     """
 
-    normal: np.ndarray
-    offset: float
     inliers: int
     residual: float
     normal_deviation_deg: float
 
 
 def find_background_points(points: np.ndarray, views: list[View]) -> np.ndarray:
-    """(P,) bool: sparse points that fall outside the masks, hence are not on the object.
+    """(P,) bool: which (P, 3) sparse points fall outside the masks, hence are not on the object.
 
-    A point behind the object falls inside some masks, so a quarter of the views that hold it is enough.
+    A point behind the object falls inside some masks, so it need not be outside in all views that show it.
     """
     outside, held = np.zeros(len(points), int), np.zeros(len(points), int)
     for view in views:
         mask = view.mask()
-        pixels, depth = view.camera.project(points)
-        x, y = np.floor(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64).T
-        inside_image = (depth > 0) & (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
+        rows, columns, _, inside_image = view.camera.find_pixels(points)
         held += inside_image
-        outside[inside_image] += ~mask[y[inside_image], x[inside_image]]
-    return (outside >= 2) & (outside >= 0.25 * held)
+        outside[inside_image] += ~mask[rows[inside_image], columns[inside_image]]
+    return (outside >= OUTSIDE_VIEWS) & (outside >= OUTSIDE_SHARE * held)
 
 
 def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View], seed: int = 0) -> SupportPlane | None:
-    """Fit the plane under the object; None where no plane is supported by the points.
+    """Fit the plane under the object; None where the points do not support any.
 
-    RANSAC (Fischler and Bolles 1981), then reweighted total least squares with Tukey's weights. A candidate must leave
-    the object's vertices and the cameras on one side, and touch the object. One that agrees roughly with the cameras' up goes
-    before others, so that walls do not; where it holds far fewer points than another, the cameras were tilted.
+    RANSAC (Fischler and Bolles 1981), then reweighted total least squares with Tukey's weights. A candidate must have the
+    object's vertices and the cameras on one side, and must touch the object. Candidates that roughly agree with the cameras'
+    up are preferred, because others are mostly walls. Where they hold far fewer points than another candidate, the cameras
+    were tilted.
 
     Args:
-        points: (P, 3) background points in the registration frame.
-        vertices: (V, 3) the object's mesh.
+        points: (P, 3) background points in the registration's frame.
+        vertices: (V, 3) of the object's mesh.
         views: all registered views.
+        seed: of RANSAC.
     """
     low, high = np.quantile(vertices, [0.01, 0.99], axis=0)
+    # The diagonal of the box, evenly filled, that has the vertices' standard deviations: stray parts hardly change it.
     centre, diagonal = (low + high) / 2, float(np.linalg.norm(vertices.std(0)) * np.sqrt(12.0))
     near = points[np.linalg.norm(points - centre, axis=1) < NEAR_DIAGONALS * diagonal]
     if len(near) < MIN_INLIERS:
         return None
     rng = np.random.default_rng(seed)
-    vertices = vertices[rng.choice(len(vertices), min(2000, len(vertices)), replace=False)]
+    vertices = vertices[rng.choice(len(vertices), min(VERTICES, len(vertices)), replace=False)]
     cameras = np.array([view.camera.centre_in_world for view in views])
     up, certainty = estimate_up_from_roll(views)
     best: dict[bool, tuple[np.ndarray, float]] = {}
     best_score = {True: 0.0, False: 0.0}
-    for _ in range(TRIALS):
-        a, b, c = near[rng.choice(len(near), 3, replace=False)]
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal)
-        if length < 1e-6 * diagonal**2:
-            continue
-        normal, offset = _towards(normal / length, a @ normal / length, centre)
+    for point, scaled_normal, length in sample_planes(near, TRIALS, diagonal, rng):
+        normal, offset = _orient(scaled_normal / length, float(point @ scaled_normal / length), centre)
         distance = np.abs(near @ normal - offset) / (THRESHOLD_DIAGONALS * diagonal)
         score = np.clip(1.0 - distance**2, 0.0, None).sum()
-        upright = bool(certainty < 0.2 or normal @ up > np.cos(np.radians(MAX_ROLL_ANGLE_DEG)))
+        upright = bool(certainty < MIN_CERTAINTY or normal @ up > np.cos(np.radians(MAX_ROLL_ANGLE_DEG)))
         if score > best_score[upright] and _supports(normal, offset, vertices, cameras, diagonal):
             best[upright], best_score[upright] = (normal, offset), score
     if not best:
         return None
     upright = best_score[True] > TILTED_SHARE * best_score[False]
-    return _refined(*best[upright], near, centre, diagonal)
+    return _refine(*best[upright], near, centre, diagonal)
+
+
+def sample_planes(
+    points: np.ndarray, trials: int, scale: float, rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+    """Candidates for RANSAC: planes through three random points.
+
+    Args:
+        points: (P, 3) to choose from.
+        trials: number of draws; those of three points on a line give no candidate.
+        scale: size of the scene, in the points' unit.
+        rng: for the draws.
+
+    Yields:
+        (3,) a point of the plane, (3,) its normal, and the length of that normal, which is not 1.
+    """
+    for _ in range(trials):
+        a, b, c = points[rng.choice(len(points), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(normal))
+        if length >= SMALLEST_TRIANGLE * scale**2:
+            yield a, normal, length
 
 
 def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
-    """Up as the axis most orthogonal to all cameras' x axes, signed by their mean -y axis: photographers hold cameras level.
+    """Estimate up from how the photos were held: as the axis most orthogonal to all cameras' x axes, on the side of their mean -y axis.
 
     Returns:
-        up: (3,) unit vector in the registration frame.
+        up: (3,) unit vector in the registration's frame.
         certainty: 0 to 1; near 0 the x axes leave the axis open (all cameras look one way, or are rolled).
     """
     rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])
     values, vectors = np.linalg.eigh(np.einsum("ni,nj->ij", rotations[:, 0], rotations[:, 0]) / len(rotations))
     mean_up = -rotations[:, 1].mean(0)
     up = vectors[:, 0] * (1.0 if vectors[:, 0] @ mean_up >= 0 else -1.0)
-    spread = float((values[1] - values[0]) / max(values[1] + values[0], 1e-12))
-    if spread < 0.2:  # the x axes nearly agree: their own direction says nothing of up, the y axes do
+    certainty = float((values[1] - values[0]) / max(values[1] + values[0], 1e-12))
+    if certainty < MIN_CERTAINTY:  # the mean y axis is the better estimate
         up = mean_up / max(np.linalg.norm(mean_up), 1e-12)
-    return up, spread
+    return up, certainty
 
 
-def _towards(normal: np.ndarray, offset: float, point: np.ndarray) -> tuple[np.ndarray, float]:
+def _orient(normal: np.ndarray, offset: float, point: np.ndarray) -> tuple[np.ndarray, float]:
+    """The plane with its normal towards a point."""
     return (normal, float(offset)) if normal @ point >= offset else (-normal, float(-offset))
 
 
 def _supports(normal: np.ndarray, offset: float, vertices: np.ndarray, cameras: np.ndarray, diagonal: float) -> bool:
+    """Whether a plane touches the object from below, and most cameras are above it."""
     heights = vertices @ normal - offset
-    if np.quantile(heights, 0.02) < -0.05 * diagonal or abs(np.quantile(heights, 0.01)) > TOUCH_DIAGONALS * diagonal:
+    sunk = np.quantile(heights, SUNK_SHARE) < -SUNK_DIAGONALS * diagonal
+    if sunk or abs(np.quantile(heights, LOWEST_SHARE)) > TOUCH_DIAGONALS * diagonal:
         return False
-    return bool((cameras @ normal > offset).mean() >= 0.8)
+    return bool((cameras @ normal > offset).mean() >= CAMERAS_ABOVE_SHARE)
 
 
-def _refined(normal: np.ndarray, offset: float, points: np.ndarray, centre: np.ndarray, diagonal: float) -> SupportPlane | None:
+def _refine(normal: np.ndarray, offset: float, points: np.ndarray, centre: np.ndarray, diagonal: float) -> SupportPlane | None:
     threshold = THRESHOLD_DIAGONALS * diagonal
-    for _ in range(20):
+    for _ in range(REFINEMENT_ROUNDS):
         residuals = points @ normal - offset
         chosen = np.abs(residuals) < threshold
         if chosen.sum() < MIN_INLIERS:
@@ -130,10 +178,10 @@ def _refined(normal: np.ndarray, offset: float, points: np.ndarray, centre: np.n
         mean = np.average(points[chosen], axis=0, weights=weights)
         scatter = np.einsum("n,ni,nj->ij", weights, points[chosen] - mean, points[chosen] - mean)
         values, vectors = np.linalg.eigh(scatter)
-        normal, offset = _towards(vectors[:, 0], vectors[:, 0] @ mean, centre)
-        # 4.5 robust deviations: the threshold follows the noise that the points show
-        spread = 1.4826 * np.median(np.abs(points[chosen] @ normal - offset))
-        threshold = float(np.clip(4.5 * spread, 0.1 * threshold, THRESHOLD_DIAGONALS * diagonal))
+        normal, offset = _orient(vectors[:, 0], float(vectors[:, 0] @ mean), centre)
+        # The threshold follows the noise that the points show.
+        spread = DEVIATION_OF_MEDIAN * np.median(np.abs(points[chosen] @ normal - offset))
+        threshold = float(np.clip(TUKEY_DEVIATIONS * spread, LEAST_SHRINKING * threshold, THRESHOLD_DIAGONALS * diagonal))
     residuals = points @ normal - offset
     chosen = np.abs(residuals) < threshold
     inliers, residual = int(chosen.sum()), float(np.sqrt(np.mean(residuals[chosen] ** 2)))

@@ -1,4 +1,4 @@
-"""Points spread over a mesh, with normals and brightness: what alignment compares."""
+"""Points on a mesh, with normals and colours, for alignment to compare."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,10 @@ import numpy as np
 
 from zeroshop_steps.geometry.mesh_rendering import sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.surface_distance import face_normals, sample_surface
+from zeroshop_steps.geometry.surface_distance import sample_surface
 
-BLUR_SHARE = 0.004  # of the texture's width: print finer than the sampling tells nothing
+BLUR_SHARE = 0.004  # of the texture's width: print finer than the distance between samples would only be noise
+LEAST_BLUR_PX = 0.5  # of a small texture
 
 
 @dataclass(frozen=True)
@@ -27,24 +28,24 @@ class SurfacePoints:
     colors: np.ndarray | None
 
     def part(self, count: int) -> "SurfacePoints":
-        """The first `count` samples, which are spread as evenly as all."""
+        """The first `count` samples, which are as evenly distributed as all of them."""
         return SurfacePoints(self.points[:count], self.normals[:count], None if self.colors is None else self.colors[:count])
 
 
 def sample_surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> SurfacePoints:
-    """Sample a mesh evenly by area."""
+    """Sample a mesh at random, evenly by area."""
     points, faces = sample_surface(mesh, count, rng)
     colors = None
     if mesh.uv is not None and mesh.texture is not None:
         corners = mesh.faces[faces]
         uv = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.uv[corners])
-        blurred = cv2.GaussianBlur(mesh.texture, (0, 0), max(BLUR_SHARE * mesh.texture.shape[1], 0.5))
+        blurred = cv2.GaussianBlur(mesh.texture, (0, 0), max(BLUR_SHARE * mesh.texture.shape[1], LEAST_BLUR_PX))
         colors = sample_texture(blurred, uv).astype(np.float64) / 255.0
-    return SurfacePoints(points, face_normals(mesh)[faces], colors)
+    return SurfacePoints(points, mesh.face_normals()[faces], colors)
 
 
 def _barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(N, 3) weights of each triangle's (N, 3, 3) corners at a point in it."""
+    """(N, 3) weights of the corners (N, 3, 3) of a triangle at (N, 3) points in it."""
     along, across, place = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
     d11, d12, d22 = (along**2).sum(1), (along * across).sum(1), (across**2).sum(1)
     p1, p2 = (place * along).sum(1), (place * across).sum(1)

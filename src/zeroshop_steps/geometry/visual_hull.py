@@ -1,4 +1,4 @@
-"""The visual hull: what the masks alone say about the object's shape (Laurentini 1994)."""
+"""The visual hull: the largest shape whose silhouettes lie in all masks (Laurentini 1994)."""
 
 from dataclasses import dataclass
 
@@ -7,30 +7,29 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from zeroshop_steps.geometry.cameras import Camera
 
+NORMAL_SMOOTHING_VOXELS = 1.5  # standard deviation: normals from blocky voxels need a smooth occupancy
+
 
 def find_inside_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray], misses_allowed: int = 0) -> np.ndarray:
     """(P,) bool: which (P, 3) points project into the masks, (H, W) bool, of all cameras but `misses_allowed`.
 
-    A point outside an image says nothing about that camera's mask unless the mask is a crop, as here: it counts as a miss.
+    A point off an image counts as a miss: the images are crops around the masks.
     """
     misses = np.zeros(len(points), int)
     kept = np.arange(len(points))
     for camera, mask in zip(cameras, masks, strict=True):
-        pixels, depths = camera.project(points[kept])
-        x = np.floor(np.nan_to_num(pixels[:, 0], nan=-1.0)).clip(-1, camera.width_px).astype(int)
-        y = np.floor(np.nan_to_num(pixels[:, 1], nan=-1.0)).clip(-1, camera.height_px).astype(int)
-        framed = (depths > 0) & (x >= 0) & (x < camera.width_px) & (y >= 0) & (y < camera.height_px)
+        rows, columns, _, framed = camera.find_pixels(points[kept])
         hit = np.zeros(len(kept), bool)
-        hit[framed] = mask[y[framed], x[framed]]
+        hit[framed] = mask[rows[framed], columns[framed]]
         misses[kept] += ~hit
-        # Most of a volume is soon outside: later cameras need not look at it.
+        # Most of a volume is outside of the first masks already, and is not tested with the others.
         kept = kept[misses[kept] <= misses_allowed]
     return misses <= misses_allowed
 
 
 @dataclass(frozen=True)
 class VisualHull:
-    """The visual hull as voxels: `occupied` (R, R, R) bool within the cube [-half_extent, half_extent]^3."""
+    """The visual hull as voxels: `occupied` (R, R, R) bool in the cube [-half_extent, half_extent]^3."""
 
     occupied: np.ndarray
     half_extent: float
@@ -49,7 +48,7 @@ class VisualHull:
             for step in (-1, 1):
                 buried &= np.roll(padded, step, direction)[1:-1, 1:-1, 1:-1]
         index = np.argwhere(self.occupied & ~buried)
-        smooth = gaussian_filter(padded.astype(np.float32), 1.5)
+        smooth = gaussian_filter(padded.astype(np.float32), NORMAL_SMOOTHING_VOXELS)
         gradient = [map_coordinates(component, index.T + 1, order=1) for component in np.gradient(smooth)]
         normals = -np.stack(gradient, 1)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

@@ -1,9 +1,8 @@
-"""Is a reconstruction right? Answered from the images alone, because one that hangs together can be wrong.
+"""Check cameras by the masks, which had no part in finding them.
 
-A low reprojection error says only that the matches that were kept agree with each other. The masks were not used to
-find the cameras, so they are a witness of their own: every ray through a mask must somewhere pass through the masks of
-all other views (the visual hull, Laurentini 1994). A camera that stands wrong sees mask rays that no other view can
-explain, and spoils the rays of the others.
+A low reprojection error only says that the matches that were kept agree with each other. Every ray through a mask must also
+pass somewhere through the masks of all other views (the visual hull, Laurentini 1994). A wrong camera has mask rays that miss
+other masks, and makes rays of the other cameras miss its own.
 """
 
 from dataclasses import dataclass
@@ -12,6 +11,12 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.rays import find_nearest_point
+
+RADIUS_MARGIN, RADIUS_PERCENTILE = 1.2, 90  # of the object's sphere: all of the object, but not for the size of a wrong mask
+NEAREST_DEPTH = 0.05  # share of the depth of the object's centre at which rays start where the sphere holds the camera
+MISS_PERCENTILE = 95  # of the distances by which the rays of a view miss the other masks: single bad mask pixels do not count
+UNSEEN_PX = 1e4  # in place of a signed distance: a point off the image may lie in the mask, one behind the camera cannot
 
 
 @dataclass(frozen=True)
@@ -20,9 +25,10 @@ class SilhouetteCoherence:
 
     Attributes:
         names: image names.
-        unexplained_px: (N,) per view, how far (95th percentile over its mask rays) the best point of a ray stays outside
-            the worst other mask; pixels at the size of the capture.
-        disagreement_px: (N, N) per pair, the 95th percentile of how far view j's mask misses the rays of view i.
+        unexplained_px: (N,) for each view, the distance in pixels by which its mask rays miss the other masks: at the best point of
+            each ray, from the mask that is farthest (95th percentile over the rays).
+        disagreement_px: (N, N) for each pair, the distance in pixels by which the rays of view i miss the mask of view j (95th
+            percentile).
     """
 
     names: tuple[str, ...]
@@ -30,20 +36,20 @@ class SilhouetteCoherence:
     disagreement_px: np.ndarray
 
     def culprit(self) -> str:
-        """The view that disagrees most with the others, over both directions of its pairs."""
+        """The view that disagrees most with the others, in both directions."""
         return self.names[int((self.disagreement_px + self.disagreement_px.T).sum(1).argmax())]
 
 
 def measure_silhouette_coherence(
     cameras: list[Camera], masks: dict[str, np.ndarray], rays_per_view: int = 200, steps: int = 160
 ) -> SilhouetteCoherence:
-    """Walk along mask rays of every view and measure how far outside the other masks they stay.
+    """Measure how far the mask rays of every view miss the masks of the others.
 
     Args:
         cameras: registered pinhole cameras.
         masks: {image name: (height, width) bool}, of the cameras' sizes.
-        rays_per_view: mask pixels tested a view, evenly spread, half of them on the mask's rim.
-        steps: depths tested along each ray.
+        rays_per_view: number of mask pixels tested per view, evenly spread, half of them on the mask's rim.
+        steps: number of depths tested along each ray.
     """
     names = tuple(camera.name for camera in cameras)
     distance = [_compute_signed_distance_px(masks[name]) for name in names]
@@ -56,20 +62,24 @@ def measure_silhouette_coherence(
         world_from_camera = np.linalg.inv(camera.camera_from_world)
         rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T
         depth = float((camera.camera_from_world @ [*centre, 1.0])[2])
-        depths = np.linspace(max(depth - radius, 0.05 * depth), depth + radius, steps)
+        depths = np.linspace(max(depth - radius, NEAREST_DEPTH * depth), depth + radius, steps)
         points = (rays[:, None] * depths[:, None]).reshape(-1, 3) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
         for j, other in enumerate(cameras):
             if j != i:
                 inside[j] = _look_up(distance[j], other, points).reshape(len(pixels), steps)
         worst = inside.min(0)
         best = worst.argmax(1)
-        unexplained[i] = np.percentile(np.maximum(-worst.max(1), 0), 95)
-        disagreement[i] = np.percentile(np.maximum(-inside[:, np.arange(len(pixels)), best], 0), 95, axis=1)
+        unexplained[i] = np.percentile(np.maximum(-worst.max(1), 0), MISS_PERCENTILE)
+        disagreement[i] = np.percentile(np.maximum(-inside[:, np.arange(len(pixels)), best], 0), MISS_PERCENTILE, axis=1)
     return SilhouetteCoherence(names, unexplained, disagreement)
 
 
 def bound_object(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:
-    """A sphere about the object in the world frame: centred where the rays through the mask centres meet."""
+    """Centre and radius of a sphere about the object, in the world frame, also where a few cameras are wrong.
+
+    The centre is where the rays through the masks' centroids meet. `crops.fit_object_sphere`, which surfaces are optimized in, is
+    exact where all cameras are right, and follows wrong ones.
+    """
     origins, directions, extents = [], [], []
     for camera, mask in zip(cameras, masks, strict=True):
         y, x = np.nonzero(mask)
@@ -78,20 +88,13 @@ def bound_object(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.nda
         origins.append(camera.centre_in_world)
         directions.append(ray / np.linalg.norm(ray))
         extents.append(np.hypot(np.ptp(x) + 1, np.ptp(y) + 1) / camera.intrinsics[0, 0])
-    origins, directions = np.array(origins), np.array(directions)
-    across = np.eye(3) - directions[:, :, None] * directions[:, None]
-    weights = np.ones(len(origins))
-    for _ in range(20):  # least absolute deviations by reweighting, so that a few wrong cameras do not move the centre
-        system = (across * weights[:, None, None]).sum(0)
-        centre = np.linalg.solve(system, (across @ origins[:, :, None] * weights[:, None, None]).sum(0)[:, 0])
-        miss = np.linalg.norm((across @ (centre - origins)[:, :, None])[..., 0], axis=1)
-        weights = 1.0 / np.maximum(miss, 1e-3 * np.median(np.linalg.norm(centre - origins, axis=1)))
-    reach = np.array(extents) * np.linalg.norm(centre - origins, axis=1)
-    return centre, float(1.2 * np.percentile(reach, 90))
+    centre = find_nearest_point(np.array(origins), np.array(directions))
+    reach = np.array(extents) * np.linalg.norm(centre - np.array(origins), axis=1)
+    return centre, float(RADIUS_MARGIN * np.percentile(reach, RADIUS_PERCENTILE))
 
 
 def _compute_signed_distance_px(mask: np.ndarray) -> np.ndarray:
-    """(height, width) float32: distance to the mask's rim, positive inside; the image border is no rim."""
+    """(height, width) float32 distance to the mask's rim, positive inside. The image border is not a rim."""
     values = mask.astype(np.uint8)
     inside = cv2.distanceTransform(values, cv2.DIST_L2, 5)
     outside = cv2.distanceTransform(1 - values, cv2.DIST_L2, 5)
@@ -110,11 +113,8 @@ def _choose_mask_pixels(mask: np.ndarray, count: int) -> np.ndarray:
 
 
 def _look_up(distance: np.ndarray, camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Signed distance at the projections of (P, 3) points: large off the image, where nothing is known, and -large behind the camera."""
-    pixels, depth = camera.project(points)
-    with np.errstate(invalid="ignore"):
-        columns, rows = np.floor(pixels).astype(np.int64).T
-    seen = (depth > 0) & (columns >= 0) & (rows >= 0) & (columns < camera.width_px) & (rows < camera.height_px)
-    values = np.where(depth > 0, np.float32(1e4), np.float32(-1e4)).astype(np.float32)
+    """Signed distances at the projections of (P, 3) points; `UNSEEN_PX` off the image and -`UNSEEN_PX` behind the camera."""
+    rows, columns, depth, seen = camera.find_pixels(points)
+    values = np.where(depth > 0, np.float32(UNSEEN_PX), np.float32(-UNSEEN_PX)).astype(np.float32)
     values[seen] = distance[rows[seen], columns[seen]]
     return values

@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, compare_with_hull
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouette
 
 ROOM = 1.5  # half the block's edge, in the radius that the masks have
-ROUNDS = 20  # of the point that all masks look at
 ROUNDS_MISSES_VOXELS = ((0.34, 48), (0.2, 48), (0.05, 72))
 """Share of the masks that a voxel may miss: many while masks of other things are among them; voxels along the block's edges."""
 JUDGED_WIDTH_PX = 480
@@ -90,16 +90,8 @@ def _find_looked_at(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.
     boxes = np.array([find_corners(mask) for mask in masks])
     middles = np.column_stack([(boxes[:, :2] + boxes[:, 2:]) / 2, np.ones(len(boxes))])
     rays = [camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ m for camera, m in zip(cameras, middles, strict=True)]
-    rays = np.array([ray / np.linalg.norm(ray) for ray in rays])
-    across = np.eye(3) - rays[:, :, None] * rays[:, None]
-    weights, distances = np.ones(len(cameras)), np.ones(len(cameras))
-    point = np.zeros(3)
-    for _ in range(ROUNDS):
-        point = np.linalg.lstsq(
-            (across * weights[:, None, None]).sum(0), (across @ centres[:, :, None] * weights[:, None, None]).sum(0)[:, 0]
-        )[0]
-        distances = np.linalg.norm(point - centres, axis=1)
-        weights = 1.0 / np.maximum(np.linalg.norm((across @ (point - centres)[:, :, None])[..., 0], axis=1), 1e-3 * np.median(distances))
+    point = find_nearest_point(centres, np.array([ray / np.linalg.norm(ray) for ray in rays]))
+    distances = np.linalg.norm(point - centres, axis=1)
     focal_px = np.array([camera.intrinsics[0, 0] for camera in cameras])
     half_diagonals = np.hypot(boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]) / 2
     return point, float(np.median(half_diagonals / focal_px * distances))

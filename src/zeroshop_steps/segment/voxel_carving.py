@@ -8,6 +8,9 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
 
+VOXEL_WIDTH = 0.7  # of a voxel's edge: evidence is averaged over this width, so that the neighbours' is not
+SPLAT_WIDTH = 1.2  # of a voxel's edge: a cube seen at an angle is wider than its edge, and no gaps may remain between cubes
+
 
 @dataclass(frozen=True)
 class VoxelGrid:
@@ -43,23 +46,14 @@ def count_votes(
     centres = grid.centres(index).astype(np.float32)
     full, empty = np.zeros(len(index), np.int32), np.zeros(len(index), np.int32)
     for camera, odds in zip(cameras, evidence, strict=True):
-        pixels, depth = camera.project(centres)
-        width = max(1, round(0.7 * grid.side * camera.intrinsics[0, 0] / float(np.median(depth))))
+        rows, columns, depth, inside = camera.find_pixels(centres)
+        width = max(1, round(VOXEL_WIDTH * grid.side * camera.intrinsics[0, 0] / float(np.median(depth))))
         mean = cv2.blur(odds, (width, width), borderType=cv2.BORDER_REPLICATE)
-        seen = sample_nearest(mean, pixels, depth)
+        seen = np.zeros(len(index), odds.dtype)
+        seen[inside] = mean[rows[inside], columns[inside]]
         full += seen > sure
         empty += seen < -sure
     return full, empty
-
-
-def sample_nearest(picture: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """(P,) values of an (H, W) picture at (P, 2) pixel positions, 0 outside it or behind the camera."""
-    with np.errstate(invalid="ignore"):
-        x, y = pixels.astype(np.int32).T
-        framed = (depth > 0) & (pixels >= 0).all(1) & (x < picture.shape[1]) & (y < picture.shape[0])
-    values = np.zeros(len(pixels), picture.dtype)
-    values[framed] = picture[y[framed], x[framed]]
-    return values
 
 
 def splat_voxels(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
@@ -67,12 +61,9 @@ def splat_voxels(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
     picture = np.zeros((camera.height_px, camera.width_px), np.uint8)
     if not len(points):
         return picture > 0
-    pixels, depth = camera.project(points)
-    with np.errstate(invalid="ignore"):
-        x, y = pixels.astype(np.int32).T
-        framed = (depth > 0) & (pixels >= 0).all(1) & (x < camera.width_px) & (y < camera.height_px)
-    picture[y[framed], x[framed]] = 1
-    width = int(np.ceil(1.2 * side * camera.intrinsics[0, 0] / float(np.median(depth)))) | 1
+    rows, columns, depth, inside = camera.find_pixels(points)
+    picture[rows[inside], columns[inside]] = 1
+    width = int(np.ceil(SPLAT_WIDTH * side * camera.intrinsics[0, 0] / float(np.median(depth)))) | 1
     return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
 
 
