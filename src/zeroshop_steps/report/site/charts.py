@@ -1,4 +1,9 @@
-"""Small plots as SVG inside the page: they take its colours, by day and by night, and need no script."""
+"""Small plots as SVG inside the page: they take its colours, by day and by night, and need no script.
+
+Matplotlib, tried instead, draws the same lines. A loss curve of 76 points then takes 14.3 kB instead of 2.1 kB, Figure 4.8 14.8 kB
+instead of 2.8 kB, and a chart 77 ms of CPU instead of 0.1 ms. It writes colours into each element and has no tooltips, so the page's
+colours and the points' names would have to be put into its output by regular expressions. Plotly's charts need its script.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
