@@ -12,8 +12,30 @@ from snakemake.api import SnakemakeApi
 from snakemake.settings.types import ResourceSettings
 
 from helpers.paths import REPOSITORY, SNAKEFILE
+from zeroshop_steps.runtime.config_manual import KEYS, list_keys, read_sources, render_manual, resolve
 from zeroshop_steps.synthetic.blender.start import BLENDERPROC_VERSION, BPY_VERSION
 from zeroshop_steps.synthetic.demo_objects import list_demo_objects
+
+STEPS_WITH_KEYS = [
+    ("capture.video", ("video",)),
+    ("segment.support_plane", ("segment", "support_plane")),
+    ("segment.grounded_sam", ("segment", "grounded_sam")),
+    ("register.colmap", ("register", "colmap")),
+    ("register.mast3r", ("register", "mast3r")),
+    ("register.vggt", ("register", "vggt")),
+    ("surface.twodgs", ("nvs", "2dgs", "train")),
+    ("surface.fuse", ("nvs", "2dgs", "fuse")),
+    ("surface.svraster", ("nvs", "svraster", "train")),
+    ("surface.svraster_mesh", ("nvs", "svraster", "mesh")),
+    ("height.marker", ("height", "marker")),
+    ("height.depth_camera", ("height", "depth_camera")),
+    ("height.mast3r", ("height", "mast3r")),
+    ("finish.clean", ("finish", "clean")),
+    ("evaluate.grade", ("finish", "grade")),
+    ("synthetic.make_test_scenes", ("bop", "test_set")),
+    ("report.object_page", ("report", "page")),
+]
+"""Steps whose options are a part of the config, and where that is."""
 
 
 @pytest.fixture(scope="module")
@@ -66,28 +88,7 @@ def test_the_config_lists_every_demo_object():
     assert config["datasets"]["demo"]["objects"] == list_demo_objects()
 
 
-@pytest.mark.parametrize(
-    ("module", "keys"),
-    [
-        ("capture.video", ("video",)),
-        ("segment.support_plane", ("segment", "support_plane")),
-        ("segment.grounded_sam", ("segment", "grounded_sam")),
-        ("register.colmap", ("register", "colmap")),
-        ("register.mast3r", ("register", "mast3r")),
-        ("register.vggt", ("register", "vggt")),
-        ("surface.twodgs", ("nvs", "2dgs", "train")),
-        ("surface.fuse", ("nvs", "2dgs", "fuse")),
-        ("surface.svraster", ("nvs", "svraster", "train")),
-        ("surface.svraster_mesh", ("nvs", "svraster", "mesh")),
-        ("height.marker", ("height", "marker")),
-        ("height.depth_camera", ("height", "depth_camera")),
-        ("height.mast3r", ("height", "mast3r")),
-        ("finish.clean", ("finish", "clean")),
-        ("evaluate.grade", ("finish", "grade")),
-        ("synthetic.make_test_scenes", ("bop", "test_set")),
-        ("report.object_page", ("report", "page")),
-    ],
-)
+@pytest.mark.parametrize(("module", "keys"), STEPS_WITH_KEYS)
 def test_config_values_are_the_defaults_of_their_step(module, keys):
     options = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
     for key in keys:
@@ -96,6 +97,36 @@ def test_config_values_are_the_defaults_of_their_step(module, keys):
     importlib.import_module(f"zeroshop_steps.{module}").add_arguments(parser)
     given = {key: value for key, value in options.items() if value is not None}  # null leaves an option to the step
     assert given == {key: parser.get_default(key) for key in given}
+
+
+@pytest.mark.parametrize(("module", "keys"), STEPS_WITH_KEYS)
+def test_a_step_takes_what_the_schema_allows(module, keys):
+    """The same choices and the same kind of number; limits of grades are pairs, which have neither."""
+    schema, _ = read_sources()
+    parser = argparse.ArgumentParser()
+    importlib.import_module(f"zeroshop_steps.{module}").add_arguments(parser)
+    actions = {action.dest: action for action in parser._actions}
+    below = {path[-1]: resolve(node, schema) for path, node in list_keys(schema) if path[:-1] == keys}
+    assert below, keys
+    for name, node in below.items():
+        action = actions[name]
+        if "enum" in node or action.choices:
+            assert set(action.choices or ()) == set(node.get("enum") or range(node["minimum"], node["maximum"] + 1)), name
+        if node.get("type") in ("integer", "number"):
+            assert action.type is {"integer": int, "number": float}[node["type"]], name
+
+
+def test_the_list_of_keys_is_that_of_the_schema_and_the_defaults():
+    assert KEYS.read_text() == render_manual(*read_sources()), "run: python -m zeroshop_steps.runtime.config_manual"
+
+
+def test_every_key_is_described_and_its_choices_stand_in_the_comments():
+    schema, _ = read_sources()
+    text = (REPOSITORY / "config" / "config.yaml").read_text()
+    for path, node in list_keys(schema):
+        node = resolve(node, schema)
+        assert len(node["description"]) > 10, path
+        assert all(re.search(rf"\b{value}\b", text) for value in node.get("enum", ())), f"config.yaml does not name all that {path} may be"
 
 
 def test_every_config_key_has_a_comment_and_stands_in_the_manual():

@@ -1,6 +1,5 @@
 """A training from the command line: read the inputs, resume or begin, train, write the model and the record."""
 
-import csv
 import time
 from argparse import Namespace
 from collections.abc import Callable
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from zeroshop_steps.geometry.crops import ObjectSphere, fit_object_sphere
 from zeroshop_steps.runtime.cache import content_digest
@@ -111,11 +111,9 @@ def train_model(
 
 def write_loss_curve(path: Path, history: list[dict[str, float]]) -> None:
     """Write the loss by term as CSV, one row an entry; a term that an entry lacks stays empty."""
-    with atomic_write(path) as temporary, open(temporary, "w", newline="") as file:
-        names = list(dict.fromkeys(name for row in history for name in row))
-        writer = csv.DictWriter(file, names, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({key: f"{value:.6g}" for key, value in row.items()} for row in history)
+    rows = [{key: f"{value:.6g}" for key, value in row.items()} for row in history]
+    with atomic_write(path) as temporary:
+        pd.DataFrame(rows).to_csv(temporary, index=False, lineterminator="\n")
 
 
 def write_training_record(
