@@ -1,17 +1,18 @@
-"""Which colours the object has and its surroundings have not, from all views together."""
+"""Tell the object from its surroundings by colour, with one model for all views."""
 
 import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-BINS = 24
-BLUR_BINS = 0.8
+# Set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
+BINS = 24  # of each axis of CIELAB
+BLUR_BINS = 0.8  # standard deviation of the smoothing over the table
 DOUBT = 3e-4
-"""Density that every colour is given on both sides: a colour seen on neither says nothing."""
+"""Density that is added to every colour on both sides: a colour that neither side shows gets log odds of 0."""
 
 
 class ColorModel:
-    """Log odds of the object for every colour, a table over CIELAB (made to be about evenly spaced for the eye)."""
+    """Log odds of the object for every colour, as a table over CIELAB, in which distances are about as the eye sees them."""
 
     def __init__(self, inside: np.ndarray, outside: np.ndarray) -> None:
         """Learn from (N, 3) float32 RGB samples, 0 to 255, of the object and of its surroundings."""

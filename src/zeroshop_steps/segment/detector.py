@@ -1,4 +1,4 @@
-"""Where is the object that a few words describe: Grounding DINO (Liu et al. 2024), through the transformers library."""
+"""Find the object that a few words describe, by Grounding DINO (Liu et al. 2024) from the transformers library."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +10,10 @@ from zeroshop_steps.networks.pretrained import load_part, load_pretrained
 from zeroshop_steps.runtime.errors import StepError
 
 OFF_MIDDLE = 0.5
-"""A box whose centre is this share of half the image's diagonal off the middle counts 1/e of its score."""
+"""The score of a box falls to 1/e where its centre is this share of half the image's diagonal away from the middle."""
 WHOLE_SHARE = 0.9
-"""A box that is wider and higher than this share of the image is the scene, not a thing in it."""
-MOST_SHOWN = 5
+"""A box wider and higher than this share of the image is the whole scene, not an object in it."""
+MOST_SHOWN = 5  # boxes of an image that an error lists
 
 
 @dataclass(frozen=True)
@@ -86,13 +86,13 @@ class Detector:
 def choose_box(
     boxes: list[Box], size_px: tuple[int, int], min_score: float, expected_px: tuple[float, float, float, float] | None = None
 ) -> Box | None:
-    """The box of highest score times centrality; where it is known what to expect, times the overlap with that. None if there is none.
+    """The box with the highest score times centrality, or times the overlap with the expected box; None if there is none.
 
     Args:
         boxes: detections.
         size_px: (width, height) of the image.
         min_score: lower ones do not count.
-        expected_px: corners of the box that the other images let expect.
+        expected_px: corners of the box that the other images predict.
     """
 
     def value(box: Box) -> float:

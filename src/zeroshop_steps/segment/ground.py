@@ -1,7 +1,8 @@
-"""What is not ground: each image compared with the picture of the bare support plane that all images together give.
+"""Tell objects from the ground: compare each image with an image of the bare support plane, made from all images.
 
-Every point of the plane is seen by most views, whatever stands on it: the median over the views is the plane itself, shadows
-included. A pixel that differs from it is no ground (background subtraction, as with a fixed camera, by the plane's homographies).
+Most views see each point of the plane, even with objects on it. So the median over the views shows the plane alone, with its
+shadows. A pixel that differs from it shows an object: background subtraction, with homographies of the plane in place of a fixed
+camera.
 """
 
 from dataclasses import dataclass
@@ -12,21 +13,23 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
 
-REACH_DISTANCES = 0.9  # half the side of the square of plane that is pictured
-CELL_DISTANCES = 0.004
-MIN_WITNESSES = 3
-NOISE_LEVELS = 5.0  # of 255
-SPREAD_WEIGHT = 1.5
-SHIFT_PX = 1  # cameras and flatness of the ground are this good
-SAME_SIGMAS, OTHER_SIGMAS = 1.0, 3.0
-MOST_ODDS = 1.5
-LIGHT_ODDS = 0.7
-LIGHT_RANGE = (0.55, 1.7)
-LIGHT_WINDOW_PX = 11
+# Lengths are shares of the cameras' distance from the focus, colours are levels of 255, odds are natural logarithms.
+# All were set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
+REACH_DISTANCES = 0.9  # half the side of the square of the plane that the image covers
+CELL_DISTANCES = 0.004  # side of one of its cells: about a pixel at 480 px of image width
+MIN_WITNESSES = 3  # views that must see a cell; with two, an object in one of them is not outvoted
+NOISE_LEVELS = 5.0  # of the camera, added to what the views show
+SPREAD_WEIGHT = 1.5  # a median deviation is about two thirds of a standard deviation
+SHIFT_PX = 1  # errors of the cameras and of the ground's flatness: a pixel may look like its neighbours in the ground's image
+SAME_SIGMAS, OTHER_SIGMAS = 1.0, 3.0  # up to the first a colour is the ground's, from the second on it is not
+MOST_ODDS = 1.5  # of a pixel for or against an object; single pixels are never certain
+LIGHT_ODDS = 0.7  # for an object where only the brightness differs: more often a shadow or a reflection
+LIGHT_RANGE = (0.55, 1.7)  # of the brightness in which a colour still counts as the ground's
+LIGHT_WINDOW_PX = 11  # over which that brightness is estimated
 NO_GROUND_SPREAD = 40.0
-"""Where views differ this much, in levels, there is no ground that a pixel could differ from."""
-GAIN_RANGE = (0.4, 2.5)
-GAIN_STEP = 4
+"""Where the views differ by this much, the cell shows no ground: a pixel that differs there says nothing."""
+GAIN_RANGE = (0.4, 2.5)  # of an image's exposure and white balance, for each channel; beyond, the image shows something else
+GAIN_STEP = 4  # cells of the coarser image that is enough to estimate them
 
 
 @dataclass(frozen=True)
@@ -51,9 +54,10 @@ class GroundPicture:
         return shift @ camera.intrinsics @ camera.camera_from_world[:3] @ self.world_from_cell
 
     def evidence(self, camera: Camera, image: np.ndarray) -> np.ndarray:
-        """(H, W) float32 log odds, -2 to 2, that a pixel is no ground; 0 where the ground is unknown.
+        """(H, W) float32 log odds, at most `MOST_ODDS` either way, that a pixel shows an object; 0 where the ground is unknown.
 
-        A colour off the ground's speaks for an object. One that agrees speaks against it, the more the fewer colours would.
+        A colour that differs from the ground's speaks for an object. One that agrees speaks against it, and more so where the ground
+        accepts few colours.
         """
         homography = self.view_from_cell(camera)
         size = (camera.width_px, camera.height_px)
@@ -65,7 +69,7 @@ class GroundPicture:
         window = np.ones((2 * SHIFT_PX + 1,) * 2, np.uint8)
         highest, lowest = cv2.dilate(expected, window), cv2.erode(expected, window)
         off = np.linalg.norm(np.maximum(np.maximum(image - highest, lowest - image), 0), axis=2) / sigma
-        # The same colour in another light: the photographer's shadow, a lamp's reflection.
+        # The ground's colour in other light: the photographer's shadow, a lamp's reflection.
         both, own = (cv2.blur((part * expected).sum(2), (LIGHT_WINDOW_PX,) * 2) for part in (image, expected))
         light = np.clip(both / np.maximum(own, 1.0), *LIGHT_RANGE)[..., None]
         off_in_any_light = np.linalg.norm(np.maximum(np.maximum(image - light * highest, light * lowest - image), 0), axis=2) / sigma
@@ -81,11 +85,11 @@ class GroundPicture:
 def build_ground_picture(
     support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None = None
 ) -> GroundPicture:
-    """The median picture of the plane.
+    """The median image of the plane.
 
     Args:
         images: (H, W, 3) float32 RGB of the cameras' sizes.
-        hidden: (H, W) bool for each view, pixels known to show no ground.
+        hidden: (H, W) bool for each view: pixels that are known not to show the ground.
     """
     return _build_picture(support, cameras, images, hidden, 1)[0]
 
@@ -93,7 +97,7 @@ def build_ground_picture(
 def _build_picture(
     support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None, step: int
 ) -> tuple[GroundPicture, np.ndarray]:
-    """The ground in cells `step` times the usual size, and (V, N, N, 3) what each view sees there, NaN for nothing."""
+    """The image with cells of `step` times the usual size, and (V, N, N, 3) what each view sees there, NaN where it sees nothing."""
     count = round(2 * REACH_DISTANCES / CELL_DISTANCES / step)
     axes, cell = support.axes(), CELL_DISTANCES * step * support.distance
     origin = support.foot - REACH_DISTANCES * support.distance * axes.sum(0) + cell / 2 * axes.sum(0)
@@ -115,7 +119,7 @@ def _build_picture(
 
 
 def equalize_exposure(support: SceneSupport, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
-    """The images with one factor a channel each, so that they agree on the ground: exposure and white balance differ."""
+    """Scale each channel of each image so that all images agree on the ground: exposure and white balance differ between photos."""
     ground, samples = _build_picture(support, cameras, images, None, GAIN_STEP)
     steady = ground.known & (ground.spread < NO_GROUND_SPREAD / 2) & (ground.color.min(2) > 10) & (ground.color.max(2) < 250)
     gained = []
@@ -142,7 +146,7 @@ def _find_cells_in_front(camera: Camera, world_from_cell: np.ndarray, count: int
 
 
 def _take_median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Median over the views, median deviation from it, and whether enough views witness it; NaN marks what a view does not see."""
+    """Median over the views, median deviation from it, and whether enough views see the cell; NaN marks what a view does not see."""
     count = np.isfinite(samples[..., 0]).sum(0)
     middle = np.maximum(count - 1, 0) // 2
 

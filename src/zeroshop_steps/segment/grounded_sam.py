@@ -1,7 +1,8 @@
-"""Mask what a few words describe: a box by Grounding DINO, followed through all pictures by SAM 2.
+"""Mask the object that a few words describe: Grounding DINO finds a box, SAM 2 follows it through all images.
 
-Photos are no smooth film: where the object gets lost, or its mask contradicts those of the other views, the box is looked for
-again in that picture, and all are followed once more from every box. Both networks come from files; nothing is fetched.
+Photos differ more than the frames of a video. Where SAM 2 loses the object, or its mask contradicts those of the other views,
+Grounding DINO searches that image again, and SAM 2 starts once more from all boxes. Both networks are read from files; nothing is
+downloaded.
 """
 
 import argparse
@@ -31,11 +32,11 @@ from zeroshop_steps.segment.tracker import ObjectTracker, TrackedMask
 PROMPT = "object in the middle."
 MIN_SCORE = 0.25
 FIRST_PICTURES = 8
-"""In so many pictures, evenly spread from the first one on, the object is looked for before giving up."""
+"""Number of images, evenly spread from the first one on, that are searched for the object before giving up."""
 THREADS = 2
-"""Always the same number: sums in another order would move single pixels of the masks."""
+"""Always the same number, because sums in another order change single pixels of the masks."""
 MEMORY_MB, MEMORY_PICTURE_MB = 3000, 4
-"""Beside the networks' weights: what pictures take on their way through, and what is kept of each."""
+"""Beside the networks' weights: what a pass takes at its peak, and what is kept of each image."""
 
 Detect = Callable[[np.ndarray], list[Box]]
 Follow = Callable[[dict[int, Box]], list[TrackedMask]]
@@ -43,7 +44,7 @@ Follow = Callable[[dict[int, Box]], list[TrackedMask]]
 
 @dataclass(frozen=True)
 class ImageSequence:
-    """What is to be masked.
+    """The images to be masked.
 
     Attributes:
         paths: image files in the order in which they were taken.
@@ -72,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_network_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to look for, and by which networks."""
+    """Options of the prompt and of the networks."""
     parser.add_argument("--prompt", default=PROMPT, help='what to look for, in English (default: "%(default)s")')
     parser.add_argument("--min-score", type=float, default=MIN_SCORE, help="least score of a box (default: %(default)s)")
     parser.add_argument("--detector", default=DETECTOR, help="folder of Grounding DINO below resources/weights (default: %(default)s)")
@@ -112,7 +113,7 @@ def run_networks(pictures: ImageSequence, args: argparse.Namespace) -> tuple[lis
 
 
 def _check_memory(folders: list[Path], pictures: int, device: str) -> None:
-    """Say how much memory is needed and how much is free; raise StepError where that is too little."""
+    """Print how much memory is needed and how much is free; raise StepError where that is too little."""
     needed_mb = sum((folder / "model.safetensors").stat().st_size for folder in folders) / 2**20 + MEMORY_MB + MEMORY_PICTURE_MB * pictures
     free_mb = measure_free_bytes(device) / 2**20
     print(f"needs about {needed_mb:.0f} MB of memory on {device}, {free_mb:.0f} MB are free")
@@ -179,5 +180,5 @@ def _find_first_box(pictures: ImageSequence, detect: Detect, prompt: str, min_sc
 
 
 def _choose_better(old: np.ndarray, new: np.ndarray, hull: np.ndarray) -> np.ndarray:
-    """Of two masks the one that agrees better with the other views; the new one where they say nothing."""
+    """Whichever of two masks agrees better with the other views; the new one where they do not tell."""
     return old if hull.any() and compute_overlap(old, hull) >= compute_overlap(new, hull) else new

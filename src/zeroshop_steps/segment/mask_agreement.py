@@ -1,6 +1,7 @@
-"""What masks found in each picture alone have in common in space: the visual hull, where cameras are known (Laurentini 1994).
+"""Compare masks with each other through their visual hull, the space that they have in common (Laurentini 1994).
 
-No plane and no points are needed. Masks that show something else than most do are found first, and have no part in it.
+The cameras must be known; a support plane and sparse points are not needed. Masks that show something else than most are found
+first and left out of the hull.
 """
 
 import cv2
@@ -11,16 +12,17 @@ from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, compare_with_hull
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouette
 
-ROOM = 1.5  # half the block's edge, in the radius that the masks have
+ROOM = 1.5  # half the edge of the voxel grid, in radii of the object
 ROUNDS_MISSES_VOXELS = ((0.34, 48), (0.2, 48), (0.05, 72))
-"""Share of the masks that a voxel may miss: many while masks of other things are among them; voxels along the block's edges."""
-JUDGED_WIDTH_PX = 480
+"""Rounds of carving: the share of the masks that a voxel may miss, many while masks of other things are included, and the number of
+voxels along the grid's edge."""
+JUDGED_WIDTH_PX = 480  # masks are compared at this width at most, which is as fine as the voxels
 LEAST_OVERLAP = 0.5
-"""A mask that overlaps its silhouette less than this share of what the median mask does has no part in the next round."""
+"""A mask whose overlap with the silhouette is below this share of the median mask's is left out of the next round."""
 
 
 def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndarray]:
-    """(H, W) bool silhouettes, in every view, of what the masks that agree have in common; empty ones where none do.
+    """(H, W) bool silhouette, in every view, of the hull of the masks that agree; empty if none do.
 
     Args:
         cameras: of all views, of the masks' sizes.
@@ -40,9 +42,9 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
 
 
 def assess_masks(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[np.ndarray], list[MaskQuality]]:
-    """Silhouettes of what (H, W) bool masks have in common, of their size, and how well each mask agrees with its own.
+    """Silhouettes of the hull of (H, W) bool masks, of the same size, and how well each mask agrees with its silhouette.
 
-    Without cameras nobody knows what they have in common, and silhouettes are empty.
+    Without cameras there is no hull, and the silhouettes are empty.
     """
     height, full_width = masks[0].shape
     width = min(JUDGED_WIDTH_PX, full_width)

@@ -1,4 +1,4 @@
-"""How good each mask is, without a truth: does it agree with the other views' masks, is it whole, does its size fit?"""
+"""Rate masks without a ground truth: by agreement with the other views' masks, completeness and size."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,13 +9,14 @@ import numpy as np
 from zeroshop_steps.runtime.errors import StepError
 
 TOLERANCE = 0.02
-"""Width of the rim that may differ, in square roots of the mask's area: about two voxels of the hull."""
-MOST_DISAGREEMENT = 0.15
-MOST_AREA_JUMP = 0.3
-MOST_SIZE_RATIO = 4.0
-SMALLEST_SHARE = 5e-4
-BORDER_SHARE = 0.005
-MIN_GOOD, MIN_GOOD_SHARE = 8, 0.6
+"""Width of the rim that may differ, as a share of the square root of the mask's area: about two voxels of the hull."""
+# Set by hand on rendered films and the DTU skull (docs/results.md).
+MOST_DISAGREEMENT = 0.15  # of the mask's area; more is another object, or a part of this one is missing
+MOST_AREA_JUMP = 0.3  # from the size that the other views predict
+MOST_SIZE_RATIO = 4.0  # to the median mask, where no cameras tell how near the object is
+SMALLEST_SHARE = 5e-4  # of the image; a smaller mask is empty
+BORDER_SHARE = 0.005  # of the image's circumference; less is a shadow or noise, not a cut object
+MIN_GOOD, MIN_GOOD_SHARE = 8, 0.6  # masks that must be good, as a number and as a share of all
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class MaskQuality:
 
 
 def compare_with_hull(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[MaskQuality]:
-    """Measure (H, W) bool masks against the (H, W) bool silhouettes of what they have in common."""
+    """Rate (H, W) bool masks by the (H, W) bool silhouettes of their hull."""
     ratios = np.array([mask.sum() / max(hull.sum(), 1) for mask, hull in zip(masks, hulls, strict=True)])
     usual = float(np.median(ratios[ratios > 0])) if (ratios > 0).any() else 1.0
     found = []
@@ -47,15 +48,15 @@ def compare_with_hull(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[
         if mask.mean() < SMALLEST_SHARE:
             fault = "the mask is empty"
         elif disagreement > MOST_DISAGREEMENT:
-            fault = f"{disagreement:.0%} of the mask contradict the masks of the other views"
+            fault = f"{disagreement:.0%} of the mask contradicts the masks of the other views"
         elif abs(ratio - 1) > MOST_AREA_JUMP:
-            fault = f"the mask is {ratio:.2f} times as large as the other views let expect"
+            fault = f"the mask is {ratio:.2f} times as large as the other views predict"
         found.append(MaskQuality(disagreement, float(ratio), _measure_border_share(mask), fault))
     return found
 
 
 def compare_sizes(masks: list[np.ndarray]) -> list[MaskQuality]:
-    """Measure (H, W) bool masks where no cameras are known yet: only emptiness and a wild size are faults. Registration finds others."""
+    """Rate (H, W) bool masks without cameras: only empty masks and very different sizes are faults. Registration finds others."""
     areas = np.array([mask.sum() for mask in masks], float)
     usual = float(np.median(areas[areas > 0])) if areas.any() else 1.0
     found = []
@@ -130,6 +131,6 @@ def _measure_disagreement(mask: np.ndarray, hull: np.ndarray) -> float:
     radius = max(1, round(TOLERANCE * float(np.sqrt(mask.sum()))))
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
     grown = cv2.dilate(hull.astype(np.uint8), window) > 0
-    # A hull of voxels is no smaller than the object; it may lack hairs, and fill gaps. Both are no fault of a mask.
+    # A hull of voxels is as large as the object or larger; it may lack thin parts and fill gaps. Neither is a fault of the mask.
     shrunk = cv2.erode(hull.astype(np.uint8), window, borderValue=1) > 0
     return float(((mask & ~grown).sum() + (shrunk & ~cv2.dilate(mask.astype(np.uint8), window).astype(bool)).sum()) / mask.sum())

@@ -1,4 +1,4 @@
-"""Did the object stay where it was? What the first half of the views finds must overlap with what the second half finds."""
+"""Check that the object did not move: the first half of the views must find it where the second half does."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.object_selection import COARSE_VOXELS, REACH_DISTANCES, ObjectSelection, select_object
 
-LEAST_VIEWS = 12  # fewer cannot be halved: a half would hardly tell a thing from its surroundings
+LEAST_VIEWS = 12  # with fewer, half of the views cannot tell an object from its surroundings
 LEAST_OVERLAP = 0.5
-"""Both halves see the hull of a thing that stays, however few directions they have: the smaller footprint lies in the larger."""
+"""Share of the smaller footprint that lies in the larger one: nearly all of it for an object that stays, even with few directions."""
 
 
 def check_not_moved(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> None:
-    """Raise StepError where the object stands elsewhere in the second half of the views.
+    """Raise StepError where the second half of the views shows the object at another place.
 
     Args:
-        support: what it stands on.
+        support: the plane that it stands on.
         cameras: of all views, in the order in which they were taken.
         evidence: as for `select_object`.
     """
@@ -26,7 +26,7 @@ def check_not_moved(support: SceneSupport, cameras: list[Camera], evidence: list
     try:
         halves = [select_object(support, cameras[part], evidence[part]) for part in (slice(middle), slice(middle, None))]
     except StepError:
-        return  # half of the views do not tell; all of them may
+        return  # half of the views are too few to find the object; all of them may do
     first, second = (_find_footprint(support, selection) for selection in halves)
     if len(first & second) < LEAST_OVERLAP * min(len(first), len(second)):
         raise StepError(
@@ -36,7 +36,7 @@ def check_not_moved(support: SceneSupport, cameras: list[Camera], evidence: list
 
 
 def _find_footprint(support: SceneSupport, selection: ObjectSelection) -> set[tuple[int, int]]:
-    """The cells of the plane that an object stands on or over."""
+    """The cells of the plane that the object stands on or overhangs."""
     side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
     cells = np.floor((selection.grid.centres(np.argwhere(selection.cluster)) - support.foot) @ support.axes().T / side).astype(int)
     return set(map(tuple, np.unique(cells, axis=0).tolist()))

@@ -1,7 +1,7 @@
-"""A capture whose registration goes by the object alone: pictures with their masks, before they are registered.
+"""Make a capture that is registered by the object alone: images with masks, before registration.
 
-Needed where the object was turned while the ground stayed, and the variant without a surface of the thesis. The masks are those
-that lie beside the pictures, given by the user or found in a registered scene; where there are none, grounded_sam looks for them.
+It is needed where the object was turned while the ground stayed, and for the thesis's variant without a surface. The masks beside
+the images are used, given by the user or found in a registered scene; if there are none, grounded_sam finds them.
 """
 
 import argparse
@@ -64,7 +64,7 @@ def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record:
         paths: the pictures.
         masks: (H, W) bool of each.
         record: for segmentation.json.
-        facts: capture.json of the capture that they come from; what it says of single pictures goes by their old numbers.
+        facts: capture.json of the capture that they come from; its entries for single images count the images before any was left out.
     """
     dropped = set(record["dropped"])
     with atomic_directory(out) as folder:

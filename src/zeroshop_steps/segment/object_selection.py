@@ -1,4 +1,4 @@
-"""Which of the things that stand on the ground is meant: the one nearest to what all cameras look at."""
+"""Select the object among all objects on the ground: the one nearest to the point that all cameras look at."""
 
 from dataclasses import dataclass
 
@@ -11,27 +11,28 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, fill_down_to_ground, label_clusters
 
-COARSE_VOXELS = 72
+# Set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
+COARSE_VOXELS = 72  # along each edge of the searched block
 REACH_DISTANCES = 0.42  # half the side of the searched block, in distances of the cameras from the focus
-BELOW_VOXELS = 2  # of the block's foot, below the plane
-SURE_ODDS = 0.4
-EMPTY_SHARE = 0.12  # of the views that vote; more than these show a voxel empty
-FULL_SHARE, FULL_VIEWS = 0.5, 3  # of the views that vote; at least so many show a voxel full
-LEAST_VOXELS = 30
+BELOW_VOXELS = 2  # of the block's lower face below the plane, which is not exact
+SURE_ODDS = 0.4  # log odds from which on a view votes
+EMPTY_SHARE = 0.12  # of the votes; a voxel that more views show empty is empty
+FULL_SHARE, FULL_VIEWS = 0.5, 3  # a voxel needs this share of the votes, and at least this many, to be full
+LEAST_VOXELS = 30  # of an object; smaller clusters are noise
 RIVAL_SHARE = 0.3
-"""A second cluster this large, beside the chosen one, is a rival where none is looked at, ..."""
+"""Where the cameras look between clusters, one of at least this share of the chosen one's size is a rival, ..."""
 RIVAL_NEAR = 1.6
-"""... and it is no farther from the focus than this many times the chosen one's distance."""
-LOOKED_AT_VOXELS = 1.5
+"""... if its distance from the focus is at most this many times the chosen one's."""
+LOOKED_AT_VOXELS = 1.5  # a cluster this close to the focus is what the cameras look at, and has no rivals
 PART_GAP_VOXELS = 6
-"""Clusters nearer to each other than this, with the cameras looking in between, are parts of one object."""
-FINE_VOXELS = 96
-MARGIN = 0.12  # around the found cluster, in its own size
+"""Clusters that are closer to each other, with the cameras looking between them, are parts of one object."""
+FINE_VOXELS = 96  # along the longest edge of the block around the selected object
+MARGIN = 0.12  # of that block around the cluster, as a share of the cluster's size
 
 
 @dataclass(frozen=True)
 class ObjectSelection:
-    """The chosen cluster.
+    """The selected object.
 
     Attributes:
         grid: a block of voxels around it, of `FINE_VOXELS` along its longest side.
@@ -52,10 +53,10 @@ class ObjectSelection:
 
 
 def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> ObjectSelection:
-    """Carve a block of space over the plane by the evidence of all views, and choose among the clusters left.
+    """Carve a block above the plane by the evidence of all views, and select one of the remaining clusters.
 
     Raises:
-        StepError: nothing stands there, or two things equally near to the focus.
+        StepError: nothing stands there, or two objects are equally near to the focus.
     """
     side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
     axes = np.vstack([support.axes(), support.normal])
@@ -77,7 +78,7 @@ def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[n
         )
     middle = np.array([COARSE_VOXELS / 2, COARSE_VOXELS / 2])
     places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names}
-    # The nearest edge counts most: a large thing may stand off the middle. The mean settles the rest.
+    # The nearest edge counts most, because a large object may stand off the middle; then the mean.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
     chosen = min(names, key=lambda name: (away[name], name))
     parts = _join_parts(chosen, names, places, away, sizes)
@@ -85,10 +86,10 @@ def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[n
 
 
 def _join_parts(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray) -> list[int]:
-    """The chosen cluster, and those that are parts of the same object because the cameras look in between.
+    """The chosen cluster and those that are parts of the same object, because the cameras look between them.
 
     Raises:
-        StepError: the cameras look in between things that stand apart.
+        StepError: the cameras look between objects that stand apart.
     """
     if np.linalg.norm(places[chosen], axis=1).min() < LOOKED_AT_VOXELS:
         return [chosen]
@@ -115,7 +116,7 @@ def _cut_fine_grid(grid: VoxelGrid, labels: np.ndarray, chosen: int, count: int)
     shape = tuple(np.ceil((high - low) * grid.side / side - 1e-6).astype(int).tolist())
     fine = VoxelGrid(grid.axes, grid.origin + low * grid.side @ grid.axes, side, shape)
     others = (labels > 0) & ~own
-    # It stands on the ground, whatever was carved off its foot.
+    # The object reaches the ground, even where its foot was carved off.
     nearest = ndimage.distance_transform_edt(~fill_down_to_ground(own))
     rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(grid.shape, np.inf)
     room = (nearest <= margin) & (nearest < rival)

@@ -1,4 +1,4 @@
-"""What every segmentation method writes: the registered images with masks, without those whose mask is bad.
+"""What every segmentation method writes: the registered images with their masks, without images whose mask is bad.
 
 A cameras folder: images/, masks/, sparse/, registration.json as the registration wrote them, segmentation.json with the
 quality of the masks, and contact_sheet.png, a picture of all masks.
@@ -27,7 +27,7 @@ from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.mask_quality import MasksRejected
 
 RECORD = "segmentation.json"
-"""How the masks were found, and how good they are, beside images/ and masks/."""
+"""The file beside images/ and masks/ that says how the masks were found and how good they are."""
 
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,13 +55,13 @@ def record_failure(args: argparse.Namespace) -> Iterator[None]:
 
 
 def add_rejected_argument(parser: argparse.ArgumentParser) -> None:
-    """Where to show masks that are refused."""
+    """Option for the image of rejected masks."""
     parser.add_argument("--rejected", type=Path, help="picture to write of the masks where they are refused")
 
 
 @contextlib.contextmanager
 def show_rejected_masks(paths: list[Path], picture: Path | None) -> Iterator[None]:
-    """Write a picture of the masks of the images `paths` that are refused in this block, so that one sees why."""
+    """Where this block rejects the masks of the images `paths`, write an image of them that shows why."""
     if picture is not None:
         picture.unlink(missing_ok=True)
     try:
@@ -105,16 +105,16 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
 
 
 def read_mask_record(folder: Path | None) -> dict[str, Any]:
-    """What segmentation.json beside masks says of them; that they were given where there is none."""
+    """The segmentation.json beside the masks; where there is none, the user gave the masks."""
     return read_json(folder / RECORD) if folder and (folder / RECORD).is_file() else {"method": "given"}
 
 
 def warn_of_dropped(record: dict[str, Any]) -> None:
-    """Say which pictures are left out and why, and which cut the object off."""
+    """Warn of images that are left out, with the reason, and of images that cut the object off."""
     for name, fault in record.get("dropped", {}).items():
         warn(f"{name} is left out: {fault}")
     if record.get("cut_off"):
-        warn(f"the object is cut off at the border in {', '.join(record['cut_off'])}; step back and keep it whole in the picture")
+        warn(f"the object is cut off at the border in {', '.join(record['cut_off'])}; step back and keep all of it in the image")
 
 
 def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:
@@ -134,7 +134,7 @@ def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str
 
 
 def link_or_copy(source: Path, target: Path) -> None:
-    """The same file under another name, as a copy where the disk cannot link."""
+    """Link a file to another name, or copy it where the file system has no links."""
     try:
         os.link(source, target)
     except OSError:

@@ -1,4 +1,4 @@
-"""From evidence to masks: colours and edges cut every image, the views' common hull keeps the cuts consistent, and again."""
+"""Refine evidence to masks, in rounds: cut each image by colours and edges, then carve the views' common hull from the masks."""
 
 from dataclasses import dataclass
 
@@ -14,32 +14,34 @@ from zeroshop_steps.segment.ground import build_ground_picture
 from zeroshop_steps.segment.object_selection import ObjectSelection
 from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, render_silhouette, splat_voxels
 
-COLOR_MOST = 1.5
+# Odds are natural logarithms; lengths in images are shares of the square root of the silhouette's area.
+# All were set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
+COLOR_MOST = 1.5  # log odds of a colour, at most: single colours are never certain
 INSIDE_ODDS = (0.5, 0.7, 0.7)
-"""What lying in the common hull's silhouette speaks for the object, in each round."""
+"""Log odds for pixels inside the common hull's silhouette, in each round."""
 OUTSIDE_ODDS = (0.0, -1.5, -2.5)
-"""What lying well outside of it does; a margin around it is left open."""
-FORBIDDEN_ODDS = -6.0
-HULL_MARGIN = 0.03  # of the square root of the silhouette's area
-RING = 0.6  # width of the surroundings whose colours count, in square roots of the silhouette's area
-MISSES_SHARE = 0.1
+"""Log odds for pixels well outside of it, in each round; a margin around it has 0."""
+FORBIDDEN_ODDS = -6.0  # of pixels that cannot be the object: no colour outweighs it
+HULL_MARGIN = 0.03  # width of the margin around the silhouette
+RING = 0.6  # width of the surroundings whose colours are learned
+MISSES_SHARE = 0.1  # of the masks that a voxel of the hull may miss
 FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
-"""Columns no higher than this share of the hull's height, or than these voxels, are no part of it."""
+"""Columns no higher than this share of the hull's height, or than so many voxels, are print or shadows on the ground."""
 CONTACT_SHARE = 0.1
-"""Gaps below the hull up to this share of its height are closed: there it touches the ground."""
+"""Gaps between ground and hull of up to this share of its height are closed: the object touches the ground there."""
 STANDING_SHARE = 0.1
-"""Of an object that stands on the ground, at least this share of its voxels hangs together with it, and of their columns reaches it."""
+"""An object stands on the ground if at least this share of its voxels is connected with the ground, and of its columns reaches it."""
 FLOATING_GAP_VOXELS = 2
-"""Parts farther than twice this from all that stands on the ground are no part of it."""
+"""Parts farther than twice this from everything that stands on the ground are dropped."""
 HOLE_ODDS = 0.5
-"""Holes in whose colours the object is likelier than this, in log odds, are none."""
+"""Holes in a mask are filled if their mean log odds of the object, by colour, are above this."""
 HIDDEN_MARGIN = 0.04
-"""Ground this near to the hull's silhouette, in square roots of its area, may be object that the hull lacks."""
+"""Ground this close to the silhouette may be covered by parts of the object that the hull lacks."""
 
 
 @dataclass(frozen=True)
 class RefinedMasks:
-    """Masks and what they agree on.
+    """Masks and their common hull.
 
     Attributes:
         masks: for each view, (H, W) float32 in [0, 1], above 1/2 on the object.
@@ -53,7 +55,7 @@ class RefinedMasks:
 
 
 def refine_masks(support: SceneSupport, selection: ObjectSelection, cameras: list[Camera], images: list[np.ndarray]) -> RefinedMasks:
-    """Alternate between cutting the images and carving the space they share.
+    """Alternate between cutting the images and carving the hull of the masks.
 
     Args:
         images: (H, W, 3) float32 RGB, 0 to 255, of the cameras' sizes.
@@ -61,7 +63,7 @@ def refine_masks(support: SceneSupport, selection: ObjectSelection, cameras: lis
     rooms = [render_silhouette(selection.grid, selection.allowed, camera) for camera in cameras]
     others = [splat_voxels(selection.other_points, selection.other_side, camera) for camera in cameras]
     occupied = _extend_to_ground(_drop_floating(selection.cluster, selection.ground_voxel))
-    # Where all views agree there is ground, even under the hull: shadows. Or an object of one colour, hence colours weigh as much.
+    # Where all views agree is ground, even under the hull: shadows. It may also be an object of one colour, so colours weigh as much.
     plain = build_ground_picture(support, cameras, images)
     agreed = [np.minimum(plain.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
     for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
@@ -84,9 +86,10 @@ def refine_masks(support: SceneSupport, selection: ObjectSelection, cameras: lis
 
 
 def _restore_lost_foot(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
-    """The (X, Y, Z) bool voxels and, where hardly any of them reaches the ground, all between them and it.
+    """The (X, Y, Z) bool voxels and, where hardly any of them reaches the ground, also all below them.
 
-    Where all views agree on the colour of a plain foot, carving takes it for ground. What has the object's colours there is that foot.
+    Where all views agree on the colour of a plain foot, it is carved away like ground. Pixels there with the object's colours are the
+    foot.
     """
     columns = occupied.any(axis=2)
     if not columns.any() or _take_lowest_part(occupied, ground_voxel).any(axis=2).sum() >= STANDING_SHARE * columns.sum():
@@ -95,13 +98,13 @@ def _restore_lost_foot(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
 
 
 def _take_lowest_part(values: np.ndarray, ground_voxel: float) -> np.ndarray:
-    """The part of (X, Y, Z) values up to a share of the height at which what is there stands on the ground."""
+    """The lowest part of (X, Y, Z) values: what is in it touches the ground."""
     top = np.flatnonzero(values.any(axis=(0, 1)))[-1]
     return values[:, :, : int(ground_voxel + CONTACT_SHARE * (top - ground_voxel)) + 1]
 
 
 def _cut_within(room: np.ndarray, evidence: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """The cut of the room's part of an image; nothing is the object outside."""
+    """Cut the part of an image in which the object may be; the rest is background."""
     y, x = np.nonzero(room)
     mask = np.zeros(room.shape, np.float32)
     if len(y):
@@ -111,9 +114,9 @@ def _cut_within(room: np.ndarray, evidence: np.ndarray, image: np.ndarray) -> np
 
 
 def _close_holes(mask: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """The cut with its holes filled in which one sees the object's colours.
+    """Fill the holes of a cut that have the object's colours.
 
-    All views agree on the floor of a plain bowl as they do on ground: it lies where the ground does.
+    The floor of a plain bowl is cut out like ground, because all views agree on it and it lies close to the ground.
 
     Args:
         mask: (H, W) float32.
@@ -127,7 +130,7 @@ def _close_holes(mask: np.ndarray, color: np.ndarray) -> np.ndarray:
 
 
 def _carve_common(selection: ObjectSelection, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
-    """Voxels of the subject's room that lie within nearly all masks."""
+    """The allowed voxels that lie in nearly all masks."""
     index = np.argwhere(selection.allowed)
     _, empty = count_votes(selection.grid, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
     occupied = np.zeros(selection.allowed.shape, bool)
@@ -136,7 +139,7 @@ def _carve_common(selection: ObjectSelection, cameras: list[Camera], masks: list
 
 
 def _drop_flat_columns(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
-    """Without the columns that hardly rise above the ground: all views agree on prints and shadows, too, but those are flat."""
+    """Drop columns that hardly rise above the ground: print and shadows agree between views, too, but are flat."""
     layers = np.flatnonzero(occupied.any(axis=(0, 1)))
     if not len(layers):
         return occupied
@@ -146,9 +149,9 @@ def _drop_flat_columns(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
 
 
 def _drop_floating(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
-    """Without what hangs in the air beside what stands: space that few views see, or that shows what lies behind it.
+    """Drop parts that float beside what stands on the ground: few views see them, or they show what lies behind them.
 
-    Where nearly all of it hangs, that is the object, and its foot is what lacks: all views agree on the colour of a plain one there.
+    Where nearly everything floats, it is the object, whose plain foot was carved away like ground.
     """
     labels, count = ndimage.label(ndimage.binary_dilation(occupied, iterations=FLOATING_GAP_VOXELS), np.ones((3, 3, 3)))
     if count < 2:
@@ -163,7 +166,7 @@ def _drop_floating(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
 
 
 def _extend_to_ground(occupied: np.ndarray) -> np.ndarray:
-    """Columns that end just above the ground reach down to it: the object stands, and its foot is what grazing views tell worst."""
+    """Extend columns that end just above the ground down to it: views at a flat angle tell the foot least well."""
     height = np.flatnonzero(occupied.any(axis=(0, 1)))
     if not len(height):
         return occupied
@@ -174,7 +177,7 @@ def _extend_to_ground(occupied: np.ndarray) -> np.ndarray:
 
 
 def _learn_colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: list[np.ndarray]) -> ColorModel:
-    """Learned inside the hull and around it, but for what speaks against it."""
+    """Learn colours inside the hull and around it, without pixels whose evidence says otherwise."""
     inside, outside = [], []
     for image, hull, odds in zip(images, hulls, evidence, strict=True):
         within = (cv2.erode(hull.astype(np.uint8), np.ones((5, 5))) > 0) & (odds >= 0.0)
@@ -185,6 +188,6 @@ def _learn_colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: l
 
 
 def _grow(mask: np.ndarray, share: float) -> np.ndarray:
-    """The mask grown by a share of the square root of its area."""
+    """Grow a mask by a share of the square root of its area."""
     radius = max(1, round(share * float(np.sqrt(mask.sum()))))
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) <= radius

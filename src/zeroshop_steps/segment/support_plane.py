@@ -1,7 +1,7 @@
-"""Mask what stands on the support plane, nearest to the point that all cameras look at. No weights are needed.
+"""Mask the object on the support plane that is nearest to the point that all cameras look at. No weights are needed.
 
-All images together give the picture of the bare ground; what differs from it, in all views alike, is carved out of the space
-above. Colours and edges then cut each image, the common hull keeps the cuts consistent, and masks that contradict the others
+All images together give an image of the bare ground. What differs from it in all views is carved out of the space above. Then
+each image is cut along colours and edges, with the common hull keeping the cuts consistent, and masks that contradict the others
 are left out.
 """
 
@@ -22,8 +22,11 @@ from zeroshop_steps.segment.object_selection import select_object
 from zeroshop_steps.segment.record import add_common_arguments, record_failure, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import refine_masks
 
-WIDTH_PX = 480
-LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003  # of a mask's area
+WIDTH_PX = 480  # images are cut at this width at most; time grows with its square
+# Shares of a mask's area: separate parts below the first are dropped, holes up to the second are filled.
+LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003
+MOSTLY = 0.5  # of a separate part must lie in the common hull
+CLOSED_SHARE = 0.9  # a larger hole is filled if this share of it lies in the hull: the other views see no way through
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -90,19 +93,19 @@ def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[
 
 
 def tidy_mask(mask: np.ndarray, hull: np.ndarray) -> np.ndarray:
-    """The (H, W) float32 mask without islands off the common hull's silhouette, (H, W) bool, small ones, and pinholes.
+    """The (H, W) float32 mask without small or separate parts off the common hull's silhouette, (H, W) bool, and without small holes.
 
-    Print may have the ground's colours. A larger hole is filled where the other views see no way through.
+    A larger hole is filled where the other views see no way through: print may have the ground's colours.
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats((mask > 0.5).astype(np.uint8), connectivity=8)
     if count < 2:
         return np.zeros_like(mask)
     areas = stats[1:, cv2.CC_STAT_AREA]
     shared = np.bincount(labels[hull], minlength=count)[1:]
-    kept = np.flatnonzero((areas >= LEAST_ISLAND * areas.max()) & (shared > 0.5 * areas)) + 1
+    kept = np.flatnonzero((areas >= LEAST_ISLAND * areas.max()) & (shared > MOSTLY * areas)) + 1
     mask = np.where((mask <= 0.5) | np.isin(labels, kept), mask, 0.0)
     count, labels, stats, _ = cv2.connectedComponentsWithStats((mask <= 0.5).astype(np.uint8), connectivity=4)
     covered = np.bincount(labels[hull], minlength=count) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
     small = stats[:, cv2.CC_STAT_AREA] <= LARGEST_FILLED_HOLE * areas.sum()
-    holes = [number for number in range(1, count) if small[number] or covered[number] > 0.9]
+    holes = [number for number in range(1, count) if small[number] or covered[number] > CLOSED_SHARE]
     return np.where(np.isin(labels, holes), 1.0, mask).astype(np.float32)

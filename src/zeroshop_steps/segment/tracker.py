@@ -1,4 +1,4 @@
-"""Follow an object through pictures from boxes in some of them: SAM 2 (Ravi et al. 2024), through the transformers library."""
+"""Follow an object through images from boxes in some of them, by SAM 2 (Ravi et al. 2024) from the transformers library."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from zeroshop_steps.runtime.progress import ProgressReport
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the colours of the network's training pictures
 OBJECT = 1  # the one object of a session
 TOP_LEFT, BOTTOM_RIGHT = 2, 3  # how the network's prompts name the corners of a box
-NOT_KEPT = "high_res_masks"  # of every picture, of the network's input size: used at once and never again
+NOT_KEPT = "high_res_masks"  # one for each image, of the network's input size: large, and not used again
 
 
 @dataclass(frozen=True)
 class TrackedMask:
-    """What was found in a picture.
+    """The object in one image.
 
     Attributes:
         mask: (H, W) bool of the picture's size.

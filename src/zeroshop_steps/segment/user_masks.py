@@ -1,6 +1,6 @@
-"""Take the masks that came with the photos; the registration has undistorted them with their images.
+"""Use the masks that the user gave; the registration has undistorted them with their images.
 
-They are judged like masks that were found: one that contradicts the others is left out.
+They are checked like masks that were found: one that contradicts the others is left out.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from zeroshop_steps.segment.record import add_common_arguments, read_mask_record
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_common_arguments(parser)
-    parser.add_argument("--capture", type=Path, help="the capture; how its masks were found stands in its segmentation.json")
+    parser.add_argument("--capture", type=Path, help="the capture; its segmentation.json says how its masks were found")
 
 
 def run(args: argparse.Namespace) -> None:

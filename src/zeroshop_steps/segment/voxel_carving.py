@@ -1,4 +1,4 @@
-"""Voxels above the support plane: which of them the views show to be empty, and which clusters stand there."""
+"""Voxels above the support plane: which of them the views show to be empty, and which clusters remain."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ SPLAT_WIDTH = 1.2  # of a voxel's edge: a cube seen at an angle is wider than it
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """A block of cubic voxels, upright on the plane.
+    """A block of cubic voxels.
 
     Attributes:
-        axes: (3, 3) unit rows: two along the plane, then its normal.
+        axes: (3, 3) unit rows: two along the support plane, then its normal.
         origin: (3,) the corner of the first voxel, in the world frame.
         side: edge of a voxel.
         shape: number of voxels along each axis.
@@ -41,7 +41,7 @@ def count_votes(
     Args:
         index: (P, 3) voxels.
         evidence: (H, W) log odds of every view, 0 where nothing is known.
-        sure: log odds from which on a view has a vote, mean over about the voxel's width.
+        sure: a view votes where its mean log odds over about the voxel's width are larger than this.
     """
     centres = grid.centres(index).astype(np.float32)
     full, empty = np.zeros(len(index), np.int32), np.zeros(len(index), np.int32)
@@ -74,9 +74,9 @@ def render_silhouette(grid: VoxelGrid, occupied: np.ndarray, camera: Camera) -> 
 
 
 def label_clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
-    """Things that stand side by side: labels (X, Y, Z) from 1 on, and their number.
+    """Label objects that stand side by side: (X, Y, Z) labels from 1 on, and their number.
 
-    What lies above each other is one thing; bridges of one column's width do not join two.
+    Voxels above each other belong to one object; a bridge one column wide does not join two objects.
     """
     columns = occupied.any(axis=2)
     cores = ndimage.binary_opening(columns, np.ones((2, 2)))
@@ -89,5 +89,5 @@ def label_clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def fill_down_to_ground(occupied: np.ndarray) -> np.ndarray:
-    """The voxels and all below them: ground that no view sees if the object stands there."""
+    """The voxels and all voxels below them: ground that no view sees if the object stands there."""
     return np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2)
