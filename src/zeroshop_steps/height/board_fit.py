@@ -1,8 +1,8 @@
-"""The size of a printed board in a registration: its corners triangulated, its known shape fitted to what the cameras saw.
+"""Measure the size of a printed board in a registration.
 
-The corners are triangulated from the views (direct linear transform; Hartley and Zisserman 2004, section 12.2), a similarity
-takes the board there (Umeyama 1991), and that similarity is refined on the corners' places in all photos at once under a
-robust loss. How much it changes when single photos are left out tells its uncertainty (the jackknife; Tukey 1958).
+The corners are triangulated from the views (direct linear transform; Hartley and Zisserman 2004, section 12.2), a similarity from
+the board to them is fitted (Umeyama 1991), and refined by the reprojection errors in all photos under a robust loss. Leaving out
+one photo at a time tells how uncertain it is (jackknife; Tukey 1958).
 """
 
 from collections.abc import Sequence
@@ -17,21 +17,24 @@ from zeroshop_steps.geometry.printed_board import Board
 from zeroshop_steps.height.board_photos import BoardView
 from zeroshop_steps.runtime.errors import StepError
 
-LOSS_PX = 0.5  # residuals beyond this count less
+LOSS_PX = 0.5  # of the soft L1 loss: larger residuals count linearly
 LARGEST_PX = 4.0  # median residual from which on board and cameras contradict each other
-LARGEST_STRETCH = 0.02  # of height to width of the print
-LEAST_ANGLE_DEG = 1.0  # between the rays to a corner
+LARGEST_STRETCH = 0.02  # of height to width of the print; more was fitted to another page size
+LEAST_ANGLE_DEG = 1.0  # between the rays to a corner; its depth is too uncertain below
+OUTLIER_MEDIANS = 3.0  # a triangulated corner this many median errors away is left out of the first fit
+FIT_ROUNDS = 10  # of that fit, which settles in fewer
+LEAST_CORNERS = 4
 
 
 @dataclass(frozen=True)
 class BoardFit:
-    """A board as the cameras saw it.
+    """A board, fitted to its corners in the photos.
 
     Attributes:
         units_per_mm: its scale in the registration.
-        deviation: standard deviation of that, of itself as 1.
+        deviation: relative standard deviation of that.
         stretch: height to width of the print, compared with the board's; 1 where it was not stretched.
-        residual_px: median distance of a corner from its place.
+        residual_px: median reprojection error of a corner.
         corners, photos: how many were used.
     """
 
@@ -52,7 +55,7 @@ def fit_board(board: Board, views: Sequence[BoardView]) -> BoardFit:
     corners = board.corners_mm()
     triangulated = triangulate_corners(views, len(corners))
     known = np.isfinite(triangulated).all(1)
-    if known.sum() < 4:
+    if known.sum() < LEAST_CORNERS:
         raise StepError("the photos that show the board were taken from nearly one place; move the camera around it between them")
     start = _fit_robust_similarity(corners[known], triangulated[known])
     linear = start[:3, :3]
@@ -96,20 +99,20 @@ def triangulate_corners(views: Sequence[BoardView], count: int) -> np.ndarray:
 
 
 def _fit_robust_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Least squares, again without what lies three times as far off as the median, until that settles."""
+    """Fit by least squares, repeatedly without the corners whose error is far above the median, until these stay the same."""
     kept = np.ones(len(source), bool)
-    for _ in range(10):
+    for _ in range(FIT_ROUNDS):
         similarity = fit_similarity(source[kept], target[kept])
         errors = np.linalg.norm(source @ similarity[:3, :3].T + similarity[:3, 3] - target, axis=1)
-        closer = errors <= 3.0 * np.median(errors) + 1e-12
-        if closer.sum() < 4 or (closer == kept).all():
+        closer = errors <= OUTLIER_MEDIANS * np.median(errors) + 1e-12
+        if closer.sum() < LEAST_CORNERS or (closer == kept).all():
             break
         kept = closer
     return similarity
 
 
 def _refine(start: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], stretched: bool) -> np.ndarray:
-    """Parameters (log scale, rotation vector, shift, log stretch) that bring the corners closest to where the views saw them."""
+    """The parameters (log scale, rotation vector, shift, log stretch) with the least reprojection errors."""
     free = 8 if stretched else 7
     unit = np.r_[1.0, 1.0, 1.0, 1.0, np.full(3, np.exp(start[0]) * 100.0), 1.0]  # a shift of 100 mm is as much as a radian
 
@@ -121,7 +124,7 @@ def _refine(start: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], 
 
 
 def _compute_residuals(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView]) -> np.ndarray:
-    """(2 N,) distances in pixels between all corners seen and where the parameters put them."""
+    """(2 N,) reprojection errors in pixels, x and y, of all detected corners."""
     shape = np.array([np.exp(-parameters[7] / 2), np.exp(parameters[7] / 2), 1.0])
     world = np.exp(parameters[0]) * (corners * shape) @ Rotation.from_rotvec(parameters[1:4]).as_matrix().T + parameters[4:7]
     parts = []
@@ -132,7 +135,7 @@ def _compute_residuals(parameters: np.ndarray, corners: np.ndarray, views: Seque
 
 
 def _estimate_deviation(parameters: np.ndarray, corners: np.ndarray, views: Sequence[BoardView], triangulated: np.ndarray) -> float:
-    """Standard deviation of the log scale: from leaving photos out, where there are enough, and from the triangulated sides."""
+    """Standard deviation of the log scale: by the jackknife over three photos or more, and from distances between triangulated corners."""
     known = np.flatnonzero(np.isfinite(triangulated).all(1))
     first, second = np.triu_indices(len(known), 1)
     ratios = np.linalg.norm(triangulated[known[first]] - triangulated[known[second]], axis=1)

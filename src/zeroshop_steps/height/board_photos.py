@@ -1,6 +1,6 @@
-"""The corners of a printed board in photos whose cameras are known."""
+"""Detect the corners of a printed board in photos whose cameras are known."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,19 +9,21 @@ import numpy as np
 from zeroshop_steps.geometry.printed_board import BOARDS, DICTIONARY, Board
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_IN_A_PHOTO = 4  # fewer corners of a photo are left out
-LEAST_CORNERS = 8  # ... that at least two photos must show
-LEAST_SQUARE_PX = 10.0
-BEYOND_A_SQUARE = 0.35  # a corner this far, in squares, from where its neighbours put it was mistaken
+LEAST_IN_A_PHOTO = 4  # corners; a photo with fewer is left out, since four define a homography
+LEAST_CORNERS = 8  # that at least two photos must show
+LEAST_SQUARE_PX = 10.0  # side of a square in the photo that shows it largest; markers in smaller ones cannot be read
+BEYOND_A_SQUARE = 0.35  # a corner this far, in squares, from where the homography puts it was mistaken for another
+LEAST_MARKERS = 2  # of a board, for a photo to show it: single markers are misread
+ToRays = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class BoardView:
-    """What one photo shows of the board.
+    """The corners of the board in one photo.
 
     Attributes:
         name: of the photo.
-        numbers: (N,) corners, as `Board.corners_mm` counts them.
+        numbers: (N,) corners, indices into `Board.corners_mm`.
         rays: (N, 2) where they lie in the camera's image plane at depth 1.
         camera_from_world: (4, 4).
         focal_px: pixels a unit of `rays`.
@@ -43,7 +45,7 @@ def detect_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndar
     if numbers is None or len(numbers) < LEAST_IN_A_PHOTO:
         return np.zeros(0, int), np.zeros((0, 2))
     numbers, corners = np.asarray(numbers).reshape(-1).astype(int), np.asarray(corners, float).reshape(-1, 2)
-    # The board is flat and a lens is nearly straight: a homography tells corners that were mistaken.
+    # The board is flat, and lenses distort little over it: corners that were mistaken do not fit a homography.
     flat = board.corners_mm()[numbers, :2]
     homography, kept = cv2.findHomography(flat, corners, cv2.RANSAC, BEYOND_A_SQUARE * _measure_square_px(numbers, corners, board))
     if homography is None or kept.sum() < LEAST_IN_A_PHOTO:
@@ -52,8 +54,10 @@ def detect_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndar
     return numbers[kept], corners[kept] + 0.5
 
 
-def detect_board(name: str, image: np.ndarray, board: Board, to_rays, camera_from_world: np.ndarray, focal_px: float) -> BoardView | None:
-    """What a photo shows of the board, None where that is too little; `to_rays` turns (N, 2) pixels into (N, 2) rays."""
+def detect_board(
+    name: str, image: np.ndarray, board: Board, to_rays: ToRays, camera_from_world: np.ndarray, focal_px: float
+) -> BoardView | None:
+    """The corners in a photo, None where there are too few; `to_rays` turns (N, 2) pixels into (N, 2) rays."""
     numbers, pixels = detect_corners(image, board)
     if len(numbers) == 0:
         return None
@@ -65,9 +69,9 @@ def check_board_views(views: Sequence[BoardView], board: Board, images: Sequence
 
     Args:
         views: the photos that show it.
-        board: that is looked for.
+        board: the board that is expected.
         images: some of the photos, to look for other boards in.
-        where: the photos in words.
+        where: names the photos in messages.
     """
     if not views:
         other = next((name for name in (identify_board(image) for image in images) if name and name != board.name), None)
@@ -98,7 +102,7 @@ def identify_board(image: np.ndarray) -> str | None:
     found = [] if ids is None else np.asarray(ids).reshape(-1).tolist()
     counts = {name: sum(number in board.ids for number in found) for name, board in BOARDS.items()}
     best = max(counts, key=lambda name: counts[name])
-    return best if counts[best] >= 2 else None
+    return best if counts[best] >= LEAST_MARKERS else None
 
 
 def _measure_square_px(numbers: np.ndarray, pixels: np.ndarray, board: Board) -> float:

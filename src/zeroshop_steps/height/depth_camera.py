@@ -1,10 +1,11 @@
-"""Depth images give the scale: the mesh, seen from the cameras, is as far away as they say.
+"""Measure the scale by depth images: the ratio of measured depth to the mesh's depth in the registration.
 
-Each depth image is a 16-bit PNG of its photo's size, named like the photo, aligned with it pixel by pixel; 0 where nothing
-was measured. On the object, the measured depth over the mesh's is the scale; its median counts.
+Each depth image is a 16-bit PNG of its photo's size, named like the photo and aligned with it pixel by pixel; 0 where nothing was
+measured. The scale is the median ratio on the object.
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -19,12 +20,12 @@ from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
-LEAST_IMAGES = 3
+LEAST_IMAGES = 3  # so that one bad image does not decide the median
 LEAST_PIXELS = 100  # on the object, in an image
-RIM_PX = 3  # at the silhouette, depth cameras mix object and background
-NEAREST_MM, FARTHEST_MM = 50.0, 5000.0  # no depth camera sees nearer, and none is held so far from what it is to measure
+RIM_PX = 3  # at the silhouette, where depth cameras mix object and background
+NEAREST_MM, FARTHEST_MM = 50.0, 5000.0  # from the object; nearer no depth camera measures, and farther nobody holds one
 OFF_DIAGONALS = 0.15  # a pixel whose depth is this far off, in diagonals of the object, shows something else
-MOST_OFF = 0.15
+MOST_OFF = 0.15  # share of such pixels from which on the images are not aligned
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +61,7 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
         step_mm: millimetres a step.
 
     Raises:
-        StepError: too few depth images, of another kind or size, in metres, or that show something else where the object is.
+        StepError: too few depth images, a wrong format, size or unit, or images that are not aligned with the photos.
     """
     if not folder.is_dir():
         raise StepError(f"the folder of depth images {folder} does not exist")
@@ -138,8 +139,8 @@ def _check_unit(path: Path, median_mm: float, step_mm: float) -> None:
         )
 
 
-def _make_undistortion(registered: RegisteredObject):
-    """What moves a depth image, aligned with the photo as it was taken, to the undistorted photo."""
+def _make_undistortion(registered: RegisteredObject) -> Callable[[np.ndarray], np.ndarray]:
+    """What maps a depth image, aligned with the original photo, to the undistorted photo."""
     record = registered.cameras / "registration.json"
     lens = read_json(record).get("lens") if record.is_file() else None
     if not lens:

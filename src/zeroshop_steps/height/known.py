@@ -1,4 +1,4 @@
-"""The height is known: measured with a ruler (height_m in objects.tsv), or true, in a rendered capture."""
+"""Take the scale from a known height: measured with a ruler (height_m in objects.tsv), or the true one of a rendered capture."""
 
 import argparse
 

@@ -1,8 +1,8 @@
-"""A printed board gives the scale (`--method print_board` writes it): beside the object in its photos, or in photos of the empty scene.
+"""Measure the scale by a printed board (`--method print_board` writes it), beside the object or in photos of the empty scene.
 
-With photos of the empty scene (`--marker-images`), these are first placed among the object's photos by the ground that both
-show; so a scene is measured once for all objects filmed there. The board's corners, seen by at least two cameras, then tell
-how many millimetres a unit of the registration is.
+Photos of the empty scene (`--marker-images`) are first localized among the object's photos by the ground that both show, so one
+set serves all objects filmed there. The board's corners, seen by at least two cameras, then tell how many millimetres a unit of
+the registration is.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.errors import StepError
 
-RULER_ERROR_MM = 0.2  # how well the line is read off
+RULER_ERROR_MM = 0.2  # of reading the ruler line's length
 WRONG_PRINT = f"the board was printed at another size (measure its {RULER_MM:g} mm line and give that as height.marker.ruler_mm)"
 
 
@@ -65,7 +65,7 @@ def measure_scale(
 
 
 def find_board_beside_object(board: Board, registered: RegisteredObject) -> list[BoardView]:
-    """What the object's own photos show of the board."""
+    """The board's corners in the object's own photos."""
     found = []
     for view in registered.views:
         k = view.camera.intrinsics
@@ -77,7 +77,7 @@ def find_board_beside_object(board: Board, registered: RegisteredObject) -> list
 
 
 def find_board_in_scene(board: Board, folder: Path, registered: RegisteredObject, options: SiftOptions) -> list[BoardView]:
-    """What the photos of the empty scene show of the board, once they are placed among the object's photos."""
+    """The board's corners in photos of the empty scene, which are localized among the object's photos."""
     if not folder.is_dir():
         raise StepError(f"{folder} does not exist; marker_images names the folder of the photos of the empty scene")
     photos = localize_photos(folder, registered.views, options)

@@ -1,7 +1,7 @@
-"""A network that knows sizes from experience gives the scale: two photos of the object and four of the empty scene are aligned.
+"""Measure the scale by a network that has learned metric sizes: it aligns two photos of the object and four of the empty scene.
 
-Leroy et al., MASt3R, ECCV 2024. The thesis takes photos of the empty scene besides, because the network misjudges near views
-alone; without any, more photos of the object take their place. The height itself is measured above the support plane, on the mesh.
+Leroy et al., MASt3R, ECCV 2024. As in the thesis, photos of the empty scene are added because the network misjudges close views
+alone; without any, more photos of the object take their place. The height itself is measured on the mesh, above the support plane.
 """
 
 import argparse
@@ -24,12 +24,12 @@ from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.runtime.errors import StepError
 
-OBJECT_VIEWS, SCENE_VIEWS = 2, 4
-APART_DEG = 36.0
-MIN_CONFIDENCE = 1.0
-LEAST_POINTS = 50
+OBJECT_VIEWS, SCENE_VIEWS = 2, 4  # as in the thesis
+APART_DEG = 36.0  # angle between the photos of the object: neighbours in the thesis's rings of ten
+MIN_CONFIDENCE = 1.0  # of the features of a match, as for registration
+LEAST_POINTS = 50  # of the registration, for the median ratio of depths
 NETWORK_DEVIATION = 0.08
-"""Of sizes as the network learned them: root mean square of the errors of published heights (thesis, Tables 4.3 and 4.4)."""
+"""Relative standard deviation of the network's sizes: the root mean square error of published heights (thesis, Tables 4.3 and 4.4)."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
 def measure_scale(
     registered: RegisteredObject, scene_photos: Sequence[Path], predictor: Callable[[Sequence[Path]], PairPredictor]
 ) -> Scale:
-    """The scale that the network gives: its metres beside the registration's units, where the registration has points.
+    """The scale that the network gives: its depths over the registration's, at the registration's points.
 
     Args:
         registered: what is measured.
@@ -104,7 +104,7 @@ def measure_scale(
 
 
 def choose_object_views(views: Sequence[View], count: int) -> list[View]:
-    """`count` views: the first, and then each time the one that is most nearly `APART_DEG` from the nearest that was taken."""
+    """Choose `count` views: the first, then each time the one whose angle to the nearest chosen one is closest to `APART_DEG`."""
     axes = np.stack([view.camera.camera_from_world[2, :3] for view in views])
     angles = np.degrees(np.arccos(np.clip(axes @ axes.T, -1.0, 1.0)))
     taken = [0]
@@ -118,7 +118,7 @@ def choose_object_views(views: Sequence[View], count: int) -> list[View]:
 def compute_depth_ratios(
     model: pycolmap.Reconstruction, view: View, framing: Framing, depth_m: np.ndarray, confidence: np.ndarray
 ) -> np.ndarray:
-    """(P,) the network's metres a unit of the registration, at the registration's points that this photo shows and the network trusts."""
+    """(P,) metres per unit of the registration, at its points in this photo of which the network is confident."""
     image = next(image for image in model.images.values() if image.name == view.camera.name)
     seen = [point for point in image.points2D if point.has_point3D()]
     pixels = np.array([point.xy for point in seen]).reshape(-1, 2)
@@ -132,7 +132,7 @@ def compute_depth_ratios(
 
 
 def compute_baseline_ratio(alignment: Alignment, views: Sequence[View]) -> float:
-    """Metres a unit by the distance of the first two cameras alone: less exact, for comparison."""
+    """Metres per unit from the distance between the first two cameras: less exact, for comparison."""
     found = np.linalg.norm(alignment.world_from_camera[1, :3, 3] - alignment.world_from_camera[0, :3, 3])
     return float(found / np.linalg.norm(views[1].camera.centre_in_world - views[0].camera.centre_in_world))
 

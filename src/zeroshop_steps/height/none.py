@@ -1,4 +1,4 @@
-"""Nothing tells the scale: it stays unknown, and the mesh keeps the registration's arbitrary one. A scale is never guessed."""
+"""Leave the scale unknown: the mesh keeps the registration's arbitrary one. A scale is never guessed."""
 
 import argparse
 

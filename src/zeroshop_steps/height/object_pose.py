@@ -1,4 +1,4 @@
-"""How the object stands in the registration frame: which way is up, where its support is, how far it reaches above it."""
+"""Measure how the object stands in the registration's frame: its up direction, its support, and its height above it."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
 from zeroshop_steps.runtime.errors import StepError
 
-EDGE_PX = 1.0  # how well photos show where the object ends
-TOP_SHARE = 2e-4  # share of the surface's area that may stick out above the measured top: spikes, not the object
-LEAST_MEASURED = 0.05  # share of the surface's area that has to be measured to tell where its top is
+EDGE_PX = 1.0  # error of the object's edges in the photos
+TOP_SHARE = 2e-4  # of the surface's area may lie above the measured top: spikes are no part of the object
+LEAST_MEASURED = 0.05  # of the surface's area; if less of it was measured, all of it counts for the top
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,10 @@ class ObjectPose:
 
     Attributes:
         up: (3,) unit vector.
-        bottom, top: heights along `up`, of the support plane (without one, of the mesh's bottom) and of the surface's top.
-        top_of_mesh: the same of all of the mesh, where parts of it are assumed and do not count.
-        deviation: standard deviation of top minus bottom: how the bounds change when half or twice as much of the surface may
-            stick out, how well the plane is known, and `EDGE_PX`.
+        bottom, top: positions along `up` of the support plane (without one, of the mesh's bottom) and of the top of the measured surface.
+        top_of_mesh: the top including assumed surface.
+        deviation: standard deviation of top minus bottom, from three parts: how the bounds change when half or twice as much of the
+            surface may stick out, the plane's own, and `EDGE_PX`.
         plane: the support plane, None where there is none.
         roll_certainty: of an `up` that comes from the cameras' roll (0 to 1), None with a plane.
     """
@@ -46,8 +46,8 @@ class ObjectPose:
 def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel) -> ObjectPose:
     """Fit the support plane to the sparse points around the object and measure the mesh above it.
 
-    Where the mesh has `quality`, only its measured faces tell where its top is: the lid that masks leave over a plain hollow
-    bulges above the rim.
+    Where the mesh has `quality`, only measured faces count for its top: the lid that masks leave over a plain hollow bulges above
+    the rim.
 
     Raises:
         StepError: the mesh does not rise above its support plane.
@@ -58,7 +58,7 @@ def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel) -> Ob
 
 
 def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> ObjectPose:
-    """Measure the mesh above a plane; without one, along the cameras' common up from the mesh's bottom."""
+    """Measure the mesh above a plane; without one, from its own bottom along the up that is estimated from how photos were held."""
     up, certainty = (plane.normal, None) if plane else estimate_up_from_roll(views)
     heights = mesh.vertices @ up
     areas = mesh.face_areas()
@@ -87,11 +87,11 @@ def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | Non
 
 
 def measure_robust_extent(heights: np.ndarray, mesh: Mesh, areas: np.ndarray, share: float) -> tuple[float, float]:
-    """Lowest and highest of the (V,) heights, but for spikes that hold less than `share` of the faces' (F,) areas each."""
+    """Lowest and highest of the (V,) heights, without spikes of up to `share` of the faces' (F,) areas at either end."""
     weights = np.zeros(len(heights))
     for corner in range(3):
         np.add.at(weights, mesh.faces[:, corner], areas / 3)
     order = np.argsort(heights)
     below = np.cumsum(weights[order]) / weights.sum()
     first, last = np.searchsorted(below, share), np.searchsorted(below, 1.0 - share)
-    return float(heights[order[first]]), float(heights[order[min(last, len(order) - 1)]])
+    return float(heights[order[first]]), float(heights[order[min(int(last), len(order) - 1)]])

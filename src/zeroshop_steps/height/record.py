@@ -1,4 +1,4 @@
-"""What every height method reads and writes: height.json, the object's height and the metres a unit of the registration."""
+"""What all height methods share: their options, and height.json with the object's height and the scale of the registration."""
 
 import argparse
 import sys
@@ -21,25 +21,26 @@ UNKNOWN = (
     "metres as height_m in config/objects.tsv, or measure it with a printed board (config/README.md)."
 )
 HEIGHT_RANGE_M = (0.005, 3.0)  # of a height that a user gives; the table of photos has the same bounds
-RULER_M = 0.0005  # how well a height is read off a ruler
+RULER_M = 0.0005  # standard deviation of a height that is read off a ruler
 CONTRADICTION = 0.03
-"""A known height that differs from the measured one by more than this, and by three deviations, contradicts it."""
-BULGE = 0.02
+"""Share by which a known height must differ from the measured one, besides three standard deviations, to contradict it."""
+DEVIATIONS = 3.0
+BULGE = 0.02  # of the height: from here on a warning says that assumed surface lies above the top
 BULGES = (
-    "the mesh reaches {:.0%} of the object's height above all of it that photos measured, as the lid over a plain hollow does; that part"
-    " has no say in the height"
+    "the mesh reaches {:.0%} of the object's height above the surface that was measured, like a lid over a plain hollow; that part does"
+    " not count for the height"
 )
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Metres a unit of the registration.
+    """The scale of a registration.
 
     Attributes:
         source: what it comes from, as it stands in the product's JSON.
-        metres_per_unit: the factor.
-        deviation: its standard deviation, of itself as 1: 0.01 is one per cent.
-        evidence: what the method has to say of it, for height.json.
+        metres_per_unit: metres per unit of the registration.
+        deviation: its relative standard deviation: 0.01 is one per cent.
+        evidence: the method's own figures, for height.json.
     """
 
     source: str
@@ -50,7 +51,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class RegisteredObject:
-    """What a method measures: the object's stand, its registered views, and the capture that they come from."""
+    """What a method measures: the object's pose, its registered views, and the capture that they come from."""
 
     pose: ObjectPose
     views: list[View]
@@ -66,7 +67,7 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--capture", type=Path, required=True, help="capture folder; capture.json of a rendered one holds the height")
     parser.add_argument("--height-m", type=float, help="height of the standing object in metres, by a ruler; left out where unknown")
     parser.add_argument(
-        "--stereo", type=Path, help="seeds.npz: surface that neither its depths nor outlines measured has no say in the top"
+        "--stereo", type=Path, help="seeds.npz: surface that neither stereo nor an outline measured does not count for the top"
     )
     parser.add_argument("--out", type=Path, required=True, help="height.json")
 
@@ -80,7 +81,7 @@ def write_height(
         args: with `add_common_arguments`.
         method: its name.
         measure: the method.
-        else_wrong: what else than the known height may be wrong where both differ; None where they are not compared.
+        else_wrong: what may be wrong, besides the known height, where both differ; None if they are not to be compared.
     """
     start_s = time.monotonic()
     views, model = read_views(args.cameras)
@@ -107,7 +108,7 @@ def write_height(
 
 
 def _read_mesh(args: argparse.Namespace, views: list[View]) -> Mesh:
-    """The mesh, with the evidence of its vertices as quality where stereo is given."""
+    """The mesh, with the support of its surface as quality where stereo is given."""
     mesh = read_ply(args.mesh)
     if args.stereo is None:
         return mesh
@@ -119,13 +120,13 @@ def _read_mesh(args: argparse.Namespace, views: list[View]) -> Mesh:
 
 
 def check_against_known_height(scale: Scale, registered: RegisteredObject, else_wrong: str) -> None:
-    """Raise StepError where a height that is known as well differs: a wrong unit or a wrong print shows nowhere else."""
+    """Raise StepError where a known height contradicts the measured one: nothing else reveals a wrong unit or a wrong print."""
     if registered.known_height_m is None:
         return
     measured_m = registered.pose.extent * scale.metres_per_unit
     deviation = np.linalg.norm([scale.deviation, registered.pose.deviation / registered.pose.extent, RULER_M / registered.known_height_m])
     difference = measured_m / registered.known_height_m - 1.0
-    if abs(difference) > max(CONTRADICTION, 3.0 * deviation):
+    if abs(difference) > max(CONTRADICTION, DEVIATIONS * float(deviation)):
         raise StepError(
             f"by {scale.source} the object is {measured_m:.4f} m high, by its known height {registered.known_height_m:.4f} m: {else_wrong},"
             " or height_m is wrong"
@@ -141,7 +142,7 @@ def describe_height(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:
         "scale": "known" if scale else "unknown",
         "scale_source": scale.source if scale else "unknown",
         "height_m": height_m,
-        "height_deviation_m": height_m * deviation if scale else None,
+        "height_deviation_m": height_m * deviation if height_m is not None and deviation is not None else None,
         "metres_per_unit": scale.metres_per_unit if scale else None,
         "metres_per_unit_deviation_share": scale.deviation if scale else None,
         "up": pose.up.tolist(),
@@ -163,7 +164,7 @@ def describe_height(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:
 
 
 def format_height(content: dict[str, Any]) -> str:
-    """One line for people, of a known scale."""
+    """One line to print, for a known scale."""
     return f"height: {content['height_m'] * 1000:.1f} mm +- {content['height_deviation_m'] * 1000:.1f} mm, from {content['scale_source']}"
 
 

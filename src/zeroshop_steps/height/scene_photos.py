@@ -1,7 +1,7 @@
-"""Place photos of the empty scene into a registration of the object's photos: both show the same ground.
+"""Localize photos of the empty scene in a registration of the object's photos: both show the same ground.
 
-The object's cameras stay where they are; only the empty scene's are found. So one set of such photos serves every object
-that was filmed there, and any registration.
+The object's cameras stay fixed, and only those of the empty scene are estimated. So one set of such photos serves all objects that
+were filmed there, and any registration.
 """
 
 import os
@@ -13,14 +13,14 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.capture.photos import find_format_problems
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras import Camera, to_matrix, to_rigid
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.mapping import make_mapping_options
 from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, match_features
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_PLACED = 2
+LEAST_PLACED = 2  # photos; the board's corners are triangulated from at least two
 OBJECT, SCENE = "object", "scene"
 
 
@@ -73,7 +73,7 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
         match_features(database, options)
         model = _map_jointly(database, images, objects, scratch, options)
     placed = [
-        LocalizedPhoto(placed_as[image.name], model.cameras[image.camera_id], _to_matrix(image.cam_from_world()))
+        LocalizedPhoto(placed_as[image.name], model.cameras[image.camera_id], to_matrix(image.cam_from_world()))
         for image in sorted(model.images.values(), key=lambda image: image.name)
         if image.has_pose and image.name in placed_as
     ]
@@ -86,7 +86,7 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
 
 
 def _extract_features(database: Path, images: Path, objects: dict[str, Camera], scene: list[str], options: SiftOptions) -> None:
-    """Features of all photos; the object's have their known cameras, the empty scene's one unknown lens."""
+    """Extract features of all photos. The object's have known cameras, the empty scene's share one unknown lens."""
     sizes = {read_image(images / name).shape for name in scene}
     mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.PER_IMAGE
     pinhole, lens = pycolmap.ImageReaderOptions(), pycolmap.ImageReaderOptions()
@@ -98,8 +98,7 @@ def _extract_features(database: Path, images: Path, objects: dict[str, Camera], 
         for image in opened.read_all_images():
             if image.name in objects:
                 camera = objects[image.name]
-                k = camera.intrinsics
-                params = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+                params = camera.pinhole_params
                 fields = {"model": "PINHOLE", "width": camera.width_px, "height": camera.height_px, "params": params}
                 opened.update_camera(pycolmap.Camera({**fields, "camera_id": image.camera_id, "has_prior_focal_length": True}))
     extraction = make_extraction_options(options, options.first_octave)
@@ -107,7 +106,7 @@ def _extract_features(database: Path, images: Path, objects: dict[str, Camera], 
 
 
 def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scratch: Path, options: SiftOptions) -> pycolmap.Reconstruction:
-    """Points from the object's photos with their cameras fixed, then the other photos placed against them."""
+    """Triangulate points from the object's photos with fixed cameras, then register the other photos to them."""
     model = pycolmap.Reconstruction()
     lenses = set()
     with pycolmap.Database.open(database) as opened:
@@ -117,8 +116,7 @@ def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scrat
                 continue
             lenses.add(image.camera_id)
             model.add_camera_with_trivial_rig(cameras[image.camera_id])
-            pose = objects[image.name].camera_from_world
-            pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
+            pose = to_rigid(objects[image.name].camera_from_world)
             model.add_image_with_trivial_frame(pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id), pose)
     mapper = make_mapping_options(LEAST_PLACED, options.seed)
     for name in ("triangulated", "joint"):
@@ -130,9 +128,3 @@ def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scrat
     mapper.constant_cameras = mapper.mapper.constant_cameras = lenses
     found = pycolmap.incremental_mapping(database, images, scratch / "joint", mapper, str(scratch / "triangulated"))
     return max(found.values(), key=lambda joint: joint.num_reg_images(), default=model)
-
-
-def _to_matrix(pose: pycolmap.Rigid3d) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3] = pose.matrix()
-    return matrix
