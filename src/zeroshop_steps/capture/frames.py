@@ -1,4 +1,4 @@
-"""What makes a picture usable: is it sharp, is it light enough, does it show something new?"""
+"""Measure whether an image is usable: is it sharp, is it bright enough, does it show something new?"""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -9,12 +9,15 @@ import numpy as np
 
 from zeroshop_steps.runtime.files import write_json
 
-SMALL_WIDTH_PX = 320
-THUMBNAIL_PX = (64, 48)
-ALIKE_LEVELS = 4.0
-DARK_LEVEL, DARK_SHARE = 45.0, 0.5
-BLURRED_SHARE = 0.35
-SHARPNESS_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5
+# Levels are of 255. Set by hand on the kitchen photos, DTU, DexYCB and rendered films.
+SMALL_WIDTH_PX = 320  # of grey images that are compared from frame to frame
+THUMBNAIL_PX = (64, 48)  # of images that are compared for being alike
+ALIKE_LEVELS = 4.0  # noise and compression change a thumbnail by less, another view by more
+ALIKE_PERCENTILE = 99  # of the pixels' differences, so that a few may differ
+DARK_LEVEL, DARK_SHARE = 45.0, 0.5  # mean level of a dark image, and the share of such images that speaks of the light, not of them
+BLURRED_SHARE = 0.35  # of the usual sharpness
+SHARPNESS_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5  # width to which images are reduced; deviations of the two blurs
+# An edge is at least so steep, and among this share of steepest pixels; its sharpest share counts, of no fewer edges than these.
 EDGE_LEVELS, STRONG_EDGES, SHARPEST, LEAST_EDGES = 16.0, 0.1, 0.1, 50
 MOST_EDGE_BLUR_PX = 1.5
 """Sharp photos have 0.4 to 1.0, the same blurred by 3 px have 1.8 to 2.4 (kitchen, DTU, DexYCB, rendered)."""
@@ -27,13 +30,13 @@ def shrink_to_grey(image: np.ndarray) -> np.ndarray:
 
 
 def measure_sharpness(image: np.ndarray) -> float:
-    """Mean absolute Laplacian over mean level of an RGB image: lower where it is blurred, however light it is."""
+    """Mean absolute Laplacian over mean level of an RGB image: lower where it is blurred, whatever its brightness."""
     grey = _resize_to_grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1]))
     return float(np.abs(cv2.Laplacian(grey, cv2.CV_32F)).mean() / (grey.mean() + 1.0))
 
 
 def measure_edge_blur_px(image: np.ndarray) -> float:
-    """How wide the sharpest edges of an (H, W, 3) RGB image are: the standard deviation of the blur in pixels of a picture 960 px wide.
+    """The width of the sharpest edges of an (H, W, 3) RGB image: the standard deviation of their blur, in pixels of an image 960 px wide.
 
     From how much weaker a strong edge becomes when it is blurred once more (Zhuo and Sim, Defocus map estimation from a single
     image, 2011). 0 where there are too few edges to tell.
@@ -65,11 +68,11 @@ def make_thumbnail(image: np.ndarray) -> np.ndarray:
 
 def look_alike(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two thumbnails show the same view: 99 % of their pixels differ by less than `ALIKE_LEVELS` of 255."""
-    return bool(np.percentile(np.abs(one - other), 99) < ALIKE_LEVELS)
+    return bool(np.percentile(np.abs(one - other), ALIKE_PERCENTILE) < ALIKE_LEVELS)
 
 
 def collect_image_warnings(names: list[str], sharpnesses: Sequence[float], levels: Sequence[float], blurs_px: Sequence[float]) -> list[str]:
-    """What to film again, from the sharpness, the mean level (0 to 255) and the edges' blur of every picture."""
+    """Warnings on what to film again, from the sharpness, the mean level (0 to 255) and the blur of the edges of every image."""
     warnings = []
     usual = float(np.median(sharpnesses))
     blurred = [name for name, value in zip(names, sharpnesses, strict=True) if value < BLURRED_SHARE * usual]

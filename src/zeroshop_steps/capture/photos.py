@@ -1,7 +1,7 @@
 """Check the user's own photos and masks and copy them into a capture folder; the originals are never changed.
 
-One mask a photo: its name with .png, 255 on the object, 0 elsewhere; or none at all, for a later step to find them. All
-problems of all files are reported at once.
+Each photo has a mask with its name and .png, 255 on the object and 0 elsewhere; or no photo has one, and a later step finds them.
+All problems of all files are reported at once.
 """
 
 import argparse
@@ -26,9 +26,10 @@ from zeroshop_steps.geometry.images import list_images, read_image, read_mask, w
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
-MIN_IMAGES = 8
-SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98
-MOST_LISTED = 12
+MIN_IMAGES = 8  # fewer show too little of an object from all sides
+SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98  # of the image that a mask may cover; others are empty or full
+MOST_LISTED = 12  # names or problems in a message
+BORDER_SHARE, BORDER_PX = 0.005, 3  # of the image's circumference, and at least so many pixels, that a mask must touch to be cut off
 UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raw")
 ORIENTATION_TAG, UPRIGHT = 0x0112, 1
 
@@ -73,8 +74,8 @@ def import_photos(images: Path, masks: Path | None, min_images: int, out: Path) 
     """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
 
     Refused besides unreadable, missing and mismatched files: fewer than `min_images` photos, or photos that differ from each
-    other, or photos that show the whole object (its mask keeps off the border). Photos beyond these that cut the object off
-    only raise a warning: what one cuts off, others show.
+    other, or photos that show the whole object (its mask keeps off the border). Further photos
+    that cut the object off only lead to a warning: other photos show the rest.
 
     Raises:
         StepError: with a line for every problem found.
@@ -216,9 +217,9 @@ def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str]
 
 
 def _touches_border(mask: np.ndarray) -> bool:
-    """Whether a mask touches the image's border along more than half a per cent of its circumference, at least three pixels."""
+    """Whether a mask touches so much of the image's border that the object is cut off there."""
     touching = int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum())
-    return touching > max(3, 0.005 * 2 * sum(mask.shape))
+    return touching > max(BORDER_PX, BORDER_SHARE * 2 * sum(mask.shape))
 
 
 def _join_names(names: list[str]) -> str:

@@ -1,7 +1,7 @@
-"""Take frames from a video of the object: the first, then the sharpest of each stretch of the camera's way.
+"""Extract frames from a video of the object: the first, then the sharpest of each stretch of the camera's path.
 
-Stretches are equal in how much the picture changes, not in time: where the camera rests nothing new is seen. Rotation that the
-file records is applied. The original is never changed.
+In all stretches the image changes by the same amount, whatever time they take: a camera at rest shows nothing new. The rotation
+that the file records is applied. The original is never changed.
 """
 
 import argparse
@@ -30,16 +30,17 @@ from zeroshop_steps.runtime.files import atomic_directory
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm")
 FRAMES, MIN_FRAMES = 20, 8
 MAX_SIDE_PX = 1920
+FLICKER_BLUR_PX = 1.5  # standard deviation of the blur that removes noise before frames are compared
 WINDOW_SHARE = 0.35  # of a stretch, to either side of its middle: where its sharpest frame is looked for
-READABLE_SHARE = 0.9
-STILL_CHANGE = 0.012  # of the picture from one frame to the next, that noise alone makes
-MOVING_FRAMES = 2  # for each that is taken; with fewer there is no sharp one to choose
+READABLE_SHARE = 0.9  # of the frames that the file promises; with fewer, it is damaged
+STILL_CHANGE = 0.012  # of the image from one frame to the next, by noise alone
+MOVING_FRAMES = 2  # while the camera moves, for each frame that is taken; with fewer, there is no choice of sharp ones
 BLURRED_SHARE = 0.5  # of the sharpness of the film's best frames
 
 
 @dataclass(frozen=True)
 class VideoScan:
-    """What a first pass over a video tells.
+    """Measures of all frames of a video.
 
     Attributes:
         sharpnesses, levels: (F,) of every frame.
@@ -113,10 +114,10 @@ def scan_video(video: Path) -> VideoScan:
     sharpnesses, levels, changes, thumbnails = [], [], [], []
     before = None
     for frame in read_frames(video):
-        small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), 1.5)
+        small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), FLICKER_BLUR_PX)
         sharpnesses.append(measure_sharpness(frame))
         levels.append(float(small.mean()))
-        # Changing exposure is no way of the camera's.
+        # A change of exposure is no motion of the camera.
         even = small - small.mean()
         changes.append(0.0 if before is None else float(np.abs(even - before).mean() / (even.std() + 1.0)))
         thumbnails.append(make_thumbnail(frame))

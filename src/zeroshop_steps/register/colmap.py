@@ -1,7 +1,7 @@
 """Classical structure from motion with COLMAP: SIFT, exhaustive matching, one shared camera, incremental mapping.
 
-What it finds is checked against the masks, if there are any: they had no part in it. Then images and masks are undistorted.
-Too few registered images, or cameras that the images contradict, are a failure with a reason.
+The cameras are checked against the masks, if there are any, which had no part in finding them. Then images and masks are
+undistorted. Too few registered images, or cameras that the images contradict, are a failure with a reason.
 """
 
 import argparse
@@ -35,7 +35,7 @@ class ColmapOptions:
         tilt: how much that copy is stretched (5 suits a surface seen under 8 to 20 degrees).
         min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
         max_dropped: rounds in which images that the pictures contradict are placed again or left out.
-        limits: from where on a model counts as wrong.
+        limits: limits of the checks, beyond which a model is wrong.
     """
 
     sift: SiftOptions = field(default_factory=SiftOptions)

@@ -1,4 +1,4 @@
-"""The images and masks of a capture, checked before hours are spent on them. A whole scene has no masks yet."""
+"""The images and masks of a capture, checked before anything is computed. A whole scene has no masks yet."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
 
-MIN_IMAGES = 3  # two views give no check at all
+MIN_IMAGES = 3  # with two views, nothing can be checked
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Registration by MASt3R: dense features of a learned network, matched between pairs; then COLMAP's mapper and the checks as for colmap.
+"""Register by MASt3R: a network's dense features are matched between pairs; then COLMAP's mapper and the same checks as for colmap.
 
 Leroy et al., Grounding Image Matching in 3D with MASt3R, ECCV 2024; Duisterhof et al., MASt3R-SfM, 3DV 2025. Settings as in the
 thesis: up to 20 images (30 without a surface) all pairs are matched; one shared camera with radial distortion; only keypoints

@@ -1,4 +1,4 @@
-"""Matches that a network found, as COLMAP takes them: keypoints that pairs share, in a database, verified."""
+"""Write a network's matches into a COLMAP database, as keypoints that pairs of images share, and verify them."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,7 +30,7 @@ def write_matches(
         database: file to create.
         keypoints: (K, 2) pixels for each image; those of short tracks are left out.
         matches: of the pairs.
-        min_track: so many keypoints at least must hang together by matches for these to count.
+        min_track: the fewest keypoints that matches must connect for these to be kept.
         seed: of RANSAC.
         focal_px: known focal length; None reads EXIF, else estimates.
 
@@ -66,7 +66,7 @@ def write_matches(
 
 
 def find_long_tracks(counts: list[int], matches: PairMatches, min_track: int) -> list[np.ndarray]:
-    """For each image the (K,) mask of the keypoints that hang together with at least `min_track`, themselves among them."""
+    """For each image (K,) bool: the keypoints that matches connect, themselves included, to at least `min_track`."""
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = [(start[first] + one, start[second] + other) for (first, second), (one, other) in matches.items()]
     one, other = (np.concatenate([end[side] for end in ends] or [np.zeros(0, np.int64)]) for side in (0, 1))

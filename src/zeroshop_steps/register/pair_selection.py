@@ -1,4 +1,4 @@
-"""Which pairs of images to match: all of a small set, of a large one those that look alike."""
+"""Choose the pairs of images to match: all pairs of a small set, and of a large one the pairs that look alike."""
 
 from collections.abc import Callable
 from itertools import combinations
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def choose_pairs(count: int, anchors: int, neighbours: int, similarities: Callable[[], np.ndarray]) -> list[tuple[int, int]]:
-    """Pairs (i, j) with i < j that hang together (Duisterhof et al., MASt3R-SfM, 3DV 2025, section 4.1).
+    """Pairs (i, j) with i < j that connect all images (Duisterhof et al., MASt3R-SfM, 3DV 2025, section 4.1).
 
     Anchors are images that are most unlike each other; each pair of them is matched, and each other image with its nearest anchor
     and with those images that are most like it.

@@ -1,8 +1,7 @@
-"""What every single image pair says about a model: its matches were verified without any model, so they can contradict it.
+"""Count the matches of every image pair that support or contradict a model. They were verified without any model.
 
-Incremental mapping keeps the matches that agree with the cameras found so far and drops the others without a word. Here
-the dropped ones are counted: a group of cameras that was placed by a few false matches has many true ones against it,
-or hangs on the rest by a thread.
+Incremental mapping silently drops matches that do not agree with the cameras found so far. Here they are counted: cameras that
+were registered by a few false matches have many true matches against them, or few matches that connect them with the rest.
 """
 
 from dataclasses import dataclass
@@ -39,7 +38,7 @@ class PairSupport:
         count = len(self.names)
         best, group = np.iinfo(np.int64).max, np.zeros(count, bool)
         graph = csr_matrix(self.supporting.astype(np.int32))
-        for sink in range(1, count):  # the smallest cut separates image 0 from some other image
+        for sink in range(1, count):  # the smallest cut separates image 0 from at least one other image
             flow = maximum_flow(graph, 0, sink)
             if flow.flow_value < best:
                 best, group = int(flow.flow_value), _find_reachable(self.supporting - flow.flow.toarray(), 0)

@@ -1,9 +1,9 @@
-"""What every registration method writes, and how it fails.
+"""What every registration method writes, also when it fails.
 
 A registration that succeeded is a folder with images/, masks/ (where the capture has masks), sparse/ and
 registration.json. One that failed raises, and nothing is written; in a table run (`--keep-going`) the folder is
 written with a registration.json that says `failed` and why, and with empty images/, masks/ and sparse/, so that the
-other objects go on. A model that was found and rejected lies in rejected/, for those who want to see what went wrong.
+other objects go on. A model that was found and rejected is in rejected/, to see what went wrong.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
 OBJECT_ONLY = ("se", "video_segmented")
-"""Scenes that are registered by what lies inside the masks: there is no ground, or it did not stay with the object."""
+"""Scenes that are registered by the object alone: there is no ground, or the object was turned on it."""
 
 
 class RegistrationFailed(StepError):
@@ -41,7 +41,7 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def write_registration(out: Path, keep_going: bool, register: Callable[[Path], dict[str, Any]]) -> None:
-    """Run `register` on a folder that becomes `out` when it succeeds, and write the record it returns, with advice what to film again.
+    """Run `register` on a folder that becomes `out` when it succeeds, and write its record, with advice on what to film again.
 
     Raises:
         RegistrationFailed: as `register` did, unless `keep_going`.
@@ -75,7 +75,7 @@ def read_registration(cameras: Path) -> dict[str, Any]:
 
 
 def describe_model(model: pycolmap.Reconstruction) -> dict[str, Any]:
-    """Size and fit of a sparse model, as they stand in registration.json."""
+    """Size and fit of a sparse model, as written to registration.json."""
     return {
         "registered": model.num_reg_images(),
         "points": model.num_points3D(),
@@ -85,7 +85,7 @@ def describe_model(model: pycolmap.Reconstruction) -> dict[str, Any]:
 
 
 def describe_lens(model: pycolmap.Reconstruction) -> dict[str, Any] | None:
-    """The one lens of all images before they were undistorted, for what else is aligned with them; None where there are several."""
+    """The lens that all images had before they were undistorted, for data that is aligned with them; None if there are several."""
     if len(model.cameras) != 1:
         return None
     camera = next(iter(model.cameras.values()))

@@ -1,9 +1,9 @@
-"""Second thoughts: refine a model robustly, take suspicious images out and place them again, more strictly.
+"""Repair a model: refine it robustly, take suspicious images out and register them again with a strict error limit.
 
 A face of a box, seen through a long lens, looks nearly the same from two mirrored sides (the two-fold ambiguity of
-plane-based pose, Oberkampf et al. 1996). The first placement tolerates large errors, because the model is still rough
-then; it can land on the wrong side, and bundle adjustment does not come back from there. Once the rest of the model is
-accurate, a strict placement tells the two apart.
+plane-based pose, Oberkampf et al. 1996). The mapper tolerates large errors at first, because the model is still rough;
+so an image can be registered on the wrong side, from where bundle adjustment does not return. Once the rest of the model is
+accurate, a strict error limit tells the two sides apart.
 """
 
 import shutil

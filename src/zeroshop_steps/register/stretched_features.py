@@ -1,4 +1,4 @@
-"""More features for views that skim the surface: SIFT on a vertically stretched copy of the image.
+"""More features for views at a flat angle: SIFT on a vertically stretched copy of the image.
 
 A support plane seen under 8 degrees is compressed seven times along the view, which no affine adaptation of single
 features undoes: neighbouring views 36 degrees apart then share a few dozen matches. Simulating the tilt before

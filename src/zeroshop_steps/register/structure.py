@@ -1,4 +1,4 @@
-"""From a database of matches to cameras: map, refine, check against masks and image pairs, undistort. What all feature methods share."""
+"""From a database of matches to cameras: map, refine, check against masks and image pairs, undistort. Shared by methods that match."""
 
 import math
 import time

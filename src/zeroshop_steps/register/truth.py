@@ -1,4 +1,4 @@
-"""True cameras instead of estimated ones: shows what registration costs in quality.
+"""Use the true cameras of a rendered capture: shows what registration costs in quality.
 
 Copies images and masks as they are, takes the cameras from `CAPTURE/truth` and triangulates sparse points from SIFT
 matches with those cameras held fixed, because later stages start from sparse points.

@@ -1,4 +1,4 @@
-"""From where the registered photos look at the object, and what to film again where a direction is missing."""
+"""Measure from which directions the registered photos show the object, and advise what to film again."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,16 +13,16 @@ from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 
 WIDE_GAP_DEG = 60.0
-"""Matching carries over 36 degrees well, and over twice that hardly; what no photo shows gets no surface."""
-NARROW_ELEVATIONS_DEG = 12.0
+"""A wider gap in azimuth is warned of: matching works over 36 degrees and hardly over 72, and what no photo shows has no surface."""
+NARROW_ELEVATIONS_DEG = 12.0  # all photos are from about one height
 FLAT_DEG, STEEP_DEG = 10.0, 65.0
-"""Photos that are all lower or all higher than these show no top, or no sides."""
+"""If all photos are lower than the first, none shows the top; if all are higher than the second, none shows the sides."""
 OVERHEAD_DEG = 80.0  # from so high up, a photo has no azimuth
 
 
 @dataclass(frozen=True)
 class ViewCoverage:
-    """From where the cameras look.
+    """The directions of the cameras, seen from the object.
 
     Attributes:
         largest_gap_deg: widest range of azimuths around the object without a camera.
@@ -35,7 +35,7 @@ class ViewCoverage:
     elevations_deg: tuple[float, float]
 
     def advice(self) -> list[str]:
-        """What to film again, in words."""
+        """What to film again, one sentence for each fault."""
         found = []
         if self.largest_gap_deg > WIDE_GAP_DEG:
             first, second = self.gap_between
@@ -54,7 +54,7 @@ class ViewCoverage:
 
 
 def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
-    """Azimuths and elevations around the point that all cameras look at; up is what most photographers hold up.
+    """Azimuths and elevations around the point that all cameras look at; up is estimated from how the photos were held.
 
     Raises:
         StepError: the cameras look away from each other.
@@ -77,7 +77,7 @@ def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
 
 
 def record_view_coverage(scene: Path) -> dict[str, Any]:
-    """What registration.json says of the directions of a registered scene: the figures, and advice."""
+    """The entries of registration.json on the directions of a registered scene: figures and advice."""
     try:
         found = measure_view_coverage(list(read_sparse_model(scene / "sparse").cameras))
     except StepError as error:
