@@ -9,7 +9,7 @@ from zeroshop_steps.surface.svraster import project as voxels
 from zeroshop_steps.surface.svraster import rasterize as voxel_rasterize
 from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import TILE_PX
 from zeroshop_steps.surface.twodgs import project as disks
 from zeroshop_steps.surface.twodgs import render as surfel_render
 

@@ -30,7 +30,7 @@ from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.fuse import sort_mesh
+from zeroshop_steps.surface.raw_mesh import sort_mesh
 
 LIMITS = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
 CAMERA_NOISE_DEG = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)

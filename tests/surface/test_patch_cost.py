@@ -5,7 +5,7 @@ import pytest
 
 from helpers.ball import ball_view
 from zeroshop_steps.geometry.crops import STRIDE_PX
-from zeroshop_steps.surface.patch_cost import BAD, BEST_VIEWS, PATCH_STEPS, facing_normal, plane_cost, reference_patch
+from zeroshop_steps.surface.patch_cost import BEST_VIEWS, COST_MAX, PATCH_STEPS, facing_normal, fill_reference_patch, plane_cost
 
 SIZE_PX = 192
 NO_LIMIT = 10.0
@@ -33,7 +33,7 @@ def scene() -> tuple:
 def cost(scene: tuple, found: tuple, neighbours: np.ndarray, x: int, y: int, z: float, normal: np.ndarray, limit: float) -> float:
     rows, color, detail, masks, sizes = scene
     patch, weight = np.empty((2, 2 * PATCH_STEPS + 1, 2 * PATCH_STEPS + 1), np.float32)
-    statistics = reference_patch(color[0], detail[0], masks[0], y, x, patch, weight)
+    statistics = fill_reference_patch(color[0], detail[0], masks[0], y, x, patch, weight)
     dx, dy = (x + 0.5 - rows[0, 14]) / rows[0, 12], (y + 0.5 - rows[0, 15]) / rows[0, 13]
     normal = facing_normal(dx, dy, *normal)
     places = np.empty((neighbours.shape[1], 7))
@@ -63,6 +63,6 @@ def test_a_plane_costs_what_its_best_views_say_one_by_one(scene: tuple, second_r
             seen += 1
             assert bounded == pytest.approx(expected, abs=1e-9)
         else:
-            rejected += bounded == BAD
+            rejected += bounded == COST_MAX
             assert bounded >= limit
     assert seen > 50 and rejected > 20

@@ -48,7 +48,7 @@ def test_stereo_finds_the_surface_and_its_normals() -> None:
         assert found.shape == make_grid_view(view).mask.shape
         errors.append(np.abs(found - expected)[(found > 0) & (expected > 0)])
     assert np.median(np.concatenate(errors)) < exact, "depths belong to the pixels of the grid view"
-    assert seeds.volume.occupied.sum() <= hull.occupied.sum()
+    assert seeds.carved_hull.occupied.sum() <= hull.occupied.sum()
 
 
 def test_stereo_gives_the_same_whatever_the_number_of_threads(ball: tuple) -> None:
@@ -82,7 +82,7 @@ def test_a_file_of_seeds_keeps_everything_and_the_same_bytes(ball: tuple, tmp_pa
         assert np.array_equal(getattr(back, name), getattr(seeds, name)), name
     assert list(back.depth_maps) == list(seeds.depth_maps)
     assert all(np.array_equal(back.depth_maps[name], depth) for name, depth in seeds.depth_maps.items())
-    assert np.array_equal(back.volume.occupied, seeds.volume.occupied) and back.volume.half_extent == 1.0
+    assert np.array_equal(back.carved_hull.occupied, seeds.carved_hull.occupied) and back.carved_hull.half_extent == 1.0
     write_seeds(tmp_path / "again.npz", back, SPHERE)
     assert filecmp.cmp(tmp_path / "seeds.npz", tmp_path / "again.npz", shallow=False)
 

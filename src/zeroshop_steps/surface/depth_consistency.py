@@ -1,7 +1,9 @@
-"""Seeds from stereo: a depth for every pixel, of which those that other views' own depths confirm stay (Schönberger et al. 2016).
+"""Seeds from stereo: of the depths at all pixels, those that other views' own depths confirm (Schönberger et al. 2016).
 
-A patch that holds the rim of a hollow gives the plain surface behind it the rim's depth, in all views from that side alike; the
-views across look through such a depth, and contradict it (Merrell et al. 2007).
+A patch that covers the rim of a hollow gives the plain surface behind it the depth of the rim, and all views from that side
+make the same mistake. The views from the opposite side look through such a depth and contradict it (Merrell et al. 2007).
+
+Lengths are in normalized units: the object lies within a sphere of radius 1.
 """
 
 from collections.abc import Iterable, Iterator
@@ -10,105 +12,102 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.surface.depth_maps import look_up_depths, unproject
 from zeroshop_steps.surface.free_space import carve_free_space
 from zeroshop_steps.surface.patchmatch import estimate_depth_maps, select_neighbours
 from zeroshop_steps.surface.seeds import Seeds
 from zeroshop_steps.surface.training_views import TrainingView, make_grid_view
 
-WITNESSES = 8
-"""Neighbouring views that are asked."""
-CONFIRMATIONS = 2
-COST_MAX = 0.3
-"""Depths of a higher stereo cost are no seeds."""
+CHECKED_VIEWS = 8
+"""Neighbouring views whose depths are compared with those of a view."""
+CONSISTENT_VIEWS_MIN = 2
+"""A depth is confirmed when so many of them agree: as in COLMAP's multi-view stereo."""
+SEED_COST_MAX = 0.3
+"""Depths with a higher cost of stereo (0 to 2) are no seeds."""
 CARVING_COST_MAX = 0.5
-"""Depths of a higher stereo cost do not carve; a depth need not be exact to show that a lid is none."""
-TOLERANCE = 0.01
-"""Largest difference, in normalized units, between depths of two views that confirm each other."""
-SEEN_THROUGH_BY = 2
-"""A depth is false where so many views have found surface behind it."""
-SEEN_THROUGH = 0.03
-"""How far behind, in normalized units: three tolerances."""
-SPACING = 0.015
-"""Edge, in normalized units, of the cells in which seeds are averaged."""
+"""Depths with a higher cost do not carve the hull. The bound is looser, since a depth need not be exact to open a hollow."""
+DEPTH_TOLERANCE = 0.01
+"""Largest difference between the depths of two views that agree."""
+CONTRADICTING_VIEWS_MIN = 2
+"""A depth is dropped when so many views have found surface behind it."""
+CONTRADICTION_GAP = 0.03
+"""How far behind: three tolerances, so that a depth that is only inexact contradicts nothing."""
+SEED_SPACING = 0.015
+"""Edge of the cubic cells in which seeds are averaged: about the size of a voxel of the hull, 2 / 128."""
 
 
 def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int) -> Seeds:
-    """Seeds within a visual hull, with the hull carved by what stereo has found.
+    """Find seeds within a visual hull, and carve the hull by what stereo has found.
 
     Args:
-        views: training views in normalized coordinates; fine print wants full resolution.
+        views: training views in normalized coordinates; fine print needs full resolution.
+        seed: of the random planes that stereo tries.
     """
     depths, normals, costs = estimate_depth_maps(views, hull.occupied, hull.half_extent, seed)
     views = [make_grid_view(view) for view in views]
     cameras = [view.camera for view in views]
-    volume = carve_free_space(hull, cameras, confirm_depths(views, _below(CARVING_COST_MAX, depths, costs)))
-    maps = confirm_depths(views, _below(COST_MAX, depths, costs))
+    carved_hull = carve_free_space(hull, cameras, confirm_depths(views, _drop_costly(depths, costs, CARVING_COST_MAX)))
+    maps = confirm_depths(views, _drop_costly(depths, costs, SEED_COST_MAX))
     points, colors, directions = [], [], []
     for view, depth, normal in zip(views, maps, normals, strict=True):
         y, x = np.nonzero(depth)
-        points.append(_world_points(view, depth, y, x))
+        points.append(unproject(view.camera, depth, y, x))
         colors.append(view.color.numpy()[:, y, x].T)
         directions.append(normal[y, x] @ view.camera.camera_from_world[:3, :3])
-    positions, (colors, normals) = _averaged(np.concatenate(points), [np.concatenate(colors), np.concatenate(directions)])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    return Seeds(positions, colors, normals, {view.camera.name: depth for view, depth in zip(views, maps, strict=True)}, volume)
-
-
-def _below(cost_max: float, depths: list[np.ndarray], costs: list[np.ndarray]) -> list[np.ndarray]:
-    return [np.where(cost <= cost_max, depth, np.float32(0)) for depth, cost in zip(depths, costs, strict=True)]
-
-
-def _world_points(view: TrainingView, depth: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    k, pose = view.camera.intrinsics, view.camera.camera_from_world
-    rays = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1], np.ones(len(x))], 1)
-    return (rays * depth[y, x][:, None] - pose[:3, 3]) @ pose[:3, :3]
+    seed_points, (seed_colors, seed_normals) = _average_in_cells(
+        np.concatenate(points), [np.concatenate(colors), np.concatenate(directions)]
+    )
+    seed_normals /= np.maximum(np.linalg.norm(seed_normals, axis=1, keepdims=True), 1e-9)
+    depth_maps = {view.camera.name: depth for view, depth in zip(views, maps, strict=True)}
+    return Seeds(seed_points, seed_colors, seed_normals, depth_maps, carved_hull)
 
 
 def confirm_depths(views: list[TrainingView], depths: list[np.ndarray]) -> list[np.ndarray]:
-    """The depths that enough neighbouring views find too and that no others look through, 0 elsewhere."""
+    """Keep the depths that enough neighbouring views have found too and that no others look through; 0 elsewhere."""
     cameras = [view.camera for view in views]
-    neighbours = select_neighbours(cameras, min(WITNESSES, len(views) - 1))
+    neighbours = select_neighbours(cameras, min(CHECKED_VIEWS, len(views) - 1))
     maps = []
-    for view, depth, witnesses in zip(views, depths, neighbours, strict=True):
-        agreeing = [np.abs(gap) < TOLERANCE for gap in _gaps(view, depth, cameras, depths, witnesses)]
-        maps.append(_only(depth, np.sum(agreeing, axis=0) >= CONFIRMATIONS))
+    for camera, depth, checked in zip(cameras, depths, neighbours, strict=True):
+        agreeing = [np.abs(gap) < DEPTH_TOLERANCE for gap in _depth_gaps(camera, depth, cameras, depths, checked)]
+        maps.append(_keep_known(depth, np.sum(agreeing, axis=0) >= CONSISTENT_VIEWS_MIN))
     result = []
-    for view, depth in zip(views, maps, strict=True):
-        contradicting = [gap > SEEN_THROUGH for gap in _gaps(view, depth, cameras, maps, range(len(views)))]
-        result.append(_only(depth, np.sum(contradicting, axis=0) < SEEN_THROUGH_BY))
+    for camera, depth in zip(cameras, maps, strict=True):
+        contradicting = [gap > CONTRADICTION_GAP for gap in _depth_gaps(camera, depth, cameras, maps, range(len(views)))]
+        result.append(_keep_known(depth, np.sum(contradicting, axis=0) < CONTRADICTING_VIEWS_MIN))
     return result
 
 
-def _gaps(
-    view: TrainingView, depth: np.ndarray, cameras: list[Camera], depths: list[np.ndarray], witnesses: Iterable[int]
+def _drop_costly(depths: list[np.ndarray], costs: list[np.ndarray], cost_max: float) -> list[np.ndarray]:
+    """The depths whose cost is at most `cost_max`, 0 elsewhere."""
+    return [np.where(cost <= cost_max, depth, np.float32(0)) for depth, cost in zip(depths, costs, strict=True)]
+
+
+def _depth_gaps(
+    camera: Camera, depth: np.ndarray, cameras: list[Camera], depths: list[np.ndarray], checked: Iterable[int]
 ) -> Iterator[np.ndarray]:
-    """For each witness how far behind each of the (P,) known depths its own depth lies there, NaN where it has none."""
+    """For each checked view, how far its own depth lies behind each of the (P,) known depths of a view; NaN where it has none."""
     y, x = np.nonzero(depth)
-    world = _world_points(view, depth, y, x)
-    for witness in witnesses:
-        camera, other = cameras[witness], depths[witness]
-        pixels, z = camera.project(world)
-        u, v = np.floor(pixels).astype(int).T
-        framed = np.flatnonzero((u >= 0) & (u < camera.width_px) & (v >= 0) & (v < camera.height_px))
-        found = other[v[framed], u[framed]]
+    world = unproject(camera, depth, y, x)
+    for index in checked:
+        framed, found, own = look_up_depths(cameras[index], depths[index], world)
         gap = np.full(len(y), np.nan)
-        gap[framed] = np.where(found > 0, found - z[framed], np.nan)
+        gap[framed] = np.where(found > 0, found - own, np.nan)
         yield gap
 
 
-def _only(depth: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """`depth` with those of its (P,) known values that are `kept`, 0 elsewhere."""
+def _keep_known(depth: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """A depth map with those of its (P,) known values that are `kept`, 0 elsewhere."""
     result = np.zeros_like(depth)
     y, x = np.nonzero(depth)
     result[y[kept], x[kept]] = depth[y[kept], x[kept]]
     return result
 
 
-def _averaged(points: np.ndarray, attributes: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Means of the points, and of their attributes, in cubic cells of SPACING."""
+def _average_in_cells(points: np.ndarray, attributes: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Means of the points, and of their attributes, in cubic cells of edge SEED_SPACING."""
     if len(points) == 0:
         return points, attributes
-    _, cell, count = np.unique(np.floor(points / SPACING).astype(np.int64), axis=0, return_inverse=True, return_counts=True)
+    _, cell, count = np.unique(np.floor(points / SEED_SPACING).astype(np.int64), axis=0, return_inverse=True, return_counts=True)
     cell = cell.reshape(-1)
 
     def mean(values: np.ndarray) -> np.ndarray:

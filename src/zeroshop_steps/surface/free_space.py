@@ -1,7 +1,7 @@
 """Carve the visual hull by confirmed depths: what lies before them is empty, what lies just behind them is solid.
 
-The hollows of the hull open, and where stereo says nothing the smallest surface spans the gap: the occupancy minimizes
-the sum of its votes and of its total variation (Zach et al. 2007; Kolev et al. 2009), a convex problem that is solved by
+So the hollows of the hull open. Where stereo says nothing, the smallest surface spans the gap: the occupancy minimizes the
+sum of its votes and of its total variation (Zach et al. 2007; Kolev et al. 2009). This convex problem is solved by
 first-order primal-dual steps (Chambolle and Pock 2011).
 """
 
@@ -14,29 +14,34 @@ from scipy.ndimage import distance_transform_edt
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.visual_hull import VisualHull, voxel_centres
 
+# Each view's depth votes for each voxel of the hull. The weights below were set by hand on hollow objects (mug and bowl), with
+# hulls of 128 voxels along an edge.
 SOLID_VOXELS = 2.0
-"""Depth behind a confirmed surface that it declares solid."""
+"""A confirmed surface declares what lies up to this far behind it solid."""
 FREE_MARGIN_VOXELS = 1.0
+"""It declares empty what lies further before it than this, so that a voxel cut by the surface stays."""
 SOLID_WEIGHT = 2.0
-FREE_NEEDS = 2.0
-"""One view or two, which may be wrong, empty nothing."""
-VOTES_FULL = 3.0
-"""A majority of this many views counts fully."""
-FILL = 0.1
-"""Vote for solid where at most `FREE_NEEDS` views say empty and none says solid."""
+"""A vote for solid counts as much as this many votes for empty, so that walls are not opened easily."""
+FREE_VIEWS_MIN = 2.0
+"""Up to this many votes for empty count nothing: one or two views may be wrong."""
+FULL_VOTE_VIEWS = 3.0
+"""A majority of so many views counts as a full vote."""
+FILL_VOTE = 0.1
+"""Vote for solid, as a share of a full one, where no view says solid and too few say empty: what nobody has seen stays."""
 SMOOTHNESS = 0.3
-"""Cost of a voxel's face of surface, in units of a full vote."""
+"""Cost of one voxel's face of surface, as a share of a full vote."""
 STEPS = 200
-STRIDE_FOR_BLOCKS = 4
-"""Confirmed depths are gathered in blocks of this many pixels, about a voxel wide."""
+"""Of the primal-dual iteration."""
+MEDIAN_BLOCK_PX = 4
+"""Confirmed depths are reduced to their medians in blocks of this many pixels, which are about a voxel wide."""
 
 
 @dataclass(frozen=True)
 class HullDistanceField:
-    """Where the object may be: voxels along each edge of the cube [-half_extent, half_extent]^3.
+    """How far the voxels of the cube [-half_extent, half_extent]^3 lie outside a hull.
 
     Attributes:
-        distance_voxels: (R, R, R) distance from each voxel to the nearest solid one, 0 inside.
+        distance_voxels: (R, R, R) distance from each voxel to the nearest one of the hull, 0 inside.
     """
 
     distance_voxels: np.ndarray
@@ -44,12 +49,12 @@ class HullDistanceField:
 
     @staticmethod
     def from_hull(hull: VisualHull) -> "HullDistanceField":
-        """The volume of a hull's voxels."""
+        """The distances from a hull; all infinite where it is empty."""
         distance = distance_transform_edt(~hull.occupied) if hull.occupied.any() else np.full(hull.occupied.shape, np.inf)
         return HullDistanceField(distance.astype(np.float32), hull.half_extent)
 
     def farther_than(self, points: np.ndarray, voxels: float) -> np.ndarray:
-        """(P,) bool: which (P, 3) points are more than `voxels` outside."""
+        """(P,) bool: which (P, 3) points lie more than `voxels` outside."""
         resolution = len(self.distance_voxels)
         index = np.floor((points / self.half_extent + 1) * resolution / 2).astype(int)
         outside = ((index < 0) | (index >= resolution)).any(axis=1)
@@ -58,7 +63,7 @@ class HullDistanceField:
 
 
 def carve_free_space(hull: VisualHull, cameras: list[Camera], depth_maps: list[np.ndarray]) -> VisualHull:
-    """The hull without what confirmed depths have shown to be empty.
+    """Remove from a hull what confirmed depths have shown to be empty.
 
     Args:
         depth_maps: for each camera, (H, W) confirmed depth along the optical axis, 0 where nothing is known.
@@ -67,23 +72,23 @@ def carve_free_space(hull: VisualHull, cameras: list[Camera], depth_maps: list[n
     centres = voxel_centres(hull.half_extent, resolution)[hull.occupied.ravel()]
     free, solid = np.zeros(len(centres), np.float32), np.zeros(len(centres), np.float32)
     for camera, depth in zip(cameras, depth_maps, strict=True):
-        blocks = _block_medians(depth, STRIDE_FOR_BLOCKS)
+        blocks = _median_in_blocks(depth, MEDIAN_BLOCK_PX)
         pixels, z = camera.project(centres)
-        x, y = np.floor(pixels / STRIDE_FOR_BLOCKS).astype(int).T
+        x, y = np.floor(pixels / MEDIAN_BLOCK_PX).astype(int).T
         framed = (x >= 0) & (y >= 0) & (x < blocks.shape[1]) & (y < blocks.shape[0])
         found = np.where(framed, blocks[y.clip(0, blocks.shape[0] - 1), x.clip(0, blocks.shape[1] - 1)], 0.0)
         behind = (z - found) / voxel
         free += (found > 0) & (behind < -FREE_MARGIN_VOXELS)
         solid += (found > 0) & (behind > -0.5) & (behind < SOLID_VOXELS)
-    votes = np.clip((free - FREE_NEEDS - SOLID_WEIGHT * solid) / VOTES_FULL, -1.0, 1.0)
-    votes[(free <= FREE_NEEDS) & (solid == 0)] = -FILL
+    votes = np.clip((free - FREE_VIEWS_MIN - SOLID_WEIGHT * solid) / FULL_VOTE_VIEWS, -1.0, 1.0)
+    votes[(free <= FREE_VIEWS_MIN) & (solid == 0)] = -FILL_VOTE
     grid = np.ones(hull.occupied.shape, np.float32)
     grid[hull.occupied] = votes
-    occupancy = _smallest_surface(grid, hull.occupied, SMOOTHNESS, STEPS)
+    occupancy = _minimize_surface(grid, hull.occupied, SMOOTHNESS, STEPS)
     return VisualHull(occupancy > 0.5, hull.half_extent)
 
 
-def _block_medians(depth: np.ndarray, side: int) -> np.ndarray:
+def _median_in_blocks(depth: np.ndarray, side: int) -> np.ndarray:
     """Medians of the known depths in blocks of side x side pixels, 0 where none is known."""
     height, width = -(-depth.shape[0] // side), -(-depth.shape[1] // side)
     padded = np.zeros((height * side, width * side), np.float32)
@@ -96,7 +101,7 @@ def _block_medians(depth: np.ndarray, side: int) -> np.ndarray:
 
 
 @numba.njit(cache=True, parallel=True)
-def _smallest_surface(votes, inside, smoothness, steps):
+def _minimize_surface(votes, inside, smoothness, steps):
     """(R, R, R) float32 occupancy in [0, 1] that minimizes sum(u * votes) + smoothness * total variation, 0 outside the hull."""
     n0, n1, n2 = votes.shape
     u = np.where(votes < 0, np.float32(1), np.float32(0))

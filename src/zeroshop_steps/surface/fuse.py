@@ -1,7 +1,8 @@
-"""Fuse the depth maps of trained splats into a raw mesh (truncated signed distances; Curless & Levoy 1996).
+"""Fuse the depth maps of trained surfels into a raw mesh by truncated signed distances (TSDF; Curless & Levoy 1996).
 
-Each registered camera renders its depth; depths outside its mask or where the splats are translucent are left out.
-Open3D's voxel blocks integrate them, marching cubes takes the surface, and a small offset brings its silhouettes onto the masks.
+Each registered camera renders a depth map; depths outside its mask, and where the surfels are translucent, are left out.
+Open3D's voxel blocks integrate the maps, marching cubes extracts the surface, and a small offset brings its silhouettes
+onto the masks.
 """
 
 import argparse
@@ -10,27 +11,34 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
-from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
-from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.open3d_loader import o3d
+from zeroshop_steps.surface.raw_mesh import OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
 from zeroshop_steps.surface.silhouettes import fit_to_masks
-from zeroshop_steps.surface.training_views import TrainingView, make_training_views, read_camera_set
+from zeroshop_steps.surface.training_views import TrainingView
 from zeroshop_steps.surface.twodgs.render import RenderView, render_surface_depth
 from zeroshop_steps.surface.twodgs.surfels import Surfels, read_splat_ply
 
 TRUNCATION_VOXELS = 5.0
-"""Half width of the band in which distances are kept (2DGS: five voxels)."""
+"""Half width of the band in which distances are kept: five voxels, as in 2DGS."""
 SURFACE_REACH = 0.04
-"""Disks within this of a pixel's median depth, in normalized units, are one surface with it."""
-OFFSET_VOXELS = 2.0
-"""Most that the surface is moved to meet the masks."""
+"""Surfels within this of a pixel's median depth, in normalized units, belong to the same surface: half of the widest surfel
+(`twodgs.train.SCALE_MAX`)."""
+SOLID_ALPHA = 0.5
+"""Pixels whose accumulated opacity is lower than this have no depth."""
+EXTENT_QUANTILES = (0.01, 0.99)
+"""The object's box, whose longest side is divided into voxels, holds the surfels between these quantiles: a few may lie far off."""
+BLOCKS_AT_FIRST = 20_000
+"""Room for blocks of voxels; the grid grows where it needs more."""
+DEPTH_RANGE = (1.0, 1e3)
+"""Open3D divides depths by the first and ignores those beyond the second."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--splats", type=Path, required=True, help="splats.ply of the training")
-    parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
+    parser.add_argument("--cameras", type=Path, required=True, help="folder of the registration that the training used")
     parser.add_argument("--voxels", type=int, default=256, help="voxels along the longest side of the object's box")
     parser.add_argument("--image-width-px", type=int, default=1000, help="width at which depth is rendered, at most that of the images")
     parser.add_argument("--min-views", type=int, default=2, help="surface that fewer views have seen is left out")
@@ -40,43 +48,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     surfels, sphere = read_splat_ply(args.splats)
-    views = make_training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
+    views = read_mesh_views(args.cameras, sphere, args.image_width_px)
     depths = [render_depth(surfels, view) for view in views]
     mesh = fuse_depth_maps(depths, views, surfels, args.voxels, args.min_views)
     if mesh is None:
         raise StepError(f"{args.splats} has no surface that {args.min_views} views see; train longer or check masks and cameras")
     voxel = np.ptp(mesh.vertices, axis=0).max() / args.voxels
     mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * voxel)
-    world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
-    write_ply(args.out, world)
-    figures = {
-        "seconds": round(time.monotonic() - start_s, 2),
-        "vertices": len(world.vertices),
-        "faces": len(world.faces),
-        "voxels": args.voxels,
-        "offset_voxels": round(offset / voxel, 3),
-    }
-    write_json(args.out.with_suffix(".json"), figures)
+    write_raw_mesh(args.out, mesh, sphere, args.voxels, offset / voxel, start_s)
 
 
 def render_depth(surfels: Surfels, view: TrainingView) -> np.ndarray:
-    """(H, W) float32 depth of one view in normalized units; 0 outside the mask and where less than half of the light is stopped."""
+    """(H, W) float32 depth of one view in normalized units; 0 outside the mask, and where the surfels are translucent."""
     render_view = RenderView.from_training_view(view)
     depth, alpha = render_surface_depth(
         surfels.positions, surfels.log_scales, surfels.quaternions, surfels.opacity_logits, render_view, SURFACE_REACH
     )
-    return np.where((alpha > 0.5) & (view.mask.numpy() > 0.5), depth, np.float32(0.0))
+    return np.where((alpha > SOLID_ALPHA) & (view.mask.numpy() > 0.5), depth, np.float32(0.0))
 
 
 def fuse_depth_maps(depths: list[np.ndarray], views: list[TrainingView], surfels: Surfels, voxels: int, min_views: int) -> Mesh | None:
     """The surface that depth maps agree on, in normalized coordinates; None when there is none.
 
-    Vertices and faces are put in a fixed order, since the voxel blocks' hash map keeps none.
+    Args:
+        depths: for each view, (H, W) float32 depth along the optical axis, 0 where there is none.
+        voxels: how many fit along the longest side of the surfels' box.
+        min_views: surface that fewer views have seen is left out.
     """
     positions = surfels.positions.numpy()
-    spread = np.quantile(positions, 0.99, axis=0) - np.quantile(positions, 0.01, axis=0)
-    voxel = float(spread.max()) / voxels
-    grid = o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1), (1)), voxel, 16, 20_000)
+    low, high = EXTENT_QUANTILES
+    spread = np.quantile(positions, high, axis=0) - np.quantile(positions, low, axis=0)
+    grid = make_tsdf_grid(float(spread.max()) / voxels, BLOCKS_AT_FIRST)
     for depth, view in zip(depths, views, strict=True):
         # Open3D puts pixel centres at integers.
         intrinsics = view.camera.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
@@ -84,25 +86,6 @@ def fuse_depth_maps(depths: list[np.ndarray], views: list[TrainingView], surfels
         image = o3d.t.geometry.Image(np.ascontiguousarray(depth[:, :, None]))
         if not depth.any():
             continue
-        blocks = grid.compute_unique_block_coordinates(image, k, pose, 1.0, 1e3, TRUNCATION_VOXELS)
-        grid.integrate(blocks, image, k, pose, 1.0, 1e3, TRUNCATION_VOXELS)
-    try:
-        surface = grid.extract_triangle_mesh(weight_threshold=min_views - 0.5)
-    except RuntimeError as error:  # what Open3D makes of a grid without any triangle
-        if is_out_of_memory(error):
-            raise
-        return None
-    vertices, faces = surface.vertex.positions.numpy().astype(float), surface.triangle.indices.numpy().astype(np.int64)
-    if len(faces) == 0:
-        return None
-    return sort_mesh(vertices, faces)
-
-
-def sort_mesh(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Sort vertices by position and faces by their vertices, keeping each face's orientation; equal vertices become one."""
-    unique, index = np.unique(vertices, axis=0, return_inverse=True)
-    faces = index.reshape(-1)[faces]
-    first = faces.argmin(axis=1)
-    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])]
-    return Mesh(unique, faces[np.lexsort(faces.T[::-1])])
+        blocks = grid.compute_unique_block_coordinates(image, k, pose, *DEPTH_RANGE, TRUNCATION_VOXELS)
+        grid.integrate(blocks, image, k, pose, *DEPTH_RANGE, TRUNCATION_VOXELS)
+    return extract_mesh(grid, weight_min=min_views - 0.5)

@@ -1,4 +1,4 @@
-"""Where training starts: which points on and around the object the images vouch for before any optimization."""
+"""What training starts from: points on and near the surface, free space, and the depths that stereo has confirmed."""
 
 from dataclasses import dataclass
 
@@ -8,32 +8,38 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.crops import ObjectSphere
 from zeroshop_steps.geometry.visual_hull import find_inside_masks
+from zeroshop_steps.surface.depth_maps import ray_slopes
 from zeroshop_steps.surface.free_space import HullDistanceField
 from zeroshop_steps.surface.seeds import Seeds
 from zeroshop_steps.surface.training_views import TrainingView, make_grid_view
 
-OUTSIDE_VOXELS = 2.5
-"""Disks farther than this from the carved volume are in free space."""
+FREE_SPACE_VOXELS = 2.5
+"""What lies farther than this from the carved hull is free space."""
 NORMAL_NEIGHBOURS = 12
+"""Nearest seeds through which a plane is fitted for a seed's normal."""
+TRACK_LENGTH_MIN = 3
+"""Sparse points that fewer images see are not trusted."""
+SPARSE_RADIUS_MAX = 1.2
+"""Nor are those farther than this from the object's centre, whose sphere has radius 1."""
 
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """Where no surface can be: outside the masks, and away from the carved volume.
+    """Where no surface can be: outside the masks, and away from the carved hull.
 
     Attributes:
-        cameras, masks: the views that judge and their (H, W) bool masks.
-        volume: where stereo leaves room for the object.
+        cameras, masks: those of the views, the masks (H, W) bool.
+        hull_distance: the distance from the carved hull, which is what stereo leaves of the visual hull.
     """
 
     cameras: list[Camera]
     masks: list[np.ndarray]
-    volume: HullDistanceField
+    hull_distance: HullDistanceField
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """(P,) bool for (P, 3) points."""
+        """(P,) bool: which (P, 3) points lie in free space."""
         outside = ~find_inside_masks(points, self.cameras, self.masks, misses_allowed=1)
-        return outside | self.volume.farther_than(points, OUTSIDE_VOXELS)
+        return outside | self.hull_distance.farther_than(points, FREE_SPACE_VOXELS)
 
 
 @dataclass(frozen=True)
@@ -41,8 +47,8 @@ class Initialization:
     """What is known before training, in normalized coordinates.
 
     Attributes:
-        points, colors, normals: (N, 3) starting points, RGB in [0, 1], unit normals.
-        free_space: where no disk may be.
+        points, colors, normals: (N, 3) initial points, RGB in [0, 1], unit normals.
+        free_space: where no surfel and no voxel may be.
         confirmed_rays, confirmed_depths: by the name of the view, (K, 2) slopes x / z and y / z of rays in its camera, and
             (K,) depths along them that stereo has confirmed.
     """
@@ -58,35 +64,36 @@ class Initialization:
 def make_initialization(
     model: SparseModel, sphere: ObjectSphere, views: list[TrainingView], seeds: Seeds, hull_points: int, seed: int
 ) -> Initialization:
-    """Join three sources of points: the sparse model's, stereo's, and the carved hull where neither has any.
+    """Join three sources of points: those of the sparse model, the seeds of stereo, and the carved hull where neither has any.
 
     Args:
-        model: sparse points of the registration, in its world frame.
-        views: the views that the seeds were found in.
-        hull_points: how many of the hull's points, at most.
+        model: the registration's, whose sparse points are in its world frame.
+        sphere: the object's, which normalizes them.
+        views: the views in which the seeds were found.
+        hull_points: how many points of the hull are taken, at most.
+        seed: of their random choice.
     """
     grid = [make_grid_view(view) for view in views]
     cameras = [view.camera for view in grid]
     masks = [view.mask.numpy() > 0 for view in grid]
-    volume = seeds.volume
-    free_space = FreeSpace(cameras, masks, HullDistanceField.from_hull(volume))
-    seed_normals = _plane_normals(seeds.positions, seeds.normals)
+    free_space = FreeSpace(cameras, masks, HullDistanceField.from_hull(seeds.carved_hull))
+    seed_normals = _fit_normals(seeds.positions, seeds.normals)
 
     sparse = (model.points - sphere.centre) / sphere.radius
-    trusted = (model.track_lengths >= 3) & (np.linalg.norm(sparse, axis=1) < 1.2)
+    trusted = (model.track_lengths >= TRACK_LENGTH_MIN) & (np.linalg.norm(sparse, axis=1) < SPARSE_RADIUS_MAX)
     trusted[trusted] = find_inside_masks(sparse[trusted], cameras, masks, misses_allowed=1)
     sparse = sparse[trusted]
 
-    surface, surface_normals = volume.surface()
+    surface, surface_normals = seeds.carved_hull.surface()
     confirmed = np.concatenate([seeds.positions, sparse])
     if len(confirmed) and len(surface):
-        lone = cKDTree(confirmed).query(surface)[0] > 2.0 / len(volume.occupied)
+        lone = cKDTree(confirmed).query(surface)[0] > 2.0 / len(seeds.carved_hull.occupied)
         surface, surface_normals = surface[lone], surface_normals[lone]
     chosen = np.random.default_rng(seed).permutation(len(surface))[:hull_points]
     surface, surface_normals = surface[chosen], surface_normals[chosen]
 
     others = np.concatenate([seeds.positions, surface])
-    if len(others) == 0:  # nothing to take a normal from
+    if len(others) == 0:  # no point has a normal that sparse points could take over
         sparse, trusted = sparse[:0], np.zeros_like(trusted)
     sparse_normals = np.zeros((0, 3))
     if len(sparse):
@@ -96,23 +103,22 @@ def make_initialization(
         np.concatenate([model.colors[trusted] / 255.0, seeds.colors, average_colors(surface, surface_normals, grid)]),
         np.concatenate([sparse_normals, seed_normals, surface_normals]),
         free_space,
-        *_confirmed_rays(grid, seeds),
+        *_gather_confirmed_depths(grid, seeds),
     )
 
 
-def _confirmed_rays(views: list[TrainingView], seeds: Seeds) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+def _gather_confirmed_depths(views: list[TrainingView], seeds: Seeds) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """By the name of each view, (K, 2) slopes of rays and (K,) the depths along them that stereo has confirmed."""
     rays, depths = {}, {}
     for view in views:
         depth = seeds.depth_maps[view.camera.name]
         y, x = np.nonzero(depth)
-        k = view.camera.intrinsics
-        rays[view.camera.name] = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1]], 1)
-        depths[view.camera.name] = depth[y, x]
+        rays[view.camera.name], depths[view.camera.name] = ray_slopes(view.camera, y, x), depth[y, x]
     return rays, depths
 
 
-def _plane_normals(points: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """(N, 3) normals of planes through each point's nearest neighbours, on the side of `towards` (N, 3)."""
+def _fit_normals(points: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """(N, 3) normals of the planes through each point's nearest neighbours, on the side of `towards` (N, 3)."""
     if len(points) < NORMAL_NEIGHBOURS:
         return towards
     near = points[cKDTree(points).query(points, k=NORMAL_NEIGHBOURS)[1]]
@@ -122,7 +128,7 @@ def _plane_normals(points: np.ndarray, towards: np.ndarray) -> np.ndarray:
 
 
 def average_colors(points: np.ndarray, normals: np.ndarray, views: list[TrainingView]) -> np.ndarray:
-    """(N, 3) mean RGB of (N, 3) points over the views that they face, weighted by how much."""
+    """(N, 3) mean RGB of (N, 3) points over the views, weighted by the cosine between normal and direction to the camera."""
     total, weight = np.zeros((len(points), 3)), np.full((len(points), 1), 1e-6)
     for view in views:
         pixels, _ = view.camera.project(points)

@@ -41,11 +41,14 @@ class ResizableAdam:
         new: by the name of the tensor, rows of the same trailing shape.
         """
         for name in [group["name"] for group in self.adam.param_groups]:
-            self.replace_tensor(
-                name,
-                lambda old, name=name: torch.cat([old[keep], new[name]]),
-                lambda moment, name=name: torch.cat([moment[keep], torch.zeros_like(new[name])]),
-            )
+            self._append(name, keep, new[name])
+
+    def _append(self, name: str, keep: torch.Tensor, rows: torch.Tensor) -> None:
+        self.replace_tensor(
+            name,
+            lambda old: torch.cat([old[keep], rows]),
+            lambda moment: torch.cat([moment[keep], torch.zeros_like(rows)]),
+        )
 
     def replace_tensor(
         self, name: str, value: Callable[[torch.Tensor], torch.Tensor], moment: Callable[[torch.Tensor], torch.Tensor]

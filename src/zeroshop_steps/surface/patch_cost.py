@@ -1,4 +1,9 @@
-"""What a slanted patch of surface costs: how well the views that see it agree (kernels of the stereo)."""
+"""What a slanted patch of surface costs: how well the views that see it agree. Kernels of the stereo.
+
+A camera is a row of 16 numbers (`Camera.row`): rotation and translation of camera_from_world, then the intrinsics. A ray is
+given by its slopes dx = x / z and dy = y / z in the camera's frame, a plane by its depth z on that ray and its unit normal.
+The costs and their bounds were set by hand.
+"""
 
 import math
 
@@ -7,33 +12,46 @@ import numpy as np
 
 from zeroshop_steps.geometry.crops import STRIDE_PX
 
+FX, FY, CX, CY = 12, 13, 14, 15
+"""Where a camera's row holds its intrinsics, in pixels."""
 BEST_VIEWS = 2
-"""The cost of a plane is the mean over this many of its best neighbours: some are always occluded."""
+"""The cost of a plane is the mean over this many of its best neighbours: some neighbours are always occluded."""
 PATCH_STEPS = 3
 PATCH_SPACING_PX = 3
 """A patch is sampled at (2 * 3 + 1)^2 points, three pixels apart."""
 DETAIL_PX = 4.0
-"""Standard deviation of the blur that is taken off: smooth shading looks alike everywhere and would agree with anything."""
+"""Standard deviation of the blur that is subtracted: smooth shading looks alike everywhere and would agree with anything."""
 NOISE = 0.02
-"""Contrast below which nothing counts, added to the patches' variances: what little highlights and shading leave on plain parts."""
+"""Contrast of noise, highlights and shading on plain parts. Its square is added to the variances, so that it counts as nothing."""
 DARK = 0.03
-"""Luminance added to the mean to which contrast refers: near black there is only sensor noise."""
+"""Luminance added to the mean that contrast refers to: near black there is only sensor noise."""
 SIMILAR_LUMINANCE = 0.06
 """Standard deviation of the bilateral weights."""
 COLOR_WEIGHT = 3.0
+"""Cost of a mean difference of one between two colours in [0, 1]."""
 COLOR_DIFFERENCE_MAX = 0.1
+"""Larger differences cost no more: they come from highlights and shadows."""
 GEOMETRIC_WEIGHT = 0.2
+"""Cost of a pixel of distance between a plane and the depths of another view."""
 GEOMETRIC_ERROR_MAX_PX = 3.0
-BAD = 2.0
-DONE = 1e9
-"""The bound of a view that has been correlated."""
+"""Larger distances cost no more, as in COLMAP."""
+COST_MAX = 2.0
+"""The cost of a plane that no view confirms."""
+CORRELATED = 1e9
+"""The bound of a view that has been correlated: it is not looked at again."""
 ROUNDING = 1e-5
-"""By which a correlation of one may be missed."""
+"""By how much a correlation may exceed one through rounding."""
+NORMAL_SLANT_MAX = 3.0
+"""Random normals lie within the angle of this tangent, about 72 degrees, of the direction to the camera."""
+COSINE_MIN, COSINE_BENT = 0.2, 0.25
+"""A normal whose cosine to the viewing ray is below the first is bent until it is the second."""
+COSINE_OTHER_MIN = 0.05
+"""The plane that another view has found is not used where that view sees it at a lower cosine: its depth is then too uncertain."""
 
 
 @numba.njit(cache=True)
 def random_number(a, b, c, d):
-    """A number in [0, 1) that depends on four integers only, whatever the thread (xorshift-multiply mixing)."""
+    """A number in [0, 1) that depends on four integers only, not on the thread (xorshift-multiply mixing)."""
     x = np.uint64(a) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(b) * np.uint64(0xC2B2AE3D27D4EB4F)
     x += np.uint64(c) * np.uint64(0x165667B19E3779F9) + np.uint64(d) * np.uint64(0x27D4EB2F165667C5)
     x ^= x >> np.uint64(30)
@@ -45,36 +63,37 @@ def random_number(a, b, c, d):
 
 
 @numba.njit(cache=True)
-def project(row, x, y, z):
+def project_point(row, x, y, z):
+    """Position in pixels, counted from the centre of the first one, and depth of a point in the world."""
     px = row[0] * x + row[1] * y + row[2] * z + row[9]
     py = row[3] * x + row[4] * y + row[5] * z + row[10]
     pz = row[6] * x + row[7] * y + row[8] * z + row[11]
-    return row[12] * px / pz + row[14] - 0.5, row[13] * py / pz + row[15] - 0.5, pz
+    return row[FX] * px / pz + row[CX] - 0.5, row[FY] * py / pz + row[CY] - 0.5, pz
 
 
 @numba.njit(cache=True)
-def world_point(row, dx, dy, z):
-    """The point at depth z on the ray of slopes dx and dy."""
+def unproject_ray(row, dx, dy, z):
+    """The point in the world at depth z on the ray of slopes dx and dy."""
     a, b, c = z * dx - row[9], z * dy - row[10], z - row[11]
     return row[0] * a + row[3] * b + row[6] * c, row[1] * a + row[4] * b + row[7] * c, row[2] * a + row[5] * b + row[8] * c
 
 
 @numba.njit(cache=True)
 def random_normal(dx, dy, a, b):
-    """A unit normal within about 75 degrees of the direction to the camera, from two numbers in [0, 1)."""
-    slant, turn = math.sqrt(a) * 3.0, 2 * math.pi * b
+    """A unit normal that faces the camera, from two random numbers in [0, 1)."""
+    slant, turn = math.sqrt(a) * NORMAL_SLANT_MAX, 2 * math.pi * b
     return facing_normal(dx, dy, -dx + slant * math.cos(turn), -dy + slant * math.sin(turn), -1.0)
 
 
 @numba.njit(cache=True)
 def facing_normal(dx, dy, nx, ny, nz):
-    """The unit normal along (nx, ny, nz), bent towards the camera where it would look away or graze."""
+    """The unit normal along (nx, ny, nz), bent towards the camera where it looks away or grazes."""
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     nx, ny, nz = nx / length, ny / length, nz / length
     ray = math.sqrt(dx * dx + dy * dy + 1)
     cosine = -(nx * dx + ny * dy + nz) / ray
-    if cosine < 0.2:
-        lack = (0.25 - cosine) / ray
+    if cosine < COSINE_MIN:
+        lack = (COSINE_BENT - cosine) / ray
         nx, ny, nz = nx - lack * dx, ny - lack * dy, nz - lack
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx / length, ny / length, nz / length
@@ -82,8 +101,11 @@ def facing_normal(dx, dy, nx, ny, nz):
 
 
 @numba.njit(cache=True)
-def reference_patch(color, detail, mask, y, x, patch, weight):
-    """Fill (side, side) detail and normalized weight, bilateral in the luminance; returns the weighted mean and variance."""
+def fill_reference_patch(color, detail, mask, y, x, patch, weight):
+    """Fill patch and weight, both (side, side): the detail around pixel (x, y), and normalized bilateral weights of the luminance.
+
+    Returns the weighted mean and variance.
+    """
     side = 2 * PATCH_STEPS + 1
     height, width = mask.shape
     total = mean = square = 0.0
@@ -107,22 +129,23 @@ def reference_patch(color, detail, mask, y, x, patch, weight):
 
 
 @numba.njit(cache=True, fastmath=True)
-def _lands(row, other, size, dx, dy, z, nx, ny, nz, place):
-    """Fill `place` with where a plane's patch lands in another view: its centre (u, v), and its change a pixel along x and along y.
+def _project_patch(row, other, size, dx, dy, z, nx, ny, nz, place):
+    """Fill `place` with where a plane's patch projects to in another view: its centre (u, v), and by how much (u, v) changes for one
+    pixel along x and one along y.
 
-    False where the view does not see all of it.
+    Returns False where the view does not see the whole patch.
     """
     offset = z * (nx * dx + ny * dy + nz)
-    ex, ey = dx + 1.0 / row[12], dy + 1.0 / row[13]
-    wx, wy, wz = world_point(row, dx, dy, z)
-    u0, v0, pz = project(other, wx, wy, wz)
+    ex, ey = dx + 1.0 / row[FX], dy + 1.0 / row[FY]
+    wx, wy, wz = unproject_ray(row, dx, dy, z)
+    u0, v0, pz = project_point(other, wx, wy, wz)
     below_x, below_y = nx * ex + ny * dy + nz, nx * dx + ny * ey + nz
     if pz <= 0 or below_x >= -1e-6 or below_y >= -1e-6:
         return False
-    wx, wy, wz = world_point(row, ex, dy, offset / below_x)
-    ux, vx, _ = project(other, wx, wy, wz)
-    wx, wy, wz = world_point(row, dx, ey, offset / below_y)
-    uy, vy, _ = project(other, wx, wy, wz)
+    wx, wy, wz = unproject_ray(row, ex, dy, offset / below_x)
+    ux, vx, _ = project_point(other, wx, wy, wz)
+    wx, wy, wz = unproject_ray(row, dx, ey, offset / below_y)
+    uy, vy, _ = project_point(other, wx, wy, wz)
     dux, dvx, duy, dvy = ux - u0, vx - v0, uy - u0, vy - v0
     place[0], place[1], place[2], place[3], place[4], place[5] = u0, v0, dux, dvx, duy, dvy
     reach = PATCH_STEPS * PATCH_SPACING_PX
@@ -132,7 +155,7 @@ def _lands(row, other, size, dx, dy, z, nx, ny, nz, place):
 
 @numba.njit(cache=True, fastmath=True)
 def _correlation_cost(place, detail, patch, weight, mean, variance):
-    """Half of one less the correlation of a patch with its picture where it lands in another view: 0 to 1."""
+    """(1 - c) / 2, where c is the correlation of a patch with the image of another view where it projects to: 0 to 1."""
     u0, v0, dux, dvx, duy, dvy = place[0], place[1], place[2], place[3], place[4], place[5]
     sum_b = sum_bb = sum_ab = np.float32(0.0)
     for j in range(2 * PATCH_STEPS + 1):
@@ -166,43 +189,50 @@ def _color_cost(color, index, y, x, other, u, v):
 
 @numba.njit(cache=True, fastmath=True)
 def _depth_cost(row, other, depth, normal, y, x, u, v):
-    """The cost of the distance in pixels between (x, y) and where the surface that the other view has found at (u, v) projects to."""
+    """The cost of the distance in pixels between (x, y) and the projection of the surface that the other view has found at (u, v)."""
     error = GEOMETRIC_ERROR_MAX_PX
     gy, gx = int(v / STRIDE_PX + 0.5), int(u / STRIDE_PX + 0.5)
     if gy < depth.shape[0] and gx < depth.shape[1] and depth[gy, gx] > 0:
-        # Where the plane that the other view has found there meets its ray through the projected point.
+        # Where the plane that the other view has found there meets that view's ray through (u, v).
         nx, ny, nz = normal[gy, gx]
-        dx, dy = (u + 0.5 - other[14]) / other[12], (v + 0.5 - other[15]) / other[13]
+        dx, dy = (u + 0.5 - other[CX]) / other[FX], (v + 0.5 - other[CY]) / other[FY]
         ahead = nx * dx + ny * dy + nz
-        if ahead < -0.05:
-            px, py = (gx * STRIDE_PX + 0.5 - other[14]) / other[12], (gy * STRIDE_PX + 0.5 - other[15]) / other[13]
-            wx, wy, wz = world_point(other, dx, dy, depth[gy, gx] * (nx * px + ny * py + nz) / ahead)
-            back_u, back_v, _ = project(row, wx, wy, wz)
+        if ahead < -COSINE_OTHER_MIN:
+            px, py = (gx * STRIDE_PX + 0.5 - other[CX]) / other[FX], (gy * STRIDE_PX + 0.5 - other[CY]) / other[FY]
+            wx, wy, wz = unproject_ray(other, dx, dy, depth[gy, gx] * (nx * px + ny * py + nz) / ahead)
+            back_u, back_v, _ = project_point(row, wx, wy, wz)
             error = min(math.sqrt((back_u - x) ** 2 + (back_v - y) ** 2), error)
     return GEOMETRIC_WEIGHT * error
 
 
 @numba.njit(cache=True, fastmath=True)
 def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit):
-    """The mean cost of a plane over its best neighbouring views, or BAD where that is not below `limit`.
+    """The mean cost of a plane over its best neighbouring views, or COST_MAX where that is not below `limit`.
 
-    Colours and the other views' depths cost little to compare and bound a view's cost from below, since no correlation makes
-    it smaller. The views are correlated from the least bound on, until no other can change the result.
-    `places` (neighbours, 7) is working space.
+    Colours and the other views' depths are cheap to compare, and bound a view's cost from below, since a correlation only adds
+    to it. The views are correlated in the order of their bounds, until no other view can change the result.
+
+    Args:
+        index, neighbours: the reference view, and (V, count) the views to compare each view with.
+        scene: rows, neighbours, color, detail, masks and sizes of all views, as in `patchmatch.estimate_depth_maps`.
+        found_depth, found_normal: planes of the other views at the pixels of their grids; of length 1 in the first round.
+        y, x, patch, weight, mean, variance: the pixel, and what `fill_reference_patch` gave for it.
+        places: (count, 7) working space.
+        dx, dy, z, nx, ny, nz: the plane.
     """
     rows, neighbours, color, detail, _, sizes = scene
     row, count = rows[index], neighbours.shape[1]
     for k in range(count):
         n = neighbours[index, k]
-        bound = BAD
-        if _lands(row, rows[n], sizes[n], dx, dy, z, nx, ny, nz, places[k]):
+        bound = COST_MAX
+        if _project_patch(row, rows[n], sizes[n], dx, dy, z, nx, ny, nz, places[k]):
             bound = _color_cost(color, index, y, x, n, places[k, 0], places[k, 1])
             if found_depth.shape[0] > 1:
                 bound += _depth_cost(row, rows[n], found_depth[n], found_normal[n], y, x, places[k, 0], places[k, 1])
         places[k, 6] = bound
-    first = second = BAD
+    first = second = COST_MAX
     for _ in range(count):
-        nearest, next_bound = 0, BAD
+        nearest, next_bound = 0, COST_MAX
         for i in range(1, count):
             if places[i, 6] < places[nearest, 6]:
                 nearest, next_bound = i, places[nearest, 6]
@@ -212,13 +242,13 @@ def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mea
         if bound - ROUNDING >= second:
             break
         if count > 1 and bound + min(first, next_bound) - ROUNDING >= 2 * limit and first + second >= 2 * limit:
-            return BAD
-        if bound < BAD:
+            return COST_MAX
+        if bound < COST_MAX:
             n = neighbours[index, nearest]
-            cost = min(bound + _correlation_cost(places[nearest], detail[n], patch, weight, mean, variance), BAD)
+            cost = min(bound + _correlation_cost(places[nearest], detail[n], patch, weight, mean, variance), COST_MAX)
             if cost < first:
                 first, second = cost, first
             elif cost < second:
                 second = cost
-        places[nearest, 6] = DONE
+        places[nearest, 6] = CORRELATED
     return 0.5 * (first + second) if count > 1 else first

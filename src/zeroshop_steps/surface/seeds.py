@@ -1,6 +1,6 @@
-"""Seeds: surface points that several views vouch for, before any optimization; and the file that both optimizers read them from.
+"""Seeds: surface points that several views confirm before any optimization, and the file that holds them (seeds.npz).
 
-The visual hull closes every hollow with a lid. Photographs know better wherever the surface has any shading or print.
+The visual hull closes every hollow with a lid. Wherever the surface has shading or print, stereo tells where it really is.
 """
 
 from collections.abc import Sequence
@@ -17,50 +17,52 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 FIELDS = ("positions", "colors", "normals", "names", "shapes", "depths", "occupied", "half_extent", "centre", "radius")
+"""Names of the arrays in the file, in the order in which they are written."""
 
 
 @dataclass(frozen=True)
 class Seeds:
-    """Confirmed surface points, in normalized coordinates, and what follows from them.
+    """What stereo has found, in normalized coordinates.
 
     Attributes:
-        positions: (N, 3), colors: (N, 3) RGB in [0, 1], normals: (N, 3) unit, towards the views that found the seed.
+        positions: (N, 3). colors: (N, 3) RGB in [0, 1]. normals: (N, 3) unit, towards the views that found the seed.
         depth_maps: by the name of the view, (H, W) float32 depth along the optical axis at the pixels of its stereo grid,
             0 where nothing was confirmed.
-        volume: the visual hull, carved by the depths.
+        carved_hull: the visual hull, carved by the depths.
     """
 
     positions: np.ndarray
     colors: np.ndarray
     normals: np.ndarray
     depth_maps: dict[str, np.ndarray]
-    volume: VisualHull
+    carved_hull: VisualHull
 
 
 def write_seeds(path: Path, seeds: Seeds, sphere: ObjectSphere) -> None:
     """Write a compressed NumPy archive; the same seeds give the same bytes."""
     maps = list(seeds.depth_maps.values())
-    occupied = seeds.volume.occupied
-    content = (
+    occupied = seeds.carved_hull.occupied
+    content: tuple[np.ndarray, ...] = (
         *(seeds.positions, seeds.colors, seeds.normals),
         np.array(list(seeds.depth_maps)),
         np.array([depth.shape for depth in maps]),
         np.concatenate([depth.ravel() for depth in maps]),
         np.packbits(occupied).reshape(len(occupied), -1),
-        *(seeds.volume.half_extent, sphere.centre, sphere.radius),
+        *(np.array(seeds.carved_hull.half_extent), sphere.centre, np.array(sphere.radius)),
     )
     with atomic_write(path) as temporary:
-        np.savez_compressed(temporary, **dict(zip(FIELDS, content, strict=True)))
+        np.savez_compressed(temporary, allow_pickle=False, **dict(zip(FIELDS, content, strict=True)))
 
 
 def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> Seeds:
     """Read what `write_seeds` wrote.
 
     Args:
-        sphere, cameras: the object's, and those of the crops in which seeds were looked for.
+        sphere: the object's.
+        cameras: those of the crops in which stereo has looked for seeds.
 
     Raises:
-        StepError: the file is absent, damaged, or of other images or cameras.
+        StepError: the file is missing, damaged, or was made from other images or cameras.
     """
     path = Path(path)
     if not path.is_file():
@@ -85,10 +87,10 @@ def read_seeds(path: Path, sphere: ObjectSphere, cameras: Sequence[Camera]) -> S
 
 
 def read_confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:
-    """(N, 3) the places of all confirmed depths of a seeds.npz, in the frame of the views' registration.
+    """(N, 3) points of all confirmed depths in a seeds.npz, in the frame of the views' registration.
 
     Raises:
-        StepError: the file is absent, damaged, or of other images or cameras.
+        StepError: the file is missing, damaged, or was made from other images or cameras.
     """
     cameras, masks = [view.camera for view in views], read_object_masks(views)
     sphere = fit_object_sphere(cameras, masks)

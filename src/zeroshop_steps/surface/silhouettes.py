@@ -1,7 +1,8 @@
 """Bring a mesh's silhouettes onto the masks by one small offset along its normals.
 
-Disks have soft edges, and several of them in a row look opaque before the first one's centre is reached: the images are
-explained best by disks a fraction of a pixel behind the true surface, everywhere alike. The masks say by how much.
+Surfels have soft edges, and several of them in a row look opaque before the centre of the first one is reached. So the
+images are explained best by surfels a fraction of a pixel behind the true surface, by the same amount everywhere. The masks
+tell this amount.
 """
 
 import numpy as np
@@ -13,14 +14,18 @@ from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.surface.training_views import TrainingView
 
 ROUNDS = 2
-TRIM = 0.25
-"""Share of the contour that is left out at either end: the open rim on the ground, parts that are missing."""
+"""Times that the gap is measured and the mesh moved: the second round sees what the first has left."""
+TRIMMED_SHARE = 0.25
+"""Share of the contour's gaps that is left out at either end: the open rim on the ground, and parts that are missing."""
+SMOOTHING_STEPS = 10
+"""Of Taubin's filter, before normals are taken."""
 
 
 def measure_gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
-    """How far the mesh's silhouettes lie inside the masks, in the unit of the mesh; negative where they reach beyond.
+    """How far the mesh's silhouettes lie inside the masks, in the unit of the mesh; negative where they reach beyond them.
 
-    The trimmed mean, over the contours in all views, of the distance in pixels to the mask's edge, times depth by focal length.
+    For each pixel of the silhouettes' contours this is the distance to the mask's edge in pixels, times depth over focal
+    length. The result is the trimmed mean over all views.
     """
     renderer = MeshRenderer(mesh)
     gaps = []
@@ -31,15 +36,18 @@ def measure_gap_to_masks(mesh: Mesh, views: list[TrainingView]) -> float:
         # On the mask's own contour the distance to the outside is one.
         inside = (distance_transform_edt(mask) - distance_transform_edt(~mask))[1:-1, 1:-1] - np.where(view.mask.numpy() > 0.5, 1.0, 0.0)
         gaps.append(inside[contour] * hits.depth[contour] / view.camera.intrinsics[0, 0])
-    gaps = np.sort(np.concatenate(gaps))
-    ends = int(TRIM * len(gaps))
-    return float(gaps[ends : len(gaps) - ends].mean()) if len(gaps) else 0.0
+    ordered = np.sort(np.concatenate(gaps))
+    ends = int(TRIMMED_SHARE * len(ordered))
+    return float(ordered[ends : len(ordered) - ends].mean()) if len(ordered) else 0.0
 
 
 def fit_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[Mesh, float]:
-    """The mesh moved along its vertex normals until its silhouettes meet the masks, by at most `limit`; and by how much.
+    """Move a mesh along its vertex normals, by at most `limit`, until its silhouettes meet the masks.
 
-    Normals are those of a smoothed copy, so that roughness is carried along rather than enlarged.
+    The normals are those of a smoothed copy, so that moving does not make the surface rougher.
+
+    Returns:
+        The moved mesh, and by how much it was moved.
     """
     offset = 0.0
     normals = _smooth_normals(mesh)
@@ -51,6 +59,6 @@ def fit_to_masks(mesh: Mesh, views: list[TrainingView], limit: float) -> tuple[M
 
 def _smooth_normals(mesh: Mesh) -> np.ndarray:
     surface = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces))
-    surface = surface.filter_smooth_taubin(10)
+    surface = surface.filter_smooth_taubin(SMOOTHING_STEPS)
     surface.compute_vertex_normals()
     return np.asarray(surface.vertex_normals)

@@ -1,6 +1,6 @@
-"""Stereo: depths that several registered images confirm, the seeds among them, and the visual hull carved by them.
+"""Multi-view stereo: depths that several registered images confirm, seeds made from them, and the visual hull carved by them.
 
-Writes seeds.npz, which every optimizer of this stage starts from, and stereo.json (seconds, figures).
+Writes seeds.npz, from which every optimizer of this stage starts, and stereo.json (seconds and figures).
 """
 
 import argparse
@@ -11,6 +11,7 @@ from pathlib import Path
 from zeroshop_steps.runtime.cache import Cached
 
 HULL_RESOLUTION = 128
+"""Voxels along an edge of the cube of the visual hull."""
 CACHED = Cached(
     inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
     ignored=("threads",),
@@ -20,7 +21,7 @@ CACHED = Cached(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--cameras", type=Path, required=True, help="registration: images, masks and sparse model")
+    parser.add_argument("--cameras", type=Path, required=True, help="folder of a registration: images, masks and sparse model")
     parser.add_argument("--out", type=Path, required=True, help="folder for seeds.npz and stereo.json")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
@@ -54,6 +55,6 @@ def run(args: argparse.Namespace) -> None:
             "seeds": len(seeds.positions),
             "confirmed_depths": sum(int((depth > 0).sum()) for depth in seeds.depth_maps.values()),
             "hull_voxels": int(hull.occupied.sum()),
-            "carved_voxels": int(hull.occupied.sum() - seeds.volume.occupied.sum()),
+            "carved_voxels": int(hull.occupied.sum() - seeds.carved_hull.occupied.sum()),
         },
     )

@@ -1,9 +1,9 @@
-"""A raw mesh straight from trained voxels: marching cubes (Lorensen & Cline 1987) over the density at their corners.
+"""Extract a raw mesh from trained voxels: marching cubes (Lorensen & Cline 1987) over the density at their corners.
 
-Leaves of all levels are interpolated onto one lattice, so that no crack opens where levels meet. Density is trusted within a narrow
-band around the surface that the voxels' depth maps show: training leaves wisps elsewhere. What no camera sees counts
-as inside, so that the thin shell that training leaves of an object has one side; a small offset brings the silhouettes onto
-the masks, and what too few cameras see of the surface is left out.
+Leaves of all levels are interpolated onto one lattice, so that no crack opens where levels meet. Training leaves wisps of
+density everywhere; the density is trusted only within a narrow band around the surface that the voxels' depth maps show.
+What no camera sees counts as inside, so that the thin shell that training leaves of an object becomes one surface, not
+two. A small offset brings the silhouettes onto the masks, and surface that too few cameras see is left out.
 """
 
 import argparse
@@ -14,41 +14,38 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
-from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.open3d_loader import o3d
-from zeroshop_steps.surface.fuse import sort_mesh
+from zeroshop_steps.surface.depth_maps import look_up_depths
+from zeroshop_steps.surface.raw_mesh import GRID_BLOCK, OFFSET_VOXELS, extract_mesh, make_tsdf_grid, read_mesh_views, write_raw_mesh
 from zeroshop_steps.surface.silhouettes import fit_to_masks
 from zeroshop_steps.surface.svraster.density_grid import DensityGrid, fuse_signed_distances, half_opacity_value
 from zeroshop_steps.surface.svraster.render import RenderView, render
 from zeroshop_steps.surface.svraster.voxels import Voxels, read_voxels
-from zeroshop_steps.surface.training_views import TrainingView, make_training_views, read_camera_set
+from zeroshop_steps.surface.training_views import TrainingView
 
-BLOCK = 16
-"""Lattice points along an edge of a block of Open3D's grid."""
+# The bounds below were tuned on the demo mustard bottle. A step is the distance of two points of the lattice.
 REACH_STEPS = 4.0
-"""Depth maps are averaged within this many steps of the lattice around the surface that they show."""
+"""Depth maps are averaged within this many steps around the surface that they show."""
 MIN_VIEWS = 2
-"""What fewer views see counts as hidden: one wrong depth digs no tunnel."""
+"""What fewer views see counts as hidden, so that one wrong depth digs no tunnel."""
 BAND_STEPS = 1.5
-"""The density draws the surface within this many steps of the one that the depths show."""
+"""The density draws the surface within this many steps of the one that the depth maps show."""
 COSINE_MIN = 0.15
-"""Cosine of the angle between normal and ray from which a face counts as facing a camera."""
+"""Cosine of the angle between normal and viewing ray above which a face counts as facing a camera: 81 degrees."""
 SMOOTH_STEPS = 1.0
-"""Standard deviation, in steps of the lattice, by which distances are smoothed: colour says nothing of ripples this fine."""
-SOFT = 4.0
-"""Values are clipped this far around the surface's: no crossing is drawn towards a far value."""
-OFFSET_STEPS = 2.0
-"""Most that the surface is moved to meet the masks."""
+"""Standard deviation, in steps, by which values are smoothed: colour says nothing about ripples this fine."""
+CLIP = 4.0
+"""Values, before activation, are clipped this far around the surface's. Otherwise one far value would shift the crossing."""
 SEEN_STEPS = 2.0
-"""What lies within this many steps of the surface that a view shows is seen by it."""
+"""A vertex within this many steps of the surface that a view shows is seen by the view."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--voxels-file", type=Path, required=True, help="voxels.npz of the training")
-    parser.add_argument("--cameras", type=Path, required=True, help="the registration that the training used")
+    parser.add_argument("--cameras", type=Path, required=True, help="folder of the registration that the training used")
     parser.add_argument("--image-width-px", type=int, default=800, help="width at which depth is rendered, at most that of the images")
     parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
 
@@ -56,26 +53,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     voxels, sphere = read_voxels(args.voxels_file)
-    views = make_training_views(read_camera_set(args.cameras), sphere, args.image_width_px, border_px=1)
-    field = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
+    views = read_mesh_views(args.cameras, sphere, args.image_width_px)
+    grid = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
     depths = [render_depth(voxels, view) for view in views]
-    mesh = extract_surface(field, views, depths)
+    mesh = extract_surface(grid, views, depths)
     if mesh is None:
         raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
-    mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_STEPS * field.step)
-    mesh = keep_seen(mesh, views, depths, SEEN_STEPS * field.step)
+    mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * grid.step)
+    mesh = keep_seen(mesh, views, depths, SEEN_STEPS * grid.step)
     if len(mesh.faces) == 0:
         raise StepError(f"{args.voxels_file} has no surface that {MIN_VIEWS} views see; train longer or check masks and cameras")
-    world = Mesh(mesh.vertices * sphere.radius + sphere.centre, mesh.faces)
-    write_ply(args.out, world)
-    figures = {
-        "seconds": round(time.monotonic() - start_s, 2),
-        "vertices": len(world.vertices),
-        "faces": len(world.faces),
-        "voxels": len(voxels),
-        "offset_voxels": round(offset / field.step, 3),
-    }
-    write_json(args.out.with_suffix(".json"), figures)
+    write_raw_mesh(args.out, mesh, sphere, len(voxels), offset / grid.step, start_s)
 
 
 def render_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
@@ -85,32 +73,32 @@ def render_depth(voxels: Voxels, view: TrainingView) -> np.ndarray:
     return np.where(view.mask.numpy() > 0.5, rendering.median_depth.numpy(), np.float32(0.0))
 
 
-def extract_surface(field: DensityGrid, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
-    """The surface of a field, in normalized coordinates; None when there is none.
+def extract_surface(grid: DensityGrid, views: list[TrainingView], depths: list[np.ndarray]) -> Mesh | None:
+    """The surface of a grid of densities, in normalized coordinates; None when there is none.
 
     Args:
-        depths: (H, W) depth of the surface in each view, 0 where it sees past the object; the density draws the surface within a narrow
-            band around the one that they show.
+        depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object. The density draws the
+            surface within a narrow band around the one that they show.
     """
-    points = field.points(np.argwhere(np.ones(field.values.shape, bool)))
-    cameras, reach = [view.camera for view in views], REACH_STEPS * field.step
-    values = -fuse_signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(field.values.shape)
-    density = np.where(field.covered, np.clip(field.values - half_opacity_value(field.step), -SOFT, SOFT), -SOFT)
-    values = np.where(np.abs(values) < BAND_STEPS * field.step, density, np.sign(values) * SOFT)
+    points = grid.points(np.argwhere(np.ones(grid.values.shape, bool)))
+    cameras, reach = [view.camera for view in views], REACH_STEPS * grid.step
+    values = -fuse_signed_distances(points, cameras, depths, reach, zero_is_free=True, min_views=MIN_VIEWS).reshape(grid.values.shape)
+    density = np.where(grid.covered, np.clip(grid.values - half_opacity_value(grid.step), -CLIP, CLIP), -CLIP)
+    values = np.where(np.abs(values) < BAND_STEPS * grid.step, density, np.sign(values) * CLIP)
     values = gaussian_filter(values, SMOOTH_STEPS)
     outside = values.min()
     values[[0, -1]] = values[:, [0, -1]] = values[:, :, [0, -1]] = outside
     mesh = marching_cubes(values.astype(np.float32))
-    return mesh and Mesh(field.points(mesh.vertices), mesh.faces)
+    return mesh and Mesh(grid.points(mesh.vertices), mesh.faces)
 
 
 def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], reach: float) -> Mesh:
-    """The part of a mesh that lies, within `reach`, on the surface that enough views show, and faces some camera.
+    """The faces that lie, within `reach`, on the surface that enough views show, and that face some camera.
 
-    The rest, such as the underside and the walls of what no camera looks into, is a guess.
+    The rest is a guess, for example the underside, and the walls of a hollow that no camera looks into.
 
     Args:
-        depths: (H, W) depth of the surface in each view, 0 where it sees past the object.
+        depths: for each view, (H, W) depth of the surface, 0 where the view sees past the object.
     """
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -119,27 +107,27 @@ def keep_seen(mesh: Mesh, views: list[TrainingView], depths: list[np.ndarray], r
     for view, depth in zip(views, depths, strict=True):
         towards = view.camera.centre_in_world - corners[:, 0]
         np.maximum(cosine, np.einsum("fi,fi->f", normals, towards) / np.linalg.norm(towards, axis=1), out=cosine)
-        pixels, z = view.camera.project(mesh.vertices)
-        x, y = np.floor(pixels).astype(int).T
-        framed = np.flatnonzero((x >= 0) & (y >= 0) & (x < view.camera.width_px) & (y < view.camera.height_px))
-        shown[framed] += np.abs(depth[y[framed], x[framed]] - z[framed]) < reach
+        framed, surface, own = look_up_depths(view.camera, depth, mesh.vertices)
+        shown[framed] += np.abs(surface - own) < reach
     kept = (cosine > COSINE_MIN) & (shown[mesh.faces] >= MIN_VIEWS).all(axis=1)
     used, faces = np.unique(mesh.faces[kept], return_inverse=True)
     return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
 
 
 def marching_cubes(values: np.ndarray) -> Mesh | None:
-    """The surface where (X, Y, Z) float32 values pass zero, facing the negative side, in units of the lattice; None when there is none."""
+    """The surface where (X, Y, Z) float32 values pass zero, facing the negative side; None when there is none.
+
+    Vertices are in units of the lattice. Open3D's grid does the work: it takes distances that are negative inside.
+    """
     if values.min() > 0 or values.max() < 0:
         return None
-    padded = np.pad(values, [(0, -size % BLOCK) for size in values.shape], constant_values=values.min())
-    x, y, z = (size // BLOCK for size in padded.shape)
-    blocks = padded.reshape(x, BLOCK, y, BLOCK, z, BLOCK).transpose(0, 2, 4, 5, 3, 1).reshape(x * y * z, -1)
+    padded = np.pad(values, [(0, -size % GRID_BLOCK) for size in values.shape], constant_values=values.min())
+    x, y, z = (size // GRID_BLOCK for size in padded.shape)
+    blocks = padded.reshape(x, GRID_BLOCK, y, GRID_BLOCK, z, GRID_BLOCK).transpose(0, 2, 4, 5, 3, 1).reshape(x * y * z, -1)
     keys = np.argwhere(np.ones((x, y, z), bool)).astype(np.int32)
-    grid = o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1), (1)), 1.0, BLOCK, len(keys))
+    shape = (len(keys), GRID_BLOCK, GRID_BLOCK, GRID_BLOCK, 1)
+    grid = make_tsdf_grid(1.0, len(keys))
     places, _ = grid.hashmap().activate(o3d.core.Tensor(keys))
-    grid.attribute("tsdf")[places.to(o3d.core.int64)] = o3d.core.Tensor(-blocks.reshape(len(keys), BLOCK, BLOCK, BLOCK, 1))
-    grid.attribute("weight")[places.to(o3d.core.int64)] = o3d.core.Tensor(np.ones((len(keys), BLOCK, BLOCK, BLOCK, 1), np.float32))
-    found = grid.extract_triangle_mesh(weight_threshold=0.5)
-    vertices, faces = found.vertex.positions.numpy().astype(float), found.triangle.indices.numpy().astype(np.int64)
-    return sort_mesh(vertices, faces) if len(faces) else None
+    grid.attribute("tsdf")[places.to(o3d.core.int64)] = o3d.core.Tensor(-blocks.reshape(shape))
+    grid.attribute("weight")[places.to(o3d.core.int64)] = o3d.core.Tensor(np.ones(shape, np.float32))
+    return extract_mesh(grid, weight_min=0.5)

@@ -1,4 +1,4 @@
-"""Training views: registered images with their masks, resampled and cropped to the pixels that matter."""
+"""Training views: registered images with their masks, resized and cropped to the pixels that matter."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +11,7 @@ from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.crops import STRIDE_PX, Crop, ObjectSphere, crop, crop_for_seeds, grid_camera
 from zeroshop_steps.geometry.registered_views import read_object_masks, read_views
 from zeroshop_steps.runtime.errors import StepError
-
-TILE_PX = 16
-"""Width and height of a tile: a row of it fills one 512-bit register in single precision."""
+from zeroshop_steps.surface.tiling import find_active_tiles
 
 
 @dataclass(frozen=True)
@@ -24,8 +22,8 @@ class TrainingView:
         camera: pinhole camera of the crop, in normalized coordinates.
         color: (3, H, W) float32 RGB in [0, 1], black outside the mask.
         mask: (H, W) float32 coverage of each pixel by the object, 0 to 1.
-        active: (H, W) bool, the pixels that count: within the border around the mask.
-        tile_active: (ceil(H / 16), ceil(W / 16)) bool, tiles with active pixels.
+        active: (H, W) bool, the pixels that count in the loss: the mask and the border around it.
+        tile_active: (ceil(H / 16), ceil(W / 16)) bool, the tiles that hold active pixels.
     """
 
     camera: Camera
@@ -37,7 +35,7 @@ class TrainingView:
 
 @dataclass(frozen=True)
 class CameraSet:
-    """A `register` output folder: sparse model, its images and masks (bool), in the order of the cameras."""
+    """What a registration holds: the sparse model, and images and masks (bool) in the order of its cameras."""
 
     model: SparseModel
     images: tuple[np.ndarray, ...]
@@ -45,7 +43,11 @@ class CameraSet:
 
 
 def read_camera_set(folder: Path) -> CameraSet:
-    """Read images, masks and cameras of a registration. Raises StepError naming what is missing or does not fit."""
+    """Read images, masks and cameras of a registration.
+
+    Raises:
+        StepError: something is missing or does not fit; the message names it.
+    """
     views, model = read_views(folder)
     if len(views) < 3:
         raise StepError(f"{folder}/sparse holds {len(views)} cameras; at least 3 are needed to see depth. Run registration again")
@@ -53,13 +55,13 @@ def read_camera_set(folder: Path) -> CameraSet:
 
 
 def make_training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
-    """Resample to `image_width_px` (never up), crop to the mask's box and `border_px`, and blacken the background."""
+    """Resize to `image_width_px` (never enlarge), crop to the mask's box and `border_px` around it, and make the background black."""
     parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
     return [_training_view(image, mask, crop(camera, mask, sphere, image_width_px, border_px)) for camera, image, mask in parts]
 
 
 def make_seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
-    """The views in which stereo looks for seeds."""
+    """The views in which stereo searches for seeds."""
     parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
     return [_training_view(image, mask, crop_for_seeds(camera, mask, sphere)) for camera, image, mask in parts]
 
@@ -77,15 +79,7 @@ def _training_view(image: np.ndarray, mask: np.ndarray, crop: Crop) -> TrainingV
 
 
 def make_grid_view(view: TrainingView) -> TrainingView:
-    """The pixels at which stereo finds planes as a view of their own."""
+    """A view of every third pixel of every third row: those at which stereo estimates planes."""
     s = STRIDE_PX
     active = view.active[::s, ::s]
     return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, find_active_tiles(active.numpy()))
-
-
-def find_active_tiles(active: np.ndarray) -> np.ndarray:
-    """(ceil(H / 16), ceil(W / 16)) bool: tiles of an (H, W) bool array that hold any."""
-    height, width = active.shape
-    padded = np.zeros((-(-height // TILE_PX) * TILE_PX, -(-width // TILE_PX) * TILE_PX), bool)
-    padded[:height, :width] = active
-    return padded.reshape(padded.shape[0] // TILE_PX, TILE_PX, padded.shape[1] // TILE_PX, TILE_PX).any(axis=(1, 3))

@@ -9,8 +9,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.svraster.octree import CELLS, MAX_LEVEL, Octree
 from zeroshop_steps.surface.svraster.reference import render_reference
 from zeroshop_steps.surface.svraster.render import RenderView, render
-from zeroshop_steps.surface.tiling import STOP
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import STOP, TILE_PX
 
 WIDTH_PX, HEIGHT_PX = 40, 35
 KINDS = ["usual", "straddling", "grazing", "inside", "tiny", "huge", "transparent", "opaque"]

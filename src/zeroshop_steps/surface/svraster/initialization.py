@@ -70,9 +70,8 @@ def initialize_voxels(initialization: Initialization, views: list[TrainingView],
 
 def _depth_map(view: TrainingView, pixels: torch.Tensor, depths: torch.Tensor) -> np.ndarray:
     """(H, W) float32 depths of a view, from (K,) flat pixel indices and (K,) depths; 0 far from all of them."""
-    depth = np.zeros(view.camera.height_px * view.camera.width_px, np.float32)
-    depth[pixels.numpy()] = depths.numpy()
-    depth = depth.reshape(view.camera.height_px, view.camera.width_px)
+    depth = np.zeros((view.camera.height_px, view.camera.width_px), np.float32)
+    depth.reshape(-1)[pixels.numpy()] = depths.numpy()
     if not depth.any():
         return depth
     distance, (y, x) = distance_transform_edt(depth == 0, return_indices=True)

@@ -43,8 +43,7 @@ from zeroshop_steps.surface.svraster.project import (
     ZC,
 )  # fmt: skip
 from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
-from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, ZERO
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TILE_PX, ZERO
 
 SAMPLES = 2
 """Samples K of the density on each segment."""

@@ -73,8 +73,7 @@ from zeroshop_steps.surface.svraster.rasterize import (
     load_pixels,
     world_normal,
 )  # fmt: skip
-from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TILE_PX, TWO, ZERO
 
 # Planes of a block's buffer after the ones that `load_pixels` fills: running sum, its total, the median's slope, gradients.
 _SUM, _TOTAL, _SLOPE, _G = 12, 13, 14, 15

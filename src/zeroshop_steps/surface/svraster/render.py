@@ -9,7 +9,8 @@ import torch
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.surface.svraster import project, rasterize, rasterize_backward, tiles
 from zeroshop_steps.surface.svraster.octree import Octree
-from zeroshop_steps.surface.training_views import TILE_PX, TrainingView
+from zeroshop_steps.surface.tiling import TILE_PX
+from zeroshop_steps.surface.training_views import TrainingView
 
 NEAR = 0.05
 """Depth before which nothing is drawn, in normalized units."""
@@ -77,12 +78,16 @@ class Rendering:
     statistics: "VoxelStatistics"
 
 
-@dataclass
 class VoxelStatistics:
-    """By-products of the backward pass: (N,) largest blending weight, and (N,) sum over pixels of |alpha d loss / d alpha|."""
+    """By-products of the backward pass, for pruning and subdivision; zeros before it.
 
-    weight: np.ndarray | None = None
-    priority: np.ndarray | None = None
+    Attributes:
+        weight: (N,) largest blending weight of each voxel.
+        priority: (N,) sum over the pixels of |alpha d loss / d alpha|.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.weight, self.priority = np.zeros(count, np.float32), np.zeros(count, np.float32)
 
 
 class _Blend(torch.autograd.Function):
@@ -145,5 +150,5 @@ def render(octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: in
         degree: 0 to 3, with (degree + 1)^2 at most K.
         view: camera and tiles.
     """
-    statistics = VoxelStatistics()
+    statistics = VoxelStatistics(len(octree))
     return Rendering(*_Blend.apply(densities, sh, octree, degree, view, statistics), statistics)

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.surface.svraster.octree import OCTANTS
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import TILE_PX
 
 
 @dataclass(frozen=True)

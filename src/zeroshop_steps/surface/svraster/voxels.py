@@ -40,9 +40,11 @@ class Voxels:
 def write_voxels(path: Path, voxels: Voxels, sphere: ObjectSphere) -> None:
     """Write a compressed NumPy archive: leaves, values at the corners (in the order of `Octree.corner_points`), colours, sphere."""
     sh = torch.cat([voxels.sh_constant, voxels.sh_rest], 1).detach().numpy()
-    arrays = (voxels.octree.origins.astype(np.int16), voxels.octree.levels.astype(np.int8), voxels.densities.detach().numpy(), sh)
+    octree = voxels.octree
+    arrays = (octree.origins.astype(np.int16), octree.levels.astype(np.int8), voxels.densities.detach().numpy(), sh)
+    content = dict(zip(FIELDS, (*arrays, sphere.centre, np.array(sphere.radius)), strict=True))
     with atomic_write(path) as temporary:
-        np.savez_compressed(temporary, **dict(zip(FIELDS, (*arrays, sphere.centre, sphere.radius), strict=True)))
+        np.savez_compressed(temporary, allow_pickle=False, **content)
 
 
 def read_voxels(path: Path) -> tuple[Voxels, ObjectSphere]:

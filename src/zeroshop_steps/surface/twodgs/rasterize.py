@@ -8,8 +8,7 @@ the planes of a block lie one behind the other in one buffer, so that the compil
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TILE_PX, TWO, ZERO
 from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, intersect_surfel
 from zeroshop_steps.surface.twodgs.project import A1, A2, ALPHA_MIN, BLUE, CX, CY, GREEN, NX, NY, NZ, OPACITY, RED, U1, U2, V1, V2, ZC
 

@@ -11,8 +11,7 @@ Gradients go to one row for each (tile, splat) pair, which are then summed in fi
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TWO, ZERO
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, HALF, LANES, ONE, PLANE, STOP, TILE_PX, TWO, ZERO
 from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, intersect_surfel
 from zeroshop_steps.surface.twodgs.project import (
     A1,

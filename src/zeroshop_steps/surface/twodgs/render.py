@@ -6,7 +6,8 @@ import numpy as np
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.surface.training_views import TILE_PX, TrainingView
+from zeroshop_steps.surface.tiling import TILE_PX
+from zeroshop_steps.surface.training_views import TrainingView
 from zeroshop_steps.surface.twodgs import project, rasterize, rasterize_backward, surface_depth, tiles
 
 
@@ -65,7 +66,7 @@ class Rendering:
         alpha: (H, W) accumulated opacity.
         median_depth: (H, W) depth at which half of the light is stopped; 0 where nothing is hit.
         distortion: (H, W) depth distortion (Huang et al. 2024, eq. 13, in mapped depth), where asked for.
-        statistics: holds the (N,) boxes and, after `backward`, the screen-space gradients for densification.
+        statistics: which surfels were drawn and, after `backward`, their screen-space gradients.
     """
 
     color: torch.Tensor
@@ -77,12 +78,16 @@ class Rendering:
     statistics: "SurfelStatistics"
 
 
-@dataclass
 class SurfelStatistics:
-    """By-products of a rendering: (N,) visible surfels and, once backward has run, (N,) length of the centre's gradient per pixel."""
+    """By-products of a rendering, for densification.
 
-    visible: np.ndarray
-    centre_gradient: np.ndarray | None = None
+    Attributes:
+        visible: (N,) bool, the surfels that were drawn.
+        centre_gradient: (N,) length of the gradient by a surfel's projected centre, in loss per pixel; zeros before `backward`.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.visible, self.centre_gradient = np.zeros(count, bool), np.zeros(count, np.float32)
 
 
 class _Splat(torch.autograd.Function):
@@ -179,6 +184,6 @@ def render(
         view: camera and tiles.
         distortion: whether the loss needs the depth distortion, which is zero otherwise.
     """
-    statistics = SurfelStatistics(np.zeros(len(positions), bool))
+    statistics = SurfelStatistics(len(positions))
     parts = _Splat.apply(positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics)
     return Rendering(*parts, statistics)

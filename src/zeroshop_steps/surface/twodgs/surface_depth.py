@@ -6,8 +6,7 @@ The median alone jumps from disk to disk; the mean of all mixes a surface with w
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, LANES, PLANE, STOP, ZERO
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BIT, BLOCK_PX, BLOCKS, LANES, PLANE, STOP, TILE_PX, ZERO
 from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, intersect_surfel
 from zeroshop_steps.surface.twodgs.project import A1, A2, CX, CY, OPACITY, U1, U2, V1, V2, ZC
 from zeroshop_steps.surface.twodgs.rasterize import ALPHA_MAX, CUT, load_pixels

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX
-from zeroshop_steps.surface.training_views import TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX, TILE_PX
 from zeroshop_steps.surface.twodgs.project import COVARIANCE, CX, CY, HALF_X, HALF_Y, LOW_PASS, MARGIN_PX, MID_X, MID_Y, ZC
 
 _FAR, _TINY = np.float32(1e30), np.float32(1e-6)

@@ -115,7 +115,8 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
 
     def update_model(self, rendering: Rendering, index: int, share: float) -> None:
         active = float(self.views[index].active.sum())
-        self.meter.add(rendering.statistics.centre_gradient * active, rendering.statistics.visible)
+        statistics = rendering.statistics
+        self.meter.add(statistics.centre_gradient * active, statistics.visible)
         self.optimizer.set_learning_rate("positions", LEARNING_RATES["positions"] * POSITION_RATE_FALL**share)
         self.optimizer.step()
         with torch.no_grad():
@@ -127,19 +128,20 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
         if first <= self.iteration <= last and self.iteration % settings.densify_every == 0:
             outside = self.initialization.free_space.contains(self.model.positions.detach().numpy().astype(float))
             densify_and_prune(
+                self.model,
                 self.optimizer,
                 self.meter,
                 threshold=settings.densify_gradient,
                 large=SPLIT_SCALE,
                 opacity_min=settings.opacity_min,
-                doomed=outside,
+                excluded=outside,
                 count_max=settings.count_max,
                 generator=self.generator,
             )
             self.meter = GradientMeter(len(self.model))
         every = math.ceil(settings.opacity_reset_share * settings.iterations)
         if self.iteration % every == 0 and self.iteration < last:
-            reset_opacity(self.optimizer, OPACITY_AFTER_RESET)
+            reset_opacity(self.model, self.optimizer, OPACITY_AFTER_RESET)
 
     def extra_state(self) -> dict[str, Any]:
         meter = (torch.from_numpy(self.meter.total), torch.from_numpy(self.meter.views))
