@@ -1,1 +1,1 @@
-"""Evaluate: how good cameras, masks and meshes are, by photos alone and against the truth, and the grade that follows."""
+"""How good cameras, masks and meshes are, judged by the photos alone and against the truth, and the resulting grade."""

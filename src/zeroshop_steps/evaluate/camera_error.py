@@ -1,7 +1,7 @@
-"""Compare registered cameras with the true ones of a virtual capture (or of a calibrated data set).
+"""Compare registered cameras with the true ones of a virtual capture or of a calibrated dataset.
 
-The registration's frame is arbitrary: it is first brought to the truth by the similarity that best maps the camera
-centres. Writes a JSON and, beside it, a tidy CSV with one row a measurement.
+The frame of a registration is arbitrary, so the cameras are first aligned by the similarity that best maps their centres. Writes
+a JSON and, beside it, a tidy CSV with one row per measurement.
 """
 
 import argparse
@@ -18,13 +18,13 @@ from zeroshop_steps.runtime.tables import write_table
 
 @dataclass(frozen=True)
 class CameraError:
-    """Errors after alignment, in the truth's length unit (mm).
+    """Errors after the alignment.
 
     Attributes:
-        names: image stems that both sides have.
-        centre_mm: (N,) distances of camera centres.
+        names: stems of the images that both have.
+        centre_mm: (N,) distances between camera centres.
         rotation_deg: (N,) angles between camera orientations.
-        focal_ratio: estimated over true focal length, mean.
+        focal_ratio: mean ratio of estimated to true focal length.
     """
 
     names: tuple[str, ...]
@@ -35,13 +35,13 @@ class CameraError:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--cameras", type=Path, required=True, help="folder that register wrote")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras")
     parser.add_argument("--truth", type=Path, required=True, help="COLMAP model of the true cameras, in millimetres")
-    parser.add_argument("--out", type=Path, required=True, help="JSON to write; the CSV gets the same name")
+    parser.add_argument("--out", type=Path, required=True, help="JSON to write; a CSV of the same name goes beside it")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write the JSON and the CSV; of a failed registration with its reason, and the figures of the rejected model if there is one."""
+    """Write the JSON and the CSV; for a failed registration, its reason and the errors of the rejected model, if there is one."""
     truth = read_sparse_model(args.truth).cameras
     record: dict = {"images": len(truth), "registered": 0}
     registration = args.cameras / "registration.json"
@@ -70,10 +70,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def compare_cameras(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> CameraError:
-    """Align `estimated` to `truth` by the camera centres that both have (matched by image stem) and measure what is left.
+    """Align `estimated` to `truth` by the centres of the cameras that both have, matched by image stem, and measure the rest.
 
     Raises:
-        StepError: fewer than three cameras in common.
+        StepError: fewer than three common cameras.
     """
     pairs = pair_with_truth(estimated, truth)
     centres = np.array([camera.centre_in_world for camera, _ in pairs])
@@ -85,7 +85,7 @@ def compare_cameras(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) ->
     angles = []
     for camera, true_camera in pairs:
         between = camera.camera_from_world[:3, :3] @ rotation.T @ true_camera.camera_from_world[:3, :3].T
-        # Chord length instead of the trace: exact for small angles, where arccos loses half the digits.
+        # By the chord instead of the trace: arccos loses half of the digits at small angles.
         angles.append(np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(between - np.eye(3)) / np.sqrt(8), 0, 1))))
     return CameraError(
         tuple(Path(camera.name).stem for camera, _ in pairs),

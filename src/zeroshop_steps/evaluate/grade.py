@@ -1,11 +1,12 @@
 """Grade a finished mesh none, sparse or good, from measurements.
 
-Two judgements are made, each by its worst measure. One needs no truth, so that own photos are graded too: registered
-photos, silhouettes, parts, open borders, backs, roughness, the agreement of the photos with one another on the
-surface, and how much of it was measured at all. Where quality.json is given, the other judges the distances to the true
-surface, and its grade is the cell's. An underside that was closed without being seen counts for neither.
-Silhouettes and colours are judged in the registered photos, for rendered captures as for own ones, so that the limits
-mean the same for both; quality.json has the same two figures in photos that were held out.
+There are two judgements, each decided by its worst measure. The first one needs no truth, so it grades own photos too: registered
+photos, silhouettes, parts, open borders, visible backs, roughness, whether the photos agree with one another on the surface, and
+how much of the surface was measured. The second one is made if quality.json is given: distances to the true surface. Then its
+grade is the grade of the cell. An underside that was closed without being seen counts in neither.
+
+Silhouettes and colours are judged in the registered photos, both for rendered and for own captures, so that the limits mean the
+same. quality.json has these two figures in held-out photos.
 """
 
 import argparse
@@ -28,15 +29,15 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import write_table
 
-SEEN_FROM_BELOW = 2  # cameras under the support's height that show the underside
+SEEN_FROM_BELOW = 2  # cameras below the support; with so many the underside was seen, and open borders there count
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, how much was measured does not count")
-    parser.add_argument("--quality", type=Path, help="quality.json, where there is a truth")
+    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, assumed_share is not judged")
+    parser.add_argument("--quality", type=Path, help="quality.json, if there is a true model")
     for measure in MEASURES:
         default = [measure.good, measure.sparse]
         option = "--" + measure.name.replace("_", "-")
@@ -45,18 +46,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    """Grade one mesh."""
     start_s = time.monotonic()
     limits = {measure.name: check_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
-    notes = read_json(args.mesh.with_suffix(".json"))
-    facts = notes["frame_facts"]
+    metadata = read_json(args.mesh.with_suffix(".json"))
+    facts = metadata["frame_facts"]
     views, _ = read_views(args.cameras)
     object_from_registration = np.array(facts["object_from_registration"])
     views = [replace(view, camera=transform_camera(view.camera, object_from_registration)) for view in views]
     record = read_json(args.cameras / "registration.json")
     mesh = read_ply(args.mesh)
-    values = measure_mesh(drop_underside(mesh, notes), views, record["images"], facts["bottom_z"])
+    values = measure_mesh(drop_underside(mesh, metadata), views, record["images"], facts["bottom_z"])
     if args.evidence:
-        values["assumed_share"] = compute_area_shares(drop_underside(with_surface_support(mesh, args.evidence), notes))["assumed"]
+        values["assumed_share"] = compute_area_shares(drop_underside(with_surface_support(mesh, args.evidence), metadata))["assumed"]
     true_values = None
     if args.quality:
         quality = read_json(args.quality)
@@ -67,22 +69,22 @@ def run(args: argparse.Namespace) -> None:
 
 
 def check_limits(name: str, limits: list[float]) -> tuple[float, float]:
-    """(good, sparse), or an error where sparse asks for more than good."""
+    """The (good, sparse) limits of a measure. Raises StepError if that of sparse is stricter."""
     measure = next(measure for measure in MEASURES if measure.name == name)
     good, sparse = limits
     if (good < sparse) if measure.at_least else (good > sparse):
-        raise StepError(f"finish.grade.{name} is [{good}, {sparse}]; the limit of good comes first and is the stricter one")
+        raise StepError(f"finish.grade.{name} is [{good}, {sparse}]; the limit of good comes first and must be the stricter one")
     return good, sparse
 
 
 def measure_mesh(mesh: Mesh, views: list[View], photos: int, support_z: float) -> dict[str, float]:
-    """What can be measured without the truth.
+    """The measures that need no truth.
 
     Args:
-        mesh: the product in the object frame, z up; only its shape counts.
-        views: the registered photos, cameras in the object frame.
+        mesh: in the object frame, z up; only its shape is used.
+        views: the registered photos, their cameras in the object frame.
         photos: how many photos the capture has.
-        support_z: height of what the object stands on.
+        support_z: height of the support in the object frame.
     """
     cameras = [view.camera for view in views]
     below = sum(camera.centre_in_world[2] < support_z for camera in cameras)
@@ -97,22 +99,25 @@ def measure_mesh(mesh: Mesh, views: list[View], photos: int, support_z: float) -
 
 
 def make_grade_record(values: dict[str, float], true_values: dict[str, float] | None, limits: dict[str, tuple[float, float]]) -> dict:
-    """The content of grade.json: the grade that counts, and both judgements with their measures."""
+    """The content of grade.json: the grade of the cell, and both judgements with their measures."""
     photos = grade_by_worst(values, limits)
-    truth = grade_by_worst(true_values, limits) if true_values is not None else None
+    truth = None if true_values is None else grade_by_worst(true_values, limits)
     deciding = truth or photos
     return {
         "grade": deciding.grade,
         "judged_by": "truth" if truth else "photos",
         "reasons": list(deciding.reasons),
         "photos": _record_side(photos, values),
-        "truth": _record_side(truth, true_values) if truth else None,
+        "truth": _record_side(truth, true_values) if truth and true_values else None,
         "limits": {name: list(pair) for name, pair in limits.items()},
     }
 
 
 def write_grade(path: Path, content: dict) -> None:
-    """Write grade.json and, beside it, the tidy CSV: grades with reasons, then a row a measurement but for those of quality.csv."""
+    """Write grade.json and, beside it, the tidy CSV: the grades with their reasons, then one row per measurement.
+
+    The measurements against the truth are in quality.csv.
+    """
     write_json(path, content)
     rows = [("grade", content["grade"], "; ".join(content["reasons"]))]
     for side in ("photos", "truth"):

@@ -1,8 +1,8 @@
 """From measurements to a grade: none, sparse or good.
 
-The words are the thesis's: `good` has smooth and complete geometry, `sparse` is inconsistent but usable, `none` is failed
-or unusable. Each measure has a limit for good and one for sparse; the worst measure decides, because one hole, one lid or
-one wrong camera is enough to make a mesh unusable, however well it does elsewhere.
+The words are the thesis's: `good` means smooth and complete geometry, `sparse` inconsistent but usable, `none` failed or unusable.
+Each measure has a limit of good and a limit of sparse, and the worst measure decides: one hole, one lid or one wrong camera makes a
+mesh unusable, however good the rest is.
 """
 
 from collections.abc import Mapping
@@ -13,11 +13,12 @@ GRADES = ("none", "sparse", "good")
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure that a grade depends on.
+    """A figure that the grade depends on.
 
     Attributes:
-        name: with its unit, as in the config; text: what it is.
-        good, sparse: the limits up to which (down to which, where `at_least`) the grade is good, or sparse.
+        name: as in the config, with its unit; text: what it is, in reasons and reports.
+        good, sparse: the default limits of the two grades.
+        at_least: whether values must be at least the limit; otherwise they must be at most the limit.
         needs_truth: whether it compares with the true surface.
     """
 
@@ -29,13 +30,16 @@ class Measure:
     needs_truth: bool = False
 
     def grade(self, value: float, limits: tuple[float, float]) -> str:
-        """The grade that this measure alone allows under `limits`, (good, sparse)."""
+        """The grade by this measure alone; `limits` are (good, sparse)."""
         for grade, limit in zip(("good", "sparse"), limits, strict=True):
             if (value >= limit) if self.at_least else (value <= limit):
                 return grade
         return "none"
 
 
+# The limits were set on the demo mustard bottle and mug, damaged in planned steps (docs/results.md, "Does the grade fall with damage?"),
+# so that the grade falls with the damage; those of silhouettes and displaced surface also allow what a mask that is wrong by a pixel and
+# true surfaces give. Later cells did not move them: grades by photos and by truth agree in 258 of the 284 cells measured.
 MEASURES = (
     Measure("registered_share", "photos whose camera was found", 0.9, 0.6, at_least=True),
     Measure("silhouette_agreement", "agreement of silhouettes and masks, mean over the registered photos", 0.96, 0.9, at_least=True),
@@ -54,14 +58,14 @@ MEASURES = (
 
 @dataclass(frozen=True)
 class GradeResult:
-    """A grade, and for each measure that is not good a line that says why."""
+    """A grade, and one line for each measure that is not good."""
 
     grade: str
     reasons: tuple[str, ...]
 
 
 def grade_by_worst(values: Mapping[str, float], limits: Mapping[str, tuple[float, float]]) -> GradeResult:
-    """Grade by the worst of the measures in `values`, under the (good, sparse) limits of each."""
+    """Grade by the worst of the measures in `values`; `limits` are (good, sparse) of each."""
     worst, reasons = len(GRADES) - 1, []
     for measure in MEASURES:
         if measure.name not in values:

@@ -1,7 +1,7 @@
-"""Judge masks of a rendered film by the true ones: their intersection over union in every frame that was taken from it.
+"""Compare the masks of a rendered film with the true ones: the intersection over union in every frame that was extracted.
 
-Only this step reads the true masks. They are brought to the undistorted photos by the lens that the registration found.
-Writes a tidy CSV: a row for every frame, empty where it was left out, and rows of camera `all`; beside it a picture of the worst.
+No other step reads the true masks. They are undistorted by the lens that the registration found. Writes a tidy CSV with one row per
+frame, without a value where the frame was left out, and rows of camera `all`; beside it a picture of the worst frames.
 """
 
 import argparse
@@ -20,23 +20,25 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.tables import write_table
 
+TILE_HALF = 0.6  # half of the side of a tile, in longer sides of the box around both masks: a margin of a tenth on each side
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--cameras", type=Path, required=True, help="folder that a segmentation wrote")
-    parser.add_argument("--capture", type=Path, required=True, help="the film's capture: it says which frames were taken")
-    parser.add_argument("--truth", type=Path, required=True, help="the film's truth: masks/ of all its frames")
+    parser.add_argument("--capture", type=Path, required=True, help="the film's capture, which names the extracted frames")
+    parser.add_argument("--truth", type=Path, required=True, help="the film's truth with masks/ of all frames")
     parser.add_argument("--out", type=Path, required=True, help="CSV to write; the picture goes beside it as .png")
 
 
 @dataclass(frozen=True)
 class FrameMasks:
-    """A frame that was taken from the film.
+    """The two masks of a frame that was extracted from the film.
 
     Attributes:
-        name: its stem.
-        true: (H, W) bool mask, undistorted.
-        found: (H, W) bool mask; None where the frame was left out.
+        name: stem of its files.
+        true: (H, W) bool, undistorted.
+        found: (H, W) bool; None if the frame was left out.
     """
 
     name: str
@@ -45,7 +47,7 @@ class FrameMasks:
 
     @property
     def overlap(self) -> float | None:
-        """Intersection over union."""
+        """Their intersection over union; None if the frame was left out."""
         return None if self.found is None else intersection_over_union(self.found, self.true)
 
 
@@ -54,14 +56,15 @@ def run(args: argparse.Namespace) -> None:
     frames = read_frame_masks(args.cameras, args.capture, args.truth)
     overlaps = {frame.name: frame.overlap for frame in frames}
     found = np.array([overlap for overlap in overlaps.values() if overlap is not None])
-    summary = {"masks": len(found), "left_out": len(overlaps) - len(found)}
+    summary: dict[str, float] = {"masks": len(found), "left_out": len(overlaps) - len(found)}
     if len(found):
         summary |= {"iou_median": round(float(np.median(found)), 4), "iou_min": round(float(found.min()), 4)}
-    rows = [{"camera": "all", "measure": key, "value": value} for key, value in summary.items()]
+    rows: list[dict] = [{"camera": "all", "measure": key, "value": value} for key, value in summary.items()]
     for name, overlap in overlaps.items():
         rows.append({"camera": name, "measure": "iou", "value": None if overlap is None else round(overlap, 4)})
     write_table(args.out, rows)
-    worst = sorted((frame for frame in frames if frame.found is not None), key=lambda frame: frame.overlap)[:SHEET_COLUMNS]
+    compared = [frame for frame in frames if frame.found is not None]
+    worst = sorted(compared, key=lambda frame: overlaps[frame.name] or 0.0)[:SHEET_COLUMNS]
     images = [read_image(args.cameras / "images" / f"{frame.name}.png") for frame in worst]
     write_image(args.out.with_suffix(".png"), draw_mask_errors(worst, images))
 
@@ -70,12 +73,14 @@ def read_frame_masks(cameras: Path, capture: Path, truth: Path) -> list[FrameMas
     """The frames of a capture with their masks.
 
     Raises:
-        StepError: the registration or the segmentation failed, or the capture was not taken from this film.
+        StepError: the registration or the segmentation failed, or the capture is not from this film.
     """
     lens = read_registration(cameras).get("lens")
     frames = read_json(capture / "capture.json").get("source_frames")
     if frames is None:
-        raise StepError(f"{capture / 'capture.json'} names no source_frames; only captures of a video can be judged by a film's truth")
+        raise StepError(
+            f"{capture / 'capture.json'} names no source_frames; only captures of a video can be compared with the truth of a film"
+        )
     judged = []
     for index, number in enumerate(frames):
         path = cameras / "masks" / f"{index:06d}.png"
@@ -85,14 +90,15 @@ def read_frame_masks(cameras: Path, capture: Path, truth: Path) -> list[FrameMas
 
 
 def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.ndarray:
-    """(H, W, 3) uint8: the object in each frame, red where the mask is too large, green where it lacks something."""
+    """(H, W, 3) uint8: a tile of each frame around the object, red where the mask is too large, green where it is too small."""
     tiles = []
     for frame, image in zip(frames, images, strict=True):
-        rows, columns = np.nonzero(frame.true | frame.found)
-        half = 0.6 * max(np.ptp(rows), np.ptp(columns), 1) + 1
+        found = np.zeros_like(frame.true) if frame.found is None else frame.found
+        rows, columns = np.nonzero(frame.true | found)
+        half = TILE_HALF * max(float(np.ptp(rows)), float(np.ptp(columns)), 1.0) + 1
         middle = np.array([(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2])
         shown = image.copy()
-        for part, color in ((frame.found & ~frame.true, (255, 0, 0)), (frame.true & ~frame.found, (0, 255, 0))):
+        for part, color in ((found & ~frame.true, (255, 0, 0)), (frame.true & ~found, (0, 255, 0))):
             shown[part] = (0.4 * shown[part] + 0.6 * np.array(color)).astype(np.uint8)
         scale = TILE_WIDTH_PX / (2 * half)
         warp = np.array([[scale, 0, TILE_WIDTH_PX / 2 - scale * middle[0]], [0, scale, TILE_WIDTH_PX / 2 - scale * middle[1]]])
@@ -104,7 +110,7 @@ def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.n
 
 
 def undistort_mask(mask: np.ndarray, lens: dict | None) -> np.ndarray:
-    """An (H, W) bool mask of the picture as it was taken, in the undistorted one; `lens` is the registration's."""
+    """The (H, W) bool mask of a distorted image in the undistorted one; `lens` is that of the registration, None without distortion."""
     if not lens:
         return mask
     camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
@@ -113,10 +119,10 @@ def undistort_mask(mask: np.ndarray, lens: dict | None) -> np.ndarray:
 
 
 def intersection_over_union(mask: np.ndarray, other: np.ndarray) -> float:
-    """Of two (H, W) bool masks; 1 where both are empty.
+    """Intersection over union of two (H, W) bool masks; 1 if both are empty.
 
     Raises:
-        StepError: of different sizes.
+        StepError: they have different sizes.
     """
     if mask.shape != other.shape:
         raise StepError(f"masks of {mask.shape[1]} x {mask.shape[0]} and {other.shape[1]} x {other.shape[0]} px cannot be compared")

@@ -1,11 +1,11 @@
 """How well a mesh agrees with the photos that it was made from.
 
-Every photo serves as a held-out one: at points of the surface, its colours are compared with what the other photos
-that see the point predict. A real capture has no photos to spare, and a texture baked from all of them would hide the
-error. Where the surface is in the wrong place, each photo shows another spot of the object at the point, and the colours
-disagree. Highlights make them disagree too, on a right surface; so a point counts as displaced only when some other
-depth along its normal explains the same photos clearly better. That finds the lid of a visual hull over a bowl, whose
-silhouettes are perfect (Kutulakos and Seitz 2000, photo-consistency; Collins 1996, plane sweep).
+Every photo is held out once: at points of the surface, its colours are compared with those that the other photos predict. (A real
+capture has no photos to spare, and a texture that was baked from all of them would hide the error.) If the surface is in the wrong
+place, each photo shows a different spot of the object at the point, and the colours disagree. Highlights make them disagree on a
+right surface, too. So a point counts as displaced only if another depth along its normal explains the same photos clearly better.
+This finds the lid of a visual hull over a bowl, whose silhouettes are perfect (Kutulakos and Seitz 2000, photo-consistency; Collins
+1996, plane sweep).
 """
 
 from collections.abc import Sequence
@@ -24,15 +24,16 @@ from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, compute_view_maps, find_visible, sample_image
 from zeroshop_steps.runtime.errors import StepError
 
-LONGEST_PX = 1000  # larger photos are shrunk: finer print than this asks for finer alignment than a grade is about
-BLUR_PX = 2.0  # so that print a pixel off does not count as another colour
-SAMPLES = 6000
-NORMAL_SMOOTHING = 6  # steps over the mesh
-MIN_COSINE = 0.3  # more grazing views show too little of the point
-MIN_TRUST = 0.1
-LEAST_VIEWS = 3  # photos that must see a point for it to count
-OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # along the normal, outwards positive; hollows are deep
-MARGIN = 0.015  # another depth must explain the colours (0 to 1) better by this and by what one pixel's shift changes
+LONGEST_PX = 1000  # longer side of the photos; in larger ones print is so fine that tiny errors of cameras would count
+BLUR_PX = 2.0  # so that print that is a pixel off does not count as another colour
+SAMPLES = 6000  # points of the surface; the shares are then known to about one per cent
+NORMAL_SMOOTHING = 6  # steps over the mesh; the normals are the directions in which other depths are tried
+MIN_COSINE = 0.3  # between normal and direction to the camera (73 degrees); flatter views show too little of the point
+MIN_TRUST = 0.1  # of 1 (geometry/visibility.py); closer to an edge a pixel may show something else
+LEAST_VIEWS = 3  # photos that must see a point for it to count; two can agree by chance
+OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # tried depths along the normal, outwards positive; hollows are deep
+MARGIN = 0.015  # of the colour, 0 to 1: another depth must be better by this, and by what a shift of one pixel changes
+INSIDE = 0.99  # mean of the mask's four pixels around a point: all of them must show the object
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,10 @@ class PhotoAgreement:
 
     Attributes:
         silhouette_agreement: intersection over union of silhouette and mask, mean over the photos.
-        back_share: share of the pixels on the mesh where it shows its back, through a hole or a torn part.
-        photometric_error: mean difference of a photo's colour from the other photos' prediction, of 1.
-        displaced_share: share of the seen surface where another depth explains the photos clearly better.
-        judged_share: share of the surface that enough photos see for the two measures above.
+        back_share: share of the mesh's pixels that show its back, through a hole or a torn part.
+        photometric_error: mean difference between a photo's colour and the prediction by the others, 0 to 1.
+        displaced_share: share of the judged surface where another depth explains the photos clearly better.
+        judged_share: share of the surface that enough photos see for these two measures.
     """
 
     silhouette_agreement: float
@@ -56,7 +57,7 @@ class PhotoAgreement:
 
 @dataclass(frozen=True)
 class ShrunkView(View):
-    """A view whose pixels are averaged down to its camera's size."""
+    """A view with an image and a mask that are shrunk to the size of its camera."""
 
     original: View
 
@@ -65,20 +66,25 @@ class ShrunkView(View):
         return cv2.resize(self.original.image(), (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_AREA)
 
     def mask(self) -> np.ndarray:
-        """(height, width) bool, True where at least half of the pixel is on the object."""
+        """(height, width) bool, True where the object covers at least half of the pixel."""
         mask = self.original.mask().astype(np.uint8) * 255
         return cv2.resize(mask, (self.camera.width_px, self.camera.height_px), interpolation=cv2.INTER_AREA) >= 128
 
 
 def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) -> PhotoAgreement:
-    """Compare `mesh` with the photos of `views`, whose cameras are in the mesh's frame.
+    """Compare a mesh with photos.
+
+    Args:
+        mesh: the surface.
+        views: registered photos with masks, cameras in the frame of the mesh.
+        seed: of the points on the surface.
 
     Raises:
-        StepError: a mask that shows no object in any view.
+        StepError: a mask is empty.
     """
     views = [_shrink(view) for view in views]
     joined, _ = weld(mesh)
-    normals = smooth(joined.normals, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
+    normals = smooth(joined.vertex_normals, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
     points, faces = sample_surface(joined, SAMPLES, np.random.default_rng(seed))
     normals = normals[joined.faces[faces]].sum(1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -103,12 +109,15 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) ->
 
 @dataclass(frozen=True)
 class _PhotoSamples:
-    """What V photos show at N points and at the same points moved along their normals (P places, the first unmoved).
+    """What V photos show at N points, each in P places along its normal; the first place is the point itself.
 
     Attributes:
-        colors: (P, N, V, 3) blurred colours of 1; on_object: (P, N, V) bool, inside the photo's mask.
-        weight: (N, V) cosine of the view where the unmoved point is seen, else 0; slope: (N, V) colour change over a pixel there.
-        iou: V silhouette agreements; back_px, mesh_px: counted pixels.
+        colors: (P, N, V, 3) blurred colours, 0 to 1.
+        on_object: (P, N, V) bool, whether the place is inside the photo's mask.
+        weight: (N, V) cosine between normal and direction to the camera where the photo sees the point, else 0.
+        slope: (N, V) change of colour over one pixel at the point.
+        iou: V intersections over union of silhouette and mask.
+        back_px, mesh_px: number of pixels that show the back of the mesh, and of those that show the mesh.
     """
 
     colors: np.ndarray
@@ -147,7 +156,7 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
         for place, moved in enumerate(places):
             pixels, _ = view.camera.project(moved)
             colors[place, :, k] = sample_image(image, pixels)
-            on_object[place, :, k] = sample_image(mask, pixels) > 0.99
+            on_object[place, :, k] = sample_image(mask, pixels) > INSIDE
     return _PhotoSamples(colors, on_object, weight, slope, iou, back_px, mesh_px)
 
 
@@ -158,9 +167,9 @@ def _count_back_pixels(mesh: Mesh, hits: RayHits, view: View) -> int:
 
 
 def _measure_slope(image: np.ndarray) -> np.ndarray:
-    """(height, width) largest change over one pixel among the channels."""
+    """(height, width) change of colour over one pixel, in the channel that changes most."""
     x, y = (cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
-    # By planes: a maximum over three neighbours in memory is slow.
+    # By planes: a maximum over three values that are neighbours in memory is slow.
     return np.maximum.reduce(cv2.split(np.hypot(x, y)))
 
 
@@ -173,7 +182,7 @@ def _measure_spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _measure_left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.ndarray) -> float:
-    """Mean difference of each photo's colour from the mean of the others; 1 where no point is judged."""
+    """Mean difference between each photo's colour and the mean of the others; 1 if no point is judged."""
     total = np.einsum("nv,nvc->nc", weight, colors)[:, None] - weight[:, :, None] * colors
     others = total / np.maximum(weight.sum(1)[:, None] - weight, 1e-12)[:, :, None]
     error = np.abs(colors - others).max(2)

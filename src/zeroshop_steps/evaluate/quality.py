@@ -1,11 +1,11 @@
 """Measure the finished mesh of a virtual capture against the truth.
 
-The mesh is brought to the true frame by the cameras (similarity of registered to true camera centres), never by ICP,
-which would hide a bad pose. Accuracy: mean distance of the mesh to the true surface; an underside that was closed without
-being seen does not count. Completeness: mean distance of the true surface that at least two cameras see to the mesh.
-F-score: both at a threshold. PSNR: over the bounding box of the mask in photos that were held out, the mesh unlit, black
-outside the silhouette (the photo's mask, the mesh's own). The scale error compares the known height's scale with the
-cameras'; the other figures are free of it, because the alignment includes scale.
+The mesh is aligned with the truth by the cameras (the similarity from registered to true camera centres), never by ICP, which would
+hide a wrong pose. Accuracy is the mean distance from the mesh to the true surface; an underside that was closed without being seen
+does not count. Completeness is the mean distance from the true surface, as far as two cameras see it, to the mesh. The F-score
+combines both at a threshold. PSNR compares held-out photos with unlit renderings of the mesh, within the bounding box of the mask;
+each is black outside its own silhouette. The scale error compares the scale from the known height with that of the cameras; the
+other figures do not depend on it, because the alignment includes the scale.
 """
 
 import argparse
@@ -26,20 +26,21 @@ from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, 
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import write_table
 
-F_SCORE_MM = 2.0
-F_SCORE_DIAMETER = 0.01
+F_SCORE_MM = 2.0  # threshold of f_score_2_mm
+F_SCORE_DIAMETER = 0.01  # threshold of f_score_1_percent and its precision and recall, in diameters
+SAMPLES = 3  # rays along each side of a pixel in the renderings
 
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """What a mesh is measured against, in the true frame, in mm.
+    """What a mesh is compared with, in the true frame, in mm.
 
     Attributes:
-        surface: the true one.
-        diameter_mm: the object's.
-        support_z_mm: height of the support plane, None without one.
-        cameras: of the photos, matched with registered ones by file stem.
-        held_out: photos that the reconstruction never saw.
+        surface: the true model.
+        diameter_mm: of the model.
+        support_z_mm: height of the support plane; None without one.
+        cameras: true cameras of the photos; registered ones are matched by file stem.
+        held_out: photos that the reconstruction did not use.
     """
 
     surface: Mesh
@@ -50,7 +51,7 @@ class GroundTruth:
 
     @staticmethod
     def read(capture: Path, model: Path) -> "GroundTruth":
-        """That of a virtual capture of a model."""
+        """Read the truth of a virtual capture of a model."""
         surface = read_ply(model)
         on_ground = str(read_json(capture / "capture.json")["scene"]).startswith("su_")
         return GroundTruth(
@@ -63,7 +64,7 @@ class GroundTruth:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method\'s command line."""
+    """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
     parser.add_argument("--capture", type=Path, required=True, help="virtual capture with truth/ and held_out/")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras")
@@ -72,11 +73,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
+    """Measure one mesh."""
     start_s = time.monotonic()
-    notes = read_json(args.mesh.with_suffix(".json"))
-    facts = notes["frame_facts"]
+    metadata = read_json(args.mesh.with_suffix(".json"))
+    facts = metadata["frame_facts"]
     figures = measure_quality(
-        drop_underside(read_ply(args.mesh), notes),
+        drop_underside(read_ply(args.mesh), metadata),
         np.array(facts["object_from_registration"]),
         read_sparse_model(args.cameras / "sparse").cameras,
         GroundTruth.read(args.capture, args.model),
@@ -84,8 +86,8 @@ def run(args: argparse.Namespace) -> None:
     figures["scale_known"] = facts["scale"] == "known"
     if not figures["scale_known"]:
         figures["scale_error_percent"] = None
-    # How long the mesh took, to compare optimizers by: one file has all that tables show.
-    took, cpu = notes.get("seconds", {}), notes.get("cpu_seconds", {})
+    # The time that the mesh took is copied here, so that this file has all that the tables show.
+    took, cpu = metadata.get("seconds", {}), metadata.get("cpu_seconds", {})
     costs = {"training_seconds": took.get("nvs"), "training_cpu_seconds": cpu.get("nvs"), "mesh_seconds": took.get("total")}
     figures |= {name: value for name, value in costs.items() if value is not None}
     write_json(args.out, figures | {"seconds": round(time.monotonic() - start_s, 2)})
@@ -99,12 +101,13 @@ def run(args: argparse.Namespace) -> None:
 
 
 def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered: tuple[Camera, ...], truth: GroundTruth) -> dict:
-    """All figures of one mesh in the object frame; see the module's text.
+    """All figures of one mesh, as the module describes them.
 
     Args:
-        mesh: the textured product, object frame.
+        mesh: textured, in the object frame.
         object_from_registration: (4, 4) similarity.
-        registered: the cameras that were found.
+        registered: the registered cameras.
+        truth: what it is compared with.
     """
     truth_from_registration = align_to_truth(pair_with_truth(registered, truth.cameras))
     truth_from_object = truth_from_registration @ np.linalg.inv(object_from_registration)
@@ -133,12 +136,12 @@ def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered
 
 
 def _measure_appearance(mesh: Mesh, object_from_truth: np.ndarray, held_out: list[View]) -> dict:
-    """PSNR inside the mask's bounding box and intersection over union of the silhouettes, each a mean over the held-out views."""
+    """PSNR within the bounding box of the mask, and intersection over union of the silhouettes; means over the held-out photos."""
     renderer = MeshRenderer(mesh)
     psnr, iou = [], []
     for view in held_out:
         mask, camera = view.mask(), transform_camera(view.camera, object_from_truth)
-        rendered, silhouette = renderer.render_masked_color(camera, 3)
+        rendered, silhouette = renderer.render_masked_color(camera, SAMPLES)
         photo = np.where(mask[..., None], view.image(), 0)
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]

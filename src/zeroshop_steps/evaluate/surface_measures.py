@@ -1,4 +1,4 @@
-"""What a mesh alone tells about its quality: in one part, closed, smooth."""
+"""What the shape of a mesh alone says about its quality: whether it is in one part, closed and smooth."""
 
 from collections.abc import Sequence
 
@@ -12,36 +12,36 @@ from zeroshop_steps.geometry.meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, sample_surface
 from zeroshop_steps.geometry.surface_fields import weld
 
-UNDERSIDE_DIAMETERS = 0.05  # a border this near to the support is the rim of the side that no photo shows
-ROUGHNESS_DIAMETERS = 0.02  # roughness is what normals vary by within this distance
-SAMPLES = 20_000
-LEAST_NEIGHBOURS = 4
+UNDERSIDE_DIAMETERS = 0.05  # a border this close to the support is the rim of the underside, which no photo shows
+ROUGHNESS_DIAMETERS = 0.02  # radius of the neighbourhood within which normals are compared; 4 mm on an object of 20 cm
+SAMPLES = 20_000  # points of the surface; the neighbourhood of one then holds about 25 on a compact object
+LEAST_NEIGHBOURS = 4  # points with fewer do not count: a mean of so few normals is mostly chance
+INWARDS = 0.1  # share of the way from a border to the middle of its face at which rays are aimed; at the border itself they may miss it
 
 
 def measure_largest_part_share(mesh: Mesh) -> float:
-    """Area of the largest connected part, as a share of the whole; vertices of equal position are joined."""
+    """Area of the largest connected part as a share of the whole; vertices at the same position are joined."""
     joined, _ = weld(mesh)
     areas = np.bincount(label_parts(joined), joined.face_areas())
     return float(areas.max() / max(areas.sum(), 1e-30))
 
 
 def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: float | None) -> float:
-    """Length of the edges that only one face has, in diameters, where at least two cameras see that face.
+    """Length of the edges that belong to one face only, in diameters, as far as at least two cameras see that face.
 
-    The border of a side that no photo shows is no fault. Nor is the rim of the unseen underside, which cameras do see.
+    The border of a side that no photo shows is no fault, nor is the rim of the unseen underside, although cameras see it.
 
     Args:
         mesh: object frame, z up.
         cameras: of the photos, in the object frame.
-        support_z: height of the support, near which borders are left out; None where photos show the underside.
+        support_z: height of the support; borders close to it do not count. None if photos show the underside.
     """
     joined, _ = weld(mesh)
     edges = np.sort(joined.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     unique, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
     ends, faces = joined.vertices[unique[count == 1]], first[count == 1] // 3
     diameter = diameter_of(joined)
-    # a little inside the face: rays at the border itself may miss it
-    points = 0.9 * ends.mean(1) + 0.1 * joined.vertices[joined.faces[faces]].mean(1)
+    points = (1 - INWARDS) * ends.mean(1) + INWARDS * joined.vertices[joined.faces[faces]].mean(1)
     counts = count_seeing_views(points, joined.face_normals()[faces], joined, list(cameras), support_z) >= SEEN_BY
     if support_z is not None:
         counts &= points[:, 2] > support_z + UNDERSIDE_DIAMETERS * diameter
@@ -51,7 +51,7 @@ def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: floa
 def measure_roughness_deg(mesh: Mesh, seed: int = 0) -> float:
     """Median over the surface of the angle between the normal and the mean normal of its neighbourhood on the same side.
 
-    The median leaves out edges and folds that the object itself may have.
+    Edges and folds of the object itself are few, so they hardly change the median.
     """
     points, faces = sample_surface(mesh, SAMPLES, np.random.default_rng(seed))
     normals = mesh.face_normals()[faces]

@@ -1,4 +1,4 @@
-"""Tell for every vertex of a mesh whether it is measured, assumed or unseen (geometry/surface_support.py says what that means)."""
+"""Classify every vertex of a mesh as measured, assumed or unseen; geometry/surface_support.py defines the classes."""
 
 import argparse
 import sys
@@ -20,12 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--stereo", type=Path, required=True, help="seeds.npz, the depths that stereo confirmed")
+    parser.add_argument("--stereo", type=Path, required=True, help="seeds.npz with the depths that stereo confirmed")
     parser.add_argument("--out", type=Path, required=True, help="evidence.npz; its figures go beside it as .json")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write the evidence of every vertex."""
+    """Write the class of every vertex."""
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)

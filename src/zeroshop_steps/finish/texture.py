@@ -21,7 +21,7 @@ from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, weld
+from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
 from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, find_visible, rate_vertex_views, sample_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
@@ -83,8 +83,7 @@ def bake_texture(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, 
     extent = float(np.linalg.norm(np.ptp(joined.vertices, axis=0)))
     renderer = MeshRenderer(joined)
     neighbours = build_neighbour_matrix(joined)
-    normals = smooth(joined.vertex_normals, neighbours, NORMAL_SMOOTHING)
-    joined = Mesh(joined.vertices, joined.faces, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))
+    joined = Mesh(joined.vertices, joined.faces, smooth_normals(joined, neighbours, NORMAL_SMOOTHING))
     maps = [compute_view_maps(view, renderer.cast_rays(view.camera), extent) for view in views]
     images = [view.image().astype(np.float32) / 255.0 for view in views]
     texels = rasterize_atlas(mesh, size)

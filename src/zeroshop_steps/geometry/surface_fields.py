@@ -46,6 +46,12 @@ def smooth(values: np.ndarray, neighbours: csr_matrix, steps: int, weights: np.n
     return np.where(norm > LEAST_WEIGHT, total / np.maximum(norm, LEAST_WEIGHT), 0.0).astype(np.float32)
 
 
+def smooth_normals(mesh: Mesh, neighbours: csr_matrix, steps: int) -> np.ndarray:
+    """(V, 3) unit vertex normals, averaged over neighbours `steps` times."""
+    normals = smooth(mesh.vertex_normals, neighbours, steps)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+
+
 def fill_harmonically(values: np.ndarray, known: np.ndarray, neighbours: csr_matrix) -> np.ndarray:
     """Fill in (V, C) values where (V,) `known` is False: with the harmonic field over the surface that has the known values.
 

@@ -1,14 +1,15 @@
-"""Classify every vertex of a mesh as measured, assumed or unseen.
+"""Classify every vertex of a mesh by what supports it: it was measured, it is assumed, or no photo saw it.
 
-Measured is a surface that an outline or stereo determines:
+Measured: an outline supports the vertex, or stereo does. An outline does where the surface turns away from the camera at the
+border of the photo's mask, since the visual hull touches the object there (Laurentini 1994). The exception is a surface that
+continues along the line of sight, such as a lid seen edge-on: the mask then shows its rim only. Stereo does where it confirmed a
+depth nearby, if the spot is connected with an outline by other measured vertices; on a plain surface, single depths are confirmed
+by chance.
 
-- By an outline: the surface turns away from a photo at the edge of its mask, where the visual hull touches the object (Laurentini
-  1994). It does not count where the surface runs along the line of sight, like a lid seen edge-on: only its rim is an outline.
-- By stereo: a confirmed point lies nearby, and measured surface connects it with an outline. On plain surfaces, stereo confirms
-  single points by chance.
+Assumed: two photos or more see the vertex, but only the masks limit it. The lid of a visual hull over a plain hollow, for example,
+agrees with every silhouette.
 
-Assumed is other surface that two photos see. There, the hull is only the largest shape that the masks allow: a lid over a plain
-hollow agrees with every silhouette. Unseen is the rest, such as a closed underside.
+Unseen: fewer than two photos see the vertex, as with a closed underside.
 """
 
 from collections.abc import Sequence
@@ -23,34 +24,36 @@ from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN
-from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth, weld
+from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, smooth_normals, weld
 from zeroshop_steps.geometry.visibility import find_visible, sample_image
 from zeroshop_steps.runtime.open3d_loader import o3d
 
-# Lengths are shares of the object's diameter. All were set by hand on demo and YCB-V objects with and without plain hollows; the
-# grades that they lead to were compared with the truth in 284 cells (docs/results.md).
-NEAR_DIAMETERS = 0.015  # a vertex is confirmed by stereo within this distance of a confirmed point
-FACING_COSINE = 0.1  # a photo that sees the surface at a flatter angle (less than 6 degrees) does not count as seeing it
-EDGE_COSINE = 0.35  # an outline is where the surface is at most 20 degrees from the line of sight ...
-EDGE_DIAMETERS = 0.02  # ... and its projection at most this far inside the mask: the mesh is no closer to the object
-# The surface runs along the line of sight where, one such step away along it in either direction, it is still this close.
-ALONG_DIAMETERS, FLAT_DIAMETERS = 0.08, 0.003
-VISIBLE_DIAMETERS = 0.01  # a vertex may lie this far behind the depth map, for errors of the smoothed mesh
-NORMAL_SMOOTHING = 3  # rounds over the neighbours; normals of a raw mesh are noisy
-LEAST_VIEWS = 2
+# Lengths in diameters of the mesh. No record says what they were fitted on; tests/evaluate/test_surface_support.py checks them on a cup
+# with and without a lid, and docs/results.md ("Detection and poses") shows what the classes do for poses.
+NEAR_DIAMETERS = 0.015  # a vertex this close to a confirmed depth is confirmed: 3 mm on an object of 20 cm
+FACING_COSINE = 0.1  # between normal and direction to the camera; a photo sees a vertex within 84 degrees
+EDGE_COSINE = 0.35  # within 20 degrees of edge-on, the surface turns away from the camera
+EDGE_DIAMETERS = 0.02  # such a vertex this close to the border of the mask, measured at its depth, lies on the outline
+ALONG_DIAMETERS = 0.08  # from the vertex, one point this far towards the camera and one as far behind it are compared with the mesh
+FLAT_DIAMETERS = 0.003  # if both are this close to it, the surface continues along the line of sight and the outline measures its rim only
+VISIBLE_DIAMETERS = 0.01  # a vertex this far behind the rendered depth is still visible; outlines lie where depth changes most
+NORMAL_SMOOTHING = 3  # steps over the mesh; noisy normals would put vertices at random on outlines
+LEAST_VIEWS = 2  # photos that must see a vertex: one alone gives no depth
 
 
 def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.ndarray:
-    """(V,) uint8: UNSEEN, ASSUMED or MEASURED for each vertex.
+    """Classify the vertices of `mesh`.
 
     Args:
         mesh: in the frame of the views' cameras.
         views: registered photos with masks.
         confirmed: (N, 3) points that stereo confirmed, in the same frame.
+
+    Returns:
+        (V,) uint8 UNSEEN, ASSUMED or MEASURED.
     """
     joined, index = weld(mesh)
-    normals = smooth(joined.vertex_normals, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    normals = smooth_normals(joined, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
     diameter, points, renderer = diameter_of(joined), joined.vertices, MeshRenderer(joined)
     outlined, confirmed_near = np.zeros(len(points), bool), np.zeros(len(points), bool)
     if len(confirmed):
@@ -70,15 +73,14 @@ def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.nd
         edge_px = EDGE_DIAMETERS * diameter * camera.intrinsics[0, 0] / np.maximum(depth, 1e-12)
         at_edge = np.flatnonzero(in_sight & ~outlined & (np.abs(cosine) < EDGE_COSINE) & (inwards_px < edge_px))
         step = ALONG_DIAMETERS * diameter * towards[at_edge]
-        moved = [points[at_edge] + step, points[at_edge] - step]
-        off = [surface.compute_distance(o3d.core.Tensor(places.astype(np.float32))).numpy() for places in moved]
+        off = [surface.compute_distance(o3d.core.Tensor((points[at_edge] + way).astype(np.float32))).numpy() for way in (step, -step)]
         outlined[at_edge] = np.maximum(*off) > FLAT_DIAMETERS * diameter
     measured = _grow_within(outlined, (outlined | confirmed_near) & (seen > 0), joined.faces)
     return np.where(measured, MEASURED, np.where(seen >= LEAST_VIEWS, ASSUMED, UNSEEN)).astype(np.uint8)[index]
 
 
 def _grow_within(starts: np.ndarray, within: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V,) bool: the vertices of `within` that are connected to any of `starts` by edges between vertices of `within`."""
+    """(V,) bool: the vertices `within` that edges between such vertices connect with any of `starts`."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = edges[within[edges].all(1)]
     _, part = connected_components(coo_matrix((np.ones(len(edges)), edges.T), shape=(len(within),) * 2), directed=False)
