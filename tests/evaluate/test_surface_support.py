@@ -76,7 +76,7 @@ def test_a_file_of_another_mesh_is_refused(cup, tmp_path):
     with pytest.raises(StepError, match="has 7 vertices"):
         with_surface_support(cup[0], tmp_path / "evidence.npz")
     (tmp_path / "evidence.npz").write_bytes(b"PK half of it")
-    with pytest.raises(StepError, match="not a whole file"):
+    with pytest.raises(StepError, match="not a complete evidence file"):
         with_surface_support(cup[0], tmp_path / "evidence.npz")
 
 
