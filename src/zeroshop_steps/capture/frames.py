@@ -113,8 +113,8 @@ def arrange_in_rows(tiles: list[np.ndarray]) -> np.ndarray:
 def write_capture_record(
     folder: Path,
     size_px: tuple[int, int],
-    sharpnesses: Sequence[float],
-    levels: Sequence[float],
+    sharpnesses: Sequence[float] | np.ndarray,
+    levels: Sequence[float] | np.ndarray,
     blurs_px: Sequence[float],
     facts: dict[str, Any],
 ) -> None:

@@ -115,8 +115,8 @@ def import_photos(images: Path, masks: Path | None, min_images: int, out: Path) 
             "warnings": warnings,
             "seconds": round(time.monotonic() - start_s, 2),
         }
-        measured = ([getattr(photo, name) for photo in photos] for name in ("sharpness", "level", "blur_px"))
-        write_capture_record(folder, photos[0].size_px, *measured, facts)
+        sharpnesses, levels = [photo.sharpness for photo in photos], [photo.level for photo in photos]
+        write_capture_record(folder, photos[0].size_px, sharpnesses, levels, [photo.blur_px for photo in photos], facts)
 
 
 def find_format_problems(images: Path) -> list[str]:
