@@ -1,21 +1,27 @@
 # make mesh    makes the mesh of a demo object from scratch
-# make test    runs every check and test
-# make lint    runs the checks alone
+# make check   runs the checks and the fast tests
+# make test    runs every check and test, the slow tests last
+# make lint    runs the checks alone: format, types and rules
 # make viewer  rebuilds the report's scripts after a change to their sources; needs node and npm
 # make bench   measures how fast the optimizers' kernels are on this machine
 # All but viewer first set up .venv, if it is missing or older than requirements.lock; PYTHON=... chooses another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+# Two processes, one thread each; the tests of one file share what they set up.
+TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist loadscope
 
-.PHONY: mesh test lint bench viewer
+.PHONY: mesh check test lint bench viewer
 .DELETE_ON_ERROR:
 
 mesh: $(READY)
 	$(BIN)/snakemake --cores 2 results/demo/mustard_bottle/2dgs.ply
 
-test: lint
-	$(BIN)/python -m pytest -q --durations=15
+check: lint
+	$(TESTS) -m "not slow"
+
+test: check
+	$(TESTS) -m slow --durations=15
 
 lint: $(READY)
 	$(BIN)/ruff check src tests benchmarks

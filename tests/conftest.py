@@ -1,4 +1,4 @@
-"""Fixtures that several stages' tests share."""
+"""How all tests are run, and fixtures that several stages share."""
 
 import os
 import shutil
@@ -12,6 +12,13 @@ from helpers.paths import REPOSITORY
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes(specs) -> None:
+    """Each process has compiled kernels of its own: two that write into numba's index of one function could mix up its signatures."""
+    for spec in specs:
+        spec.env["NUMBA_CACHE_DIR"] = str(REPOSITORY / ".pytest_cache" / "numba" / spec.id)
 
 
 @pytest.hookimpl(tryfirst=True)
