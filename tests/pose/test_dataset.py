@@ -78,7 +78,7 @@ def test_an_object_without_a_model_is_warned_of_and_none_at_all_refused(small, c
     ("damage", "message"),
     [
         (lambda scene: shutil.rmtree(scene / "rgb"), "has no image 000000"),
-        (lambda scene: shutil.rmtree(scene / "depth"), "poses are found from depth: add it"),
+        (lambda scene: shutil.rmtree(scene / "depth"), "poses are estimated from depth: add it"),
         (lambda scene: shutil.rmtree(scene / "mask_visib"), "has no 000000_000000.png, the mask of an instance"),
         (lambda scene: (scene / "scene_gt.json").unlink(), "scene_gt.json"),
     ],

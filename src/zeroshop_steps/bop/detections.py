@@ -34,6 +34,12 @@ class Detection:
     mask: dict | None
     seconds: float = -1.0
 
+    def require_mask(self) -> dict:
+        """Its mask. Raises StepError where it has none."""
+        if self.mask is None:
+            raise StepError(f"a detection of object {self.object_id} in scene {self.scene_id}, image {self.image_id} has no segmentation")
+        return self.mask
+
 
 def encode_mask(mask: np.ndarray) -> dict:
     """COCO's compressed run lengths of a (height, width) bool mask."""

@@ -1,1 +1,1 @@
-"""Pose: where exactly a detected object is, and how it is turned."""
+"""Estimate the pose of detected objects: position and orientation."""

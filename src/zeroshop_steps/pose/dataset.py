@@ -1,4 +1,4 @@
-"""What pose estimators share: detections to look at, image by image, and the result file."""
+"""What pose estimators share: the choice of detections, the loop over the images, and the result file."""
 
 import argparse
 import time
@@ -16,15 +16,15 @@ from zeroshop_steps.detect.detector_io import read_depth, read_photo
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.progress import track
 
-SPARE_DETECTIONS = 2
+SPARE_DETECTIONS = 2  # of a target, beyond its number of instances: the scores of their poses decide which detections were right
 
 Estimator = Callable[[Detection, np.ndarray, np.ndarray, np.ndarray, Frame], tuple[np.ndarray, float] | None]
-"""Of a detection, its (height, width) bool mask, the photo, the measured depth in mm and the frame: (4, 4) camera_from_model in
-mm and a score; None where nothing can be said."""
+"""Takes a detection, its (height, width) bool mask, the photo, the measured depth in mm and the frame. Returns (4, 4)
+camera_from_model in mm and a score, or None if the pose cannot be estimated."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of every estimator."""
+    """The arguments that all estimators have."""
     parser.add_argument("--models", type=Path, required=True, help="folder of models in BOP's layout, true or reconstructed")
     parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
     parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json")
@@ -49,7 +49,7 @@ def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, ObjectM
 
 
 def read_true_masks(frames: Frames) -> list[Detection]:
-    """Perfect detections of everything visible, the most visible with the highest score.
+    """The true visible masks as detections with score 1.
 
     Raises:
         StepError: the masks are missing.
@@ -66,7 +66,14 @@ def read_true_masks(frames: Frames) -> list[Detection]:
 def choose_detections(
     found: Sequence[Detection], targets: Sequence[Target], known: Sequence[int], spare: int, path: Path | None
 ) -> list[Detection]:
-    """The detections of targets whose objects have models: as many of the surest as there are instances, and `spare` more.
+    """The most confident detections of each target whose object has a model: one per instance and `spare` more.
+
+    Args:
+        found: all detections.
+        targets: what to estimate.
+        known: objects that have models.
+        spare: how many more to try.
+        path: of the detections, for messages; None for true masks, which are all taken.
 
     Raises:
         StepError: one has no mask.
@@ -85,7 +92,7 @@ def choose_detections(
 
 
 def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Estimator) -> Estimates:
-    """Estimates of the detections, image by image; the time of each is its image's, detection included where it is known."""
+    """Estimate the poses of the detections, image by image. Their time is that of the whole image, with that of detection if known."""
     by_image: dict[tuple[int, int], list[Detection]] = {}
     for detection in detections:
         by_image.setdefault((detection.scene_id, detection.image_id), []).append(detection)
@@ -93,9 +100,9 @@ def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Est
     for image, members in track(by_image.items(), "poses", len(by_image)):
         start_s, here = time.monotonic(), []
         photo = read_photo(frames[image])
-        depth = read_depth(frames[image], photo, "and poses are found from depth: add it")
+        depth = read_depth(frames[image], photo, "and poses are estimated from depth: add it")
         for detection in members:
-            mask = decode_mask(detection.mask)
+            mask = decode_mask(detection.require_mask())
             if mask.shape != depth.shape:
                 raise StepError(
                     f"a mask of object {detection.object_id} in {frames[image].name} is {mask.shape[1]} x {mask.shape[0]} px, the image"
@@ -108,5 +115,6 @@ def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Est
         rows += [(*row, seconds) for row in here]
     poses = np.array([row[4] for row in rows]).reshape(-1, 4, 4)
     numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
-    scores, seconds = (np.array([row[column] for row in rows], float) for column in (3, 5))
-    return Estimates(*numbers.T, scores, poses[:, :3, :3], poses[:, :3, 3], seconds)
+    scores, times = (np.array([row[column] for row in rows], float) for column in (3, 5))
+    scene_ids, image_ids, object_ids = numbers.T
+    return Estimates(scene_ids, image_ids, object_ids, scores, poses[:, :3, :3], poses[:, :3, 3], times)

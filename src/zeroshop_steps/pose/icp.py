@@ -1,24 +1,41 @@
-"""Many poses of one model at once, stepped towards measured points (point-to-plane ICP) and judged by shape."""
+"""Point-to-plane ICP of many poses of one model at once, and their costs by shape.
+
+The constants here were chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and
+poses"). Images that figures are published of were not used.
+"""
 
 import numba
 import numpy as np
 
 from zeroshop_steps.pose.nearest_surface import NearestSurface
 
-NEAR_SHARE = 0.85
-LARGEST_TURN = 0.4
-DAMPING = 1e-3
-JUDGED_SHARE = 0.95
-AWAY_DIAMETERS = 0.05
-SEEN_SAMPLES = 400
-CONFLICT_MM = 12.0
-CONFLICT_DIAMETERS = 0.1
+NEAR_SHARE = 0.85  # of the points, the nearest, that a step uses; the others may belong to another object or to a wrong mask
+LARGEST_TURN = 0.4  # radians about each axis in one step (23 degrees); the linearised rotation is worthless beyond
+DAMPING = 1e-3  # of the diagonal of the normal equations (Levenberg-Marquardt); keeps a step small where the points do not fix it
+TINY_DAMPING = 1e-6  # added to the diagonal, so that the equations can be solved even without any usable point
+SMALL_ANGLE = 1e-4  # radians below which sine and cosine are replaced by their series: their quotients would lose all digits
+COSTED_SHARE = 0.95  # of the points, the nearest, whose mean distance is the cost; more than in a step, so that wrong poses pay
+AWAY_DIAMETERS = 0.05  # added to the distance of a point whose nearest surface faces away from the camera, which cannot see it
+SEEN_SAMPLES = 400  # points of the model that are compared with the depth image; about half of them face the camera
+NEAREST_MM = 1.0  # points of the model closer to the camera plane than this are not projected
+CONFLICT_MM = 12.0  # the image contradicts a point that lies farther than this in front of the measured depth, since it would hide it,
+# and a point outside the mask that lies within this distance of it, since it would be seen there
+CONFLICT_DIAMETERS = 0.1  # cost of a pose whose facing points are all contradicted; if a tenth of them are, 1 % of the diameter
 
 
 def run_icp(poses: np.ndarray, points: np.ndarray, surface: NearestSurface, steps: int) -> np.ndarray:
-    """(P, 4, 4) camera_from_model after `steps` steps of point-to-plane ICP (Chen and Medioni 1991) towards (N, 3) points, mm.
+    """Move poses towards measured points by point-to-plane ICP (Chen and Medioni 1991).
 
-    The farthest points count for nothing, nor do those that would lie on a surface which faces away, unless the model may be hollow.
+    The farthest points are ignored, and so are those whose nearest surface faces away from the camera, unless the model may be hollow.
+
+    Args:
+        poses: (P, 4, 4) camera_from_model, mm.
+        points: (N, 3) measured points, camera frame, mm.
+        surface: of the model.
+        steps: of ICP.
+
+    Returns:
+        (P, 4, 4) camera_from_model.
     """
     moved = np.ascontiguousarray(poses, np.float64).copy()
     tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
@@ -30,7 +47,7 @@ def compute_shape_costs(
     poses: np.ndarray, points: np.ndarray, surface: NearestSurface, diameter_mm: float, depth_mm: np.ndarray, mask: np.ndarray,
     intrinsics: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """(P,) mean distance of the nearer points in diameters, and more for the share of the surface that the image contradicts.
+    """(P,) costs: mean distance of the nearer points in diameters, plus a share for what the depth image contradicts.
 
     Args:
         poses: (P, 4, 4) camera_from_model.
@@ -48,8 +65,8 @@ def compute_shape_costs(
 
 
 @numba.njit(cache=True)
-def _to_model_frame(pose, point, out):
-    """The point in the model's frame."""
+def _to_model_frame(pose: np.ndarray, point: np.ndarray, out: np.ndarray) -> None:
+    """Write a point of the camera's frame in the model's frame to `out`."""
     for axis in range(3):
         out[axis] = 0.0
         for row in range(3):
@@ -57,8 +74,8 @@ def _to_model_frame(pose, point, out):
 
 
 @numba.njit(cache=True)
-def _look_up_nearest(local, low, cell_mm, table):
-    """The sample nearest to a point in the model's frame, as the table knows it."""
+def _look_up_nearest(local: np.ndarray, low: np.ndarray, cell_mm: float, table: np.ndarray) -> int:
+    """Index of the sample nearest to a point in the model's frame, by the table."""
     x = min(max(int((local[0] - low[0]) / cell_mm), 0), table.shape[0] - 1)
     y = min(max(int((local[1] - low[1]) / cell_mm), 0), table.shape[1] - 1)
     z = min(max(int((local[2] - low[2]) / cell_mm), 0), table.shape[2] - 1)
@@ -66,14 +83,25 @@ def _look_up_nearest(local, low, cell_mm, table):
 
 
 @numba.njit(cache=True)
-def _rotate(pose, vector, out):
-    """A direction of the model's frame in the camera's."""
+def _rotate(pose: np.ndarray, vector: np.ndarray, out: np.ndarray) -> None:
+    """Write a direction of the model's frame in the camera's frame to `out`."""
     for row in range(3):
         out[row] = pose[row, 0] * vector[0] + pose[row, 1] * vector[1] + pose[row, 2] * vector[2]
 
 
 @numba.njit(cache=True, parallel=True)
-def _run_icp(poses, points, samples, normals, is_open, low, cell_mm, table, steps):
+def _run_icp(
+    poses: np.ndarray,
+    points: np.ndarray,
+    samples: np.ndarray,
+    normals: np.ndarray,
+    is_open: bool,
+    low: np.ndarray,
+    cell_mm: float,
+    table: np.ndarray,
+    steps: int,
+) -> None:
+    """`run_icp` in place; `samples` to `table` are the fields of `NearestSurface`."""
     middle = np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
     for index in numba.prange(len(poses)):
         distances, faces = np.empty(len(points)), np.empty(len(points), np.bool_)
@@ -89,13 +117,27 @@ def _run_icp(poses, points, samples, normals, is_open, low, cell_mm, table, step
                         for j in range(6):
                             square[i, j] += rows[point, i] * rows[point, j]
             for i in range(6):
-                square[i, i] += DAMPING * square[i, i] + 1e-6
+                square[i, i] += DAMPING * square[i, i] + TINY_DAMPING
             _apply_step(poses[index], np.linalg.solve(square, right), middle)
 
 
 @numba.njit(cache=True)
-def _build_equations(pose, points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps):
-    """For each point: how far it is off, whether the surface there faces the camera, and its equation of the step."""
+def _build_equations(
+    pose: np.ndarray,
+    points: np.ndarray,
+    middle: np.ndarray,
+    samples: np.ndarray,
+    normals: np.ndarray,
+    is_open: bool,
+    low: np.ndarray,
+    cell_mm: float,
+    table: np.ndarray,
+    distances: np.ndarray,
+    faces: np.ndarray,
+    rows: np.ndarray,
+    gaps: np.ndarray,
+) -> None:
+    """Fill in for each point: its distance, whether the nearest surface faces the camera, and its row and gap of the least squares."""
     local, normal, target = np.empty(3), np.empty(3), np.empty(3)
     for point in range(len(points)):
         _to_model_frame(pose, points[point], local)
@@ -116,12 +158,12 @@ def _build_equations(pose, points, middle, samples, normals, is_open, low, cell_
 
 
 @numba.njit(cache=True)
-def _apply_step(pose, change, middle):
-    """Turn a pose about the middle by change[:3] and move it by change[3:], in place."""
+def _apply_step(pose: np.ndarray, change: np.ndarray, middle: np.ndarray) -> None:
+    """Rotate a pose about `middle` by the rotation vector change[:3] and translate it by change[3:], in place."""
     x, y, z = np.minimum(np.maximum(change[:3], -LARGEST_TURN), LARGEST_TURN)
     angle = np.sqrt(x * x + y * y + z * z)
-    first = 1.0 - angle**2 / 6 if angle < 1e-4 else np.sin(angle) / angle
-    second = 0.5 - angle**2 / 24 if angle < 1e-4 else (1.0 - np.cos(angle)) / angle**2
+    first = 1.0 - angle**2 / 6 if angle < SMALL_ANGLE else np.sin(angle) / angle
+    second = 0.5 - angle**2 / 24 if angle < SMALL_ANGLE else (1.0 - np.cos(angle)) / angle**2
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + first * cross + second * (cross @ cross)
     moved = turn @ np.ascontiguousarray(pose[:3, :3])
@@ -130,9 +172,23 @@ def _apply_step(pose, change, middle):
 
 
 @numba.njit(cache=True, parallel=True)
-def _compute_costs(poses, points, samples, normals, is_open, low, cell_mm, table, diameter_mm, depth_mm, mask, focal):
+def _compute_costs(
+    poses: np.ndarray,
+    points: np.ndarray,
+    samples: np.ndarray,
+    normals: np.ndarray,
+    is_open: bool,
+    low: np.ndarray,
+    cell_mm: float,
+    table: np.ndarray,
+    diameter_mm: float,
+    depth_mm: np.ndarray,
+    mask: np.ndarray,
+    focal: np.ndarray,
+) -> np.ndarray:
+    """`compute_shape_costs`; `focal` is fx, fy, cx, cy."""
     costs = np.empty(len(poses))
-    kept = max(int(JUDGED_SHARE * len(points)), 1)
+    kept = max(int(COSTED_SHARE * len(points)), 1)
     for index in numba.prange(len(poses)):
         pose = poses[index]
         local, normal, place, off = np.empty(3), np.empty(3), np.empty(3), np.empty(len(points))
@@ -153,7 +209,7 @@ def _compute_costs(poses, points, samples, normals, is_open, low, cell_mm, table
             for axis in range(3):
                 place[axis] += pose[axis, 3]
                 towards += place[axis] * normal[axis]
-            if towards >= 0 or place[2] <= 1.0:
+            if towards >= 0 or place[2] <= NEAREST_MM:
                 continue
             facing += 1
             column, row = round(focal[0] * place[0] / place[2] + focal[2]), round(focal[1] * place[1] / place[2] + focal[3])

@@ -1,7 +1,7 @@
-"""The nearest point of a model's surface, looked up in a table of cells: what makes thousands of ICP steps cheap.
+"""The nearest point of a model's surface, looked up in a table of cells, which makes thousands of ICP steps cheap.
 
-Fitzgibbon (Robust registration of 2D and 3D point sets, 2003) keeps distances in such a table; this one keeps which sample
-of the surface is nearest, so that its normal is known, too.
+Fitzgibbon (Robust registration of 2D and 3D point sets, 2003) stores distances in such a table. This one stores the index of the
+nearest sample of the surface, which gives its normal as well.
 """
 
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.surface_points import sample_surface_points
 
-SAMPLES = 16000
-CELLS = 160_000
-MARGIN_DIAMETERS = 0.25
-OPEN_SHARE = 0.05
+SAMPLES = 16000  # of the surface; about 2 mm apart on an object of 15 cm
+CELLS = 160_000  # of the table, about 0.6 MB; a look-up is off by at most about a cell's diagonal
+MARGIN_DIAMETERS = 0.25  # of the table around the model's box; points farther away are looked up at its border
+OPEN_SHARE = 0.05  # of the surface: if more is only assumed, the model may be hollow; less is noise of the classes
 
 
 @dataclass(frozen=True)
 class NearestSurface:
-    """A model's surface, ready for look-ups.
+    """Samples of a model's surface and a table that finds the nearest one.
 
     Attributes:
-        points, normals: (S, 3) samples, mm, model frame; any first part of them is spread as evenly as all.
-        is_open: whether so much of the surface is only assumed that the model may be hollow and be seen from inside; then the assumed
+        points, normals: (S, 3) samples, mm, model frame; the first K of them are spread as evenly as all.
+        is_open: whether so much of the surface is only assumed that the model may be hollow and seen from inside. Then the assumed
             part has no samples.
-        low: (3,) corner of the table.
+        low: (3,) lower corner of the table, mm.
         cell_mm: side of its cells.
-        table: (nx, ny, nz) int32, the sample nearest to the middle of each cell; what lies outside is looked up at the border.
+        table: (nx, ny, nz) int32 index of the sample nearest to the centre of each cell.
     """
 
     points: np.ndarray
@@ -40,7 +40,7 @@ class NearestSurface:
 
 
 def build_nearest_surface(mesh: Mesh, diameter_mm: float) -> NearestSurface:
-    """Make the table of a model."""
+    """Sample a model's surface and build its table."""
     assumed = mesh.assumed_faces()
     areas = mesh.face_areas()
     is_open = bool(areas[assumed].sum() > OPEN_SHARE * areas.sum())

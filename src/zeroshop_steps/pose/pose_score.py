@@ -1,4 +1,4 @@
-"""How well poses explain an image: rendered depth, silhouette and colour against what was measured."""
+"""Score poses by how well they explain an image: rendered depth, silhouette and colour are compared with the measured ones."""
 
 from dataclasses import dataclass
 
@@ -11,27 +11,29 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.surface_points import sample_surface_points
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
-COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000
-AGREE_MM = 10.0
-PRINT_WEIGHT = 0.35
-PLAIN_CONTRAST = 10.0  # of 255: a model's colours that vary as little tell hardly anything beside its shading
-LEAST_PRINTED = 20
-UNSEEN_LIKENESS = 0.7  # of faces whose print nobody saw, between that of a right pose and that of a wrong one
-HOLLOW_SHARE = 0.5  # how much depth behind an assumed surface counts
-COARSEST_PX = 64
-SAMPLES = 2000
+# Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
+COARSE_RAYS, RAYS, FINE_RAYS = 500, 1500, 6000  # per patch, for a hundred poses, for the best ones, and for the final choice
+AGREE_MM = 10.0  # of depth: a pixel agrees if it is off by less, and the more the less it is off
+PRINT_WEIGHT = 0.35  # of the likeness of colours in the score, on a model with strong print; the rest is shape
+PLAIN_CONTRAST = 10.0  # of 255: standard deviation of a model's colours at which print has half of that weight; shading varies as much
+LEAST_PRINTED = 20  # pixels that must agree for a correlation of colours; it is chance with fewer, and the likeness is then 0
+UNSEEN_LIKENESS = 0.7  # assumed for faces whose print no photo saw: between that of right and of wrong poses
+HOLLOW_SHARE = 0.5  # weight of measured depth behind an assumed surface: there may be a hollow, or the pose may be wrong
+COARSEST_PX = 64  # shorter side below which the texture is not halved any more; print is gone by then
+SAMPLES = 2000  # of the surface, for the contrast of its colours
+PATCH_MARGIN, LEAST_MARGIN_PX = 3, 4  # a patch reaches beyond the mask by a third of its longer side and so many pixels
 
 
 @dataclass(frozen=True)
 class ImagePatch:
-    """The part of an image around a detection, thinned out.
+    """Every n-th pixel of the image around a detection.
 
     Attributes:
-        rays: (N, 3) directions of unit depth through its pixels, camera frame.
-        colors: (N, 3) float, 0..255, each the mean over what its pixel stands for.
-        depth_mm: (N,) measured, 0 where nothing was.
+        rays: (N, 3) directions of unit depth through the pixels, camera frame.
+        colors: (N, 3) float, 0..255, means over the n x n pixels that each stands for.
+        depth_mm: (N,) measured, 0 where there is none.
         mask: (N,) bool, the detection.
-        pixel_share: side of what a pixel stands for at unit depth.
+        pixel_share: side of those n x n pixels at unit depth.
     """
 
     rays: np.ndarray
@@ -42,9 +44,9 @@ class ImagePatch:
 
 
 def cut_patch(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrinsics: np.ndarray, rays: int = RAYS) -> ImagePatch:
-    """Cut out a detection with a margin of a third of its size, about `rays` pixels of it; `intrinsics` are BOP's K."""
+    """Cut out a detection with a margin, thinned out to about `rays` pixels; `intrinsics` is BOP's K."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    margin = max(len(rows), len(columns)) // 3 + 4
+    margin = max(len(rows), len(columns)) // PATCH_MARGIN + LEAST_MARGIN_PX
     top, left = max(rows[0] - margin, 0), max(columns[0] - margin, 0)
     bottom, right = min(rows[-1] + margin, mask.shape[0] - 1) + 1, min(columns[-1] + margin, mask.shape[1] - 1) + 1
     step = max(1, round(np.sqrt((bottom - top) * (right - left) / rays)))
@@ -56,10 +58,10 @@ def cut_patch(image: np.ndarray, depth_mm: np.ndarray, mask: np.ndarray, intrins
 
 
 class PoseScorer:
-    """Compares poses of one model with images.
+    """Scores poses of one model.
 
-    What was not measured of the model may not be there: behind an assumed surface there may be a hollow, so depth between it and
-    the next surface counts half; and print of what was never seen counts neither for a pose nor against it.
+    Behind an assumed surface there may be a hollow, so measured depth between it and the next surface counts half. Print of surface
+    that no photo saw counts neither for a pose nor against it.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -69,16 +71,16 @@ class PoseScorer:
         self._behind = ray_caster((mesh.vertices, mesh.faces[~self._assumed])) if self._assumed.any() else None
         samples = sample_surface_points(mesh, SAMPLES, np.random.default_rng(0))
         self._printed = samples.colors is not None
-        if self._printed:
+        if samples.colors is not None:
             contrast = 255.0 * float(np.sqrt(samples.colors.var(0).mean()))
             self._print_weight = PRINT_WEIGHT * contrast**2 / (contrast**2 + PLAIN_CONTRAST**2)
-            self._textures = _make_mip_levels(mesh.texture)
+            self._textures = _make_mip_levels(mesh.texture_image)
             self._texels_per_mm = _measure_texels_per_mm(mesh)
 
     def score(self, poses: np.ndarray, patch: ImagePatch) -> np.ndarray:
-        """(P,) 0..1, higher is better, of (P, 4, 4) camera_from_model in mm.
+        """(P,) scores, 0..1, higher is better, of (P, 4, 4) camera_from_model in mm.
 
-        The share of the object's pixels whose depth agrees, the better the nearer, times how alike print and photo are.
+        The share of the object's pixels whose depth agrees, weighted by how well, times the likeness of print and photo.
         """
         turns = poses[:, :3, :3]
         rays = np.empty((len(poses), len(patch.rays), 6), np.float32)
@@ -89,7 +91,7 @@ class PoseScorer:
         there, known = np.isfinite(depth), patch.depth_mm > 0
         off = np.where(there & known, np.abs(depth - patch.depth_mm), 0.0) / AGREE_MM
         faces = hits["primitive_ids"].numpy()
-        hollow = self._find_hollow(rays, faces, there & known & patch.mask, depth, patch) if self._behind else False
+        hollow = self._find_hollow(rays, faces, there & known & patch.mask, depth, patch) if self._behind is not None else False
         agree = there & patch.mask & (off < 1.0)
         hidden = there & known & ~patch.mask & (patch.depth_mm < depth - AGREE_MM)
         explained = np.maximum(agree * (1.0 - off**2), HOLLOW_SHARE * hollow)
@@ -100,17 +102,18 @@ class PoseScorer:
         return shape * (1.0 - self._print_weight + self._print_weight * alike)
 
     def _find_hollow(self, rays: np.ndarray, faces: np.ndarray, known: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
-        """(P, N) bool: the model's surface is assumed, and what was measured lies between it and the next surface that is not."""
+        """(P, N) bool: the model's surface is assumed, and the measured depth lies between it and the next measured surface."""
         candidates = known.copy()
         candidates[known] = self._assumed[faces[known]]
         candidates &= patch.depth_mm > depth - AGREE_MM
+        assert self._behind is not None
         next_depth = self._behind.cast_rays(o3d.core.Tensor(rays[candidates]))["t_hit"].numpy()
         measured = np.broadcast_to(patch.depth_mm, candidates.shape)[candidates]
         candidates[candidates] = np.isfinite(next_depth) & (measured < next_depth + AGREE_MM)
         return candidates
 
     def _compare_colors(self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch) -> np.ndarray:
-        """(P,) 0..1: correlation of the colours where depth agrees, the texture as coarse as the pixels."""
+        """(P,) likeness, 0..1: correlation of the colours where depth agrees, at the resolution of the pixels."""
         all_that_agree = agree.sum(1)
         agree = agree.copy()
         agree[agree] = self._seen[faces[agree]]
@@ -120,13 +123,13 @@ class PoseScorer:
     def _compare_seen_colors(
         self, faces: np.ndarray, shares: np.ndarray, agree: np.ndarray, depth: np.ndarray, patch: ImagePatch
     ) -> np.ndarray:
-        """(P,) 0..1: correlation of the colours where `agree`."""
+        """(P,) 0..1: correlation of the colours at the pixels that `agree`."""
         alike = np.zeros(len(agree))
         if not agree.any():
             return alike
         texel_share = self._texels_per_mm * patch.pixel_share * float(np.median(depth[agree]))
         texture = self._textures[int(np.clip(round(np.log2(max(texel_share, 1.0))), 0, len(self._textures) - 1))]
-        corners = self._mesh.uv[self._mesh.faces[faces[agree]]]
+        corners = self._mesh.texture_coordinates[self._mesh.faces[faces[agree]]]
         second, third = shares[agree].T[:, :, None]
         colors = sample_texture(texture, corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third)
         ends = np.cumsum(agree.sum(1))
@@ -137,7 +140,7 @@ class PoseScorer:
 
 
 def _make_mip_levels(texture: np.ndarray) -> list[np.ndarray]:
-    """The texture and ever coarser ones, each half as wide as the one before."""
+    """The texture and coarser copies, each half as wide as the one before."""
     textures = [texture]
     while min(textures[-1].shape[:2]) >= 2 * COARSEST_PX:
         textures.append(cv2.resize(textures[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
@@ -145,8 +148,8 @@ def _make_mip_levels(texture: np.ndarray) -> list[np.ndarray]:
 
 
 def _measure_texels_per_mm(mesh: Mesh) -> float:
-    """How many texels of the texture lie along a millimetre of the surface, on average."""
-    corners, uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces] * mesh.texture.shape[1::-1]
+    """Mean number of texels along a millimetre of the surface."""
+    corners, uv = mesh.vertices[mesh.faces], mesh.texture_coordinates[mesh.faces] * mesh.texture_image.shape[1::-1]
     area_mm2 = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     first, second = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     return float(np.sqrt(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).sum() / max(area_mm2, 1e-9)))

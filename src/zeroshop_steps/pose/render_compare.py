@@ -1,8 +1,9 @@
-"""Estimate poses without any network: many rotations, shape first, then rendered views against depth, silhouette and colour.
+"""Estimate poses without any network: rotations from all sides by shape, then renderings compared with the image.
 
-Of every detection with an object and a mask: hypotheses from 42 sides and 24 turns are iterated onto the measured points, the
-best are compared with the image and nudged, and the winner is refined. Writes BOP's result CSV; the score of an estimate is
-how probable it is that no point of the model is off by more than a tenth of its diameter (confidence.py).
+For every detection with a mask, hypotheses from 42 directions with 24 in-plane rotations each are aligned with the measured points
+by ICP. The best are compared with depth, silhouette and colour, improved by small turns, and the winner is refined. Writes BOP's
+result CSV. The score of an estimate is the probability that no point of the model is off by more than a tenth of its diameter
+(confidence.py).
 """
 
 import argparse
@@ -20,11 +21,13 @@ from zeroshop_steps.pose.confidence import SAME_DIAMETERS, estimate_confidence
 from zeroshop_steps.pose.hypotheses import PoseSearch
 from zeroshop_steps.pose.pose_score import COARSE_RAYS, FINE_RAYS, RAYS, ImagePatch, PoseScorer, cut_patch
 
-LEAST_POINTS = 30
-NEAR_DIAMETERS = 0.6
-NUDGED = 8
-NUDGES_DEG = (8.0, 4.0, 2.0, 1.0)
-ROUNDS = 2
+# Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
+LEAST_POINTS = 30  # measured points of a detection; fewer do not fix a pose
+NEAR_DIAMETERS = 0.6  # of depth, from the median; a point farther away cannot be on the object
+NUDGED = 8  # best hypotheses that are improved by small turns
+NUDGES_DEG = (8.0, 4.0, 2.0, 1.0)  # sizes of these turns, one after the other; starts are 15 degrees apart
+ROUNDS = 2  # of each size at most
+SCORE_DIGITS = 9  # to which scores are compared, so that rounding does not decide between equal poses
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,8 @@ class PoseEstimate:
     Attributes:
         camera_from_model: (4, 4) mm.
         explained: 0..1, how well it explains the image (`PoseScorer.score`).
-        margin: how much better than the best pose that is clearly another one; 0..1.
-        points: measured points on the detection.
+        margin: 0..1, how much better that is than with the best pose that clearly differs.
+        points: number of measured points in the mask.
     """
 
     camera_from_model: np.ndarray
@@ -55,18 +58,22 @@ def run(args: argparse.Namespace) -> None:
 
 
 def prepare(models: dict[int, ObjectModel]) -> dataset.Estimator:
-    """The estimator for these models."""
+    """The estimator of the poses of these models."""
     ready = {number: PreparedModel(model) for number, model in models.items()}
 
-    def estimator(detection: Detection, mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, frame: Frame):
+    def estimator(
+        detection: Detection, mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, frame: Frame
+    ) -> tuple[np.ndarray, float] | None:
         found = estimate_pose(mask, photo, depth_mm, frame.intrinsics, ready[detection.object_id])
-        return found and (found.camera_from_model, estimate_confidence(found.explained, found.margin, found.points))
+        if found is None:
+            return None
+        return found.camera_from_model, estimate_confidence(found.explained, found.margin, found.points)
 
     return estimator
 
 
 class PreparedModel:
-    """One model, prepared to be searched and compared."""
+    """One model with its search and its scorer."""
 
     def __init__(self, model: ObjectModel) -> None:
         self.model = model
@@ -78,12 +85,12 @@ class PreparedModel:
 def estimate_pose(
     mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: PreparedModel
 ) -> PoseEstimate | None:
-    """The pose of one detection; None where too little of it was measured.
+    """The pose of one detection; None if too little of it was measured.
 
     Args:
         mask: (height, width) bool.
         photo: (height, width, 3) uint8.
-        depth_mm: (height, width) measured, 0 where nothing was.
+        depth_mm: (height, width) measured, 0 where there is none.
         intrinsics: (3, 3) BOP's K.
         ready: the model.
     """
@@ -96,14 +103,14 @@ def estimate_pose(
     poses, _ = nudge_poses(poses, cut_patch(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model, ready.search.is_open)
     poses = np.concatenate([poses, ready.search.refine(poses, points)])
     scores = ready.comparison.score(poses, cut_patch(photo, depth_mm, mask, intrinsics, FINE_RAYS))
-    best = int(np.argmax(np.round(scores, 9)))
+    best = int(np.argmax(np.round(scores, SCORE_DIGITS)))
     apart_mm = mssd(poses, np.repeat(poses[best][None], len(poses), 0), ready.points, ready.model.symmetries)
     others = scores[apart_mm > SAME_DIAMETERS * ready.model.diameter_mm]
     return PoseEstimate(poses[best], float(scores[best]), float(scores[best] - max(others, default=0.0)), len(points))
 
 
 def collect_points(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, diameter_mm: float) -> np.ndarray:
-    """(N, 3) measured points of a mask in random order, without those too far off to be the object's."""
+    """(N, 3) measured points of a mask in random order, without those too far away to be on the object; camera frame, mm."""
     rows, columns = np.nonzero(mask & (depth_mm > 0))
     depths = depth_mm[rows, columns].astype(float)
     near = np.abs(depths - np.median(depths)) < NEAR_DIAMETERS * diameter_mm if len(depths) else np.zeros(0, bool)
@@ -115,11 +122,18 @@ def collect_points(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarra
 def nudge_poses(
     poses: np.ndarray, patch: ImagePatch, comparison: PoseScorer, model: ObjectModel, moved: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 4, 4) poses turned about the model's middle in ever smaller steps as long as the image is explained better; their scores.
+    """Turn poses about the model's centre in ever smaller steps as long as their score improves.
 
     Args:
-        moved: also move them, by as much as the turns move the surface: where the model may be hollow, points on an inner wall,
-            which it lacks, have drawn them to the outer one.
+        poses: (P, 4, 4) camera_from_model, mm.
+        patch: of the image.
+        comparison: scores the poses.
+        model: whose poses they are.
+        moved: whether to move them as well, by as much as the turns move the surface. A model that may be hollow lacks its inner wall,
+            and measured points on that wall have drawn the pose towards the outer one.
+
+    Returns:
+        The poses and their (P,) scores.
     """
     middle = (model.mesh.vertices.min(0) + model.mesh.vertices.max(0)) / 2
     poses, scores = poses.copy(), comparison.score(poses, patch)
