@@ -8,7 +8,7 @@ import pytest
 from zeroshop_steps.evaluate.mask_error import intersection_over_union, undistort_mask
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.failures import Failure, read_failure, write_failure
 from zeroshop_steps.runtime.files import write_json
 
 SHAPE = (60, 80)
@@ -59,10 +59,9 @@ def test_the_picture_shows_the_worst_first_and_what_it_lacks_in_green(judged):
     assert not (tiles[..., 0].astype(int) - tiles[..., 1] > 60).any()
 
 
-def test_a_failed_segmentation_is_a_row_with_its_reason(judged, monkeypatch):
+def test_a_failed_segmentation_is_a_row_with_its_reason(judged):
     judge, folder = judged
-    monkeypatch.setenv("ZEROSHOP_RECORD_FAILURES", "1")
-    write_json(folder / "cameras" / "registration.json", {"status": "failed", "reason": "nothing stands there"})
+    write_failure([f"{folder}/cameras/"], Failure("segment.support_plane", "nothing stands there"))
     assert judge("--record-failure", str(folder / "mask_error.csv")) == 0
     assert "nothing stands there" in read_failure(folder / "mask_error.csv").reason
 

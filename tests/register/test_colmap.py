@@ -14,6 +14,7 @@ from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source
 from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json
 
 FEWER = ("--max-features", 1000)
@@ -68,12 +69,14 @@ def test_images_without_texture_fail_with_a_reason(blank_capture, tmp_path, caps
     assert list(out.parent.iterdir()) == []
 
 
-def test_failure_is_a_result_when_going_on(blank_capture, tmp_path):
+def test_a_failure_is_a_result_where_it_may_be_recorded(blank_capture, tmp_path):
     out = tmp_path / "cell" / "cameras"
-    assert register("--method", "colmap", "--capture", blank_capture, "--scene", "su_h", "--out", out, "--keep-going") == 0
+    words = ("--method", "colmap", "--capture", blank_capture, "--scene", "su_h", "--out", out, "--record-failure", f"{out}/")
+    assert register(*words) == 0
+    assert "0 of 10 images" in read_failure(out).reason
     record = read_json(out / "registration.json")
     assert record["status"] == "failed" and "0 of 10 images" in record["reason"]
-    assert {path.name for path in out.iterdir()} == {"images", "masks", "sparse", "registration.json"}
+    assert {path.name for path in out.iterdir()} == {"failure.json", "registration.json"}
 
 
 @pytest.mark.parametrize("damage", ["two images", "no mask", "empty mask", "damaged image", "alike", "small mask"])

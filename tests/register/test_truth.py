@@ -7,10 +7,11 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, read_registration, write_registration
+from zeroshop_steps.register.record import RegistrationFailed, read_registration
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.register.truth import register
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import read_json
 
 
@@ -35,10 +36,8 @@ def test_a_picture_without_a_true_camera_is_named(carton_capture, tmp_path):
 
 
 def test_a_failed_record_is_refused_by_later_stages(tmp_path):
-    def fail(folder):
-        raise RegistrationFailed("3 of 20 images registered", {"registered": 3})
-
-    write_registration(tmp_path / "cameras", True, fail)
+    error = RegistrationFailed("3 of 20 images registered", {"registered": 3})
+    write_failure([f"{tmp_path}/cameras/"], Failure("register.colmap", str(error)), error.write_details)
     assert read_json(tmp_path / "cameras" / "registration.json")["registered"] == 3
     with pytest.raises(StepError, match="3 of 20 images registered"):
         read_registration(tmp_path / "cameras")

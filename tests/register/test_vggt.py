@@ -165,19 +165,19 @@ def run(capture, out, weights, *words) -> int:
 @pytest.mark.parametrize("refine", ["none", "tracks"])
 def test_random_weights_end_as_a_failed_registration(carton_capture, weights, tmp_path, refine):
     out = tmp_path / "cell" / "cameras"
-    words = ("--refine", refine, "--tracked-points", 30, "--query-views", 2, "--keep-going")
+    words = ("--refine", refine, "--tracked-points", 30, "--query-views", 2, "--record-failure", f"{out}/")
     assert run(carton_capture, out, weights, *words) == 0
     record = read_json(out / "registration.json")
     assert record["status"] == "failed" and record["images"] == 10
     assert ("images registered" if refine == "tracks" else "other views confirm only") in record["reason"]
     assert record["precision"] == "float32" and record["predicted_peak_gb"] > 0
-    assert {path.name for path in out.iterdir()} >= {"images", "masks", "sparse", "registration.json"}
+    assert {path.name for path in out.iterdir()} >= {"failure.json", "registration.json"}
 
 
 def test_same_input_gives_the_same_record(carton_capture, weights, tmp_path):
-    words = ("--tracked-points", 30, "--query-views", 2, "--precision", "bfloat16", "--keep-going")
+    words = ("--tracked-points", 30, "--query-views", 2, "--precision", "bfloat16", "--record-failure")
     for name in ("once", "again"):
-        assert run(carton_capture, tmp_path / name, weights, *words) == 0
+        assert run(carton_capture, tmp_path / name, weights, *words, f"{tmp_path / name}/") == 0
     once, again = (read_json(tmp_path / name / "registration.json") for name in ("once", "again"))
     assert once.pop("seconds").keys() == again.pop("seconds").keys() and once == again
 

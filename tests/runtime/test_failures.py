@@ -1,5 +1,6 @@
-"""A failure is recorded in a table run, passed on by the steps that follow, and ends any other run with its reason."""
+"""A failure is recorded where the outputs may be records, passed on by the steps that follow, and ends any other step with its reason."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -16,51 +17,67 @@ def outcome(folder: Path, *more: str) -> int:
     return stage_main("zeroshop_steps.evaluate", ["--method", "outcome", "--parts", f"{folder}/part.ply", *more])
 
 
-def clean(folder: Path) -> int:
-    """Run a step that fails, because its mesh does not exist, with two outputs."""
+def clean(folder: Path, *more: str) -> int:
+    """Run a step that fails, because its mesh does not exist."""
     words = ["--method", "clean", "--mesh", f"{folder}/none.ply", "--cameras", str(folder), "--out", f"{folder}/clean.ply"]
-    return stage_main("zeroshop_steps.finish", [*words, "--record-failure", f"{folder}/clean.ply", f"{folder}/clean.json"])
+    return stage_main("zeroshop_steps.finish", [*words, *more])
 
 
-def test_a_table_run_records_a_failure_in_place_of_every_output(tmp_path, monkeypatch):
-    monkeypatch.setenv(failures.SWITCH, "1")
-    assert clean(tmp_path) == 0
+def test_a_failure_is_recorded_in_place_of_every_output(tmp_path, capsys):
+    assert clean(tmp_path, "--record-failure", f"{tmp_path}/clean.ply", f"{tmp_path}/clean.json") == 0
     records = [read_failure(tmp_path / name) for name in ("clean.ply", "clean.json")]
     assert records[0] == records[1]
     assert records[0].step == "finish.clean" and "none.ply does not exist" in records[0].reason
+    assert records[0].place == records[1].place == f"{tmp_path}/clean.ply"
+    assert f"failed, recorded in {tmp_path}/clean.ply: finish.clean: " in capsys.readouterr().err
 
 
-def test_any_other_run_fails_and_writes_nothing(tmp_path, monkeypatch, capsys):
-    monkeypatch.delenv(failures.SWITCH, raising=False)
+def test_a_step_that_may_not_record_fails_and_writes_nothing(tmp_path, capsys):
     assert clean(tmp_path) == 1
     assert "none.ply does not exist" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_record_is_passed_on_in_a_table_run_and_refused_in_any_other(tmp_path, monkeypatch, capsys):
+def test_a_record_is_passed_on_and_ends_a_step_that_may_not_record(tmp_path, capsys):
     failure = Failure("surface.twodgs", "left 3 disks")
-    write_failure([tmp_path / "part.ply"], failure)
+    write_failure([f"{tmp_path}/part.ply"], failure)
     out = str(tmp_path / "outcome.json")
-    monkeypatch.delenv(failures.SWITCH, raising=False)
-    assert outcome(tmp_path, "--out", out, "--record-failure", out) == 1
-    assert "left 3 disks" in capsys.readouterr().err and not Path(out).exists()
-    monkeypatch.setenv(failures.SWITCH, "1")
-    assert outcome(tmp_path, "--out", out) == 1, "a step that may not record ends with the reason"
+    assert outcome(tmp_path, "--out", out) == 1
+    error = capsys.readouterr().err
+    assert "left 3 disks" in error and not Path(out).exists()
+    assert f"delete {tmp_path}/part.ply or call snakemake with --forcerun {tmp_path}/part.ply" in error
     assert outcome(tmp_path, "--out", out, "--record-failure", out) == 0
     assert read_failure(Path(out)) == failure
+    assert read_failure(Path(out)).place == f"{tmp_path}/part.ply", "where it was first recorded"
 
 
-def test_a_step_run_again_takes_no_notice_of_the_record_in_its_own_place(tmp_path, monkeypatch):
-    monkeypatch.setenv(failures.SWITCH, "1")
+def test_a_folder_holds_its_record_and_the_details_of_the_failure(tmp_path):
+    def write_details(folder):
+        (folder / "seen.txt").write_text("3 disks")
+
+    (tmp_path / "cameras").mkdir()
+    (tmp_path / "cameras/old.txt").touch()
+    failure = write_failure([f"{tmp_path}/cameras/"], Failure("register.colmap", "no matches"), write_details)
+    assert read_failure(tmp_path / "cameras") == failure and failure.place == str(tmp_path / "cameras")
+    assert sorted(path.name for path in (tmp_path / "cameras").iterdir()) == ["failure.json", "seen.txt"]
+    assert outcome(tmp_path, f"{tmp_path}/cameras", "--out", f"{tmp_path}/out.json", "--record-failure", f"{tmp_path}/out.json") == 0
+    assert read_failure(tmp_path / "out.json") == failure
+
+
+def test_a_record_of_an_earlier_version_has_the_place_where_it_lies(tmp_path):
+    (tmp_path / "clean.ply").write_text(json.dumps({"failed": "surface.fuse", "reason": "no surface"}) + "\n")
+    assert read_failure(tmp_path / "clean.ply").place == f"{tmp_path}/clean.ply"
+
+
+def test_a_step_run_again_takes_no_notice_of_the_record_in_its_own_place(tmp_path):
     out = tmp_path / "outcome.json"
-    write_failure([out], Failure("surface.twodgs", "left 3 disks"))
+    write_failure([str(out)], Failure("surface.twodgs", "left 3 disks"))
     (tmp_path / "part.ply").write_bytes(b"ply\n")
     assert outcome(tmp_path, "--out", str(out), "--record-failure", str(out)) == 0
     assert read_failure(out) is None
 
 
-def test_a_whole_cell_has_no_failure(tmp_path, monkeypatch):
-    monkeypatch.setenv(failures.SWITCH, "1")
+def test_a_whole_cell_has_no_failure(tmp_path):
     (tmp_path / "part.ply").write_bytes(b"ply\n")
     assert outcome(tmp_path, "--out", f"{tmp_path}/outcome.json", "--record-failure", f"{tmp_path}/outcome.json") == 0
     assert read_failure(tmp_path / "outcome.json") is None

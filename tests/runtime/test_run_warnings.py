@@ -3,7 +3,7 @@
 import os
 
 from zeroshop_steps.runtime.errors import warn
-from zeroshop_steps.runtime.run_warnings import SHOWN, repeat_warnings, warnings_since
+from zeroshop_steps.runtime.run_warnings import SHOWN, failures_since, repeat_warnings, warnings_since
 
 
 def log_of(folder, name, *lines, age_s=0.0):
@@ -30,3 +30,16 @@ def test_they_are_said_as_steps_say_them(tmp_path, capsys):
     repeat_warnings(tmp_path, 0.0)
     said = capsys.readouterr().err
     assert f"Warnings ({SHOWN + 2})" in said and "b.log: w0." in said and "and 2 more" in said and "w31." not in said
+
+
+def test_a_failure_is_told_once_however_many_steps_passed_it_on(tmp_path, capsys):
+    first, second = (f"failed, recorded in results/{name}/raw_mesh.ply: surface.fuse: no surface" for name in ("cup", "mug"))
+    log_of(tmp_path, "cup/logs/fuse.log", first)
+    log_of(tmp_path, "cup/logs/clean.log", first)
+    log_of(tmp_path, "mug/logs/clean.log", second)
+    log_of(tmp_path, "jug/logs/fuse.log", first.replace("cup", "jug"), age_s=60.0)
+    assert failures_since(tmp_path, 1e9 - 1) == [line.removeprefix("failed, recorded in ") for line in (first, second)]
+    repeat_warnings(tmp_path, 1e9 - 1)
+    said = capsys.readouterr().err
+    assert "recorded in place of results (2):" in said and "results/cup/raw_mesh.ply: surface.fuse: no surface" in said
+    assert "--forcerun" in said and "Warnings" not in said

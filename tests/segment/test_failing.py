@@ -1,6 +1,4 @@
-"""A segmentation that fails is a result in a table run, and an error otherwise."""
-
-from pathlib import Path
+"""A segmentation that fails is a result where it may be recorded, and an error otherwise."""
 
 import pytest
 
@@ -14,8 +12,8 @@ def test_the_reason_stands_in_place_of_the_masks(tmp_path, method, capsys):
     words = ["--method", method, "--scene", str(tmp_path / "scene"), "--out", str(tmp_path / "cameras")]
     assert stage_main("zeroshop_steps.segment", words) == 1
     assert not (tmp_path / "cameras").exists()
-    assert stage_main("zeroshop_steps.segment", [*words, "--keep-going"]) == 0
+    assert stage_main("zeroshop_steps.segment", [*words, "--record-failure", f"{tmp_path}/cameras/"]) == 0
     with pytest.raises(StepError, match="run registration again"):
         read_registration(tmp_path / "cameras")
-    assert not any(Path(tmp_path / "cameras" / "masks").iterdir())
-    assert "segmentation failed" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "cameras").iterdir()] == ["failure.json"], "no masks"
+    assert f"failed, recorded in {tmp_path}/cameras: segment.{method}: " in capsys.readouterr().err

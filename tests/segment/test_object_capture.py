@@ -10,6 +10,7 @@ from helpers.small_networks import write_detector, write_tracker
 from zeroshop_steps.geometry.images import list_images, read_mask, write_mask
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.segment.mask_agreement import compute_overlap
 
@@ -54,9 +55,7 @@ def test_networks_find_masks_where_there_are_none(pictures, capfd):
 
 def test_a_failed_registration_passes_its_reason_on(pictures, capfd):
     folder, _ = pictures
-    for part in ("images", "masks", "sparse"):
-        (folder / "cameras" / part).mkdir(parents=True)
-    write_json(folder / "cameras/registration.json", {"status": "failed", "reason": "3 of 12 images registered"})
+    write_failure([f"{folder}/cameras/"], Failure("register.colmap", "3 of 12 images registered"))
     assert object_capture("cameras") == 1
     assert "3 of 12 images registered" in capfd.readouterr().err and not (folder / "object").exists()
 

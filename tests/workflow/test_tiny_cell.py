@@ -14,6 +14,7 @@ from PIL import Image
 
 from helpers.running import command_and_environment, planned, run_snakemake
 from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.runtime.failures import read_failure
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -110,8 +111,13 @@ def test_asked_for_directly_a_failed_cell_ends_with_its_reason(cell):
     target = "results/demo/mustard_bottle/su_h/colmap/2dgs/mesh.ply"
     run = again(cell, target)
     assert run.returncode != 0
-    assert "could not be registered" in run.stdout
-    assert not list((cell / target).parent.glob("*.ply"))
+    assert "20 images registered, at least 1000 are needed" in run.stdout
+    assert not (cell / target).exists() and all(map(read_failure, (cell / target).parent.glob("*.ply")))
+    cameras = "results/demo/mustard_bottle/su_h/colmap/cameras"
+    assert f"delete {cameras} or call snakemake with --forcerun {cameras}" in run.stdout
+    assert run.stdout.count(f"  {cameras}: register.colmap: ") == 1, "what was recorded is told once at the end"
+    tried = planned(again(cell, "-n", "--forcerun", cameras, target).stdout)
+    assert tried["register"] == tried["clean"] == tried["export"] == 1
 
 
 def test_the_table_has_the_failed_cell_with_its_reason(cell):
@@ -122,7 +128,8 @@ def test_the_table_has_the_failed_cell_with_its_reason(cell):
     assert {row["measure"] for row in rows if row["registration"] == "truth"} >= {"accuracy_mm", "completeness_mm", "f_score_1_percent"}
     [failed] = [row for row in rows if row["registration"] == "colmap"]
     assert (failed["nvs"], failed["measure"], failed["value"]) == ("2dgs", "grade", "none")
-    assert failed["reason"].startswith("nvs.stereo: ") and "1000" in failed["reason"]
+    assert failed["reason"].startswith("register.colmap: ") and "1000" in failed["reason"]
+    assert "Nothing to be done" in again(cell, PRODUCT).stdout, "what is asked for makes nothing else stale"
 
 
 def test_a_failure_after_the_registration_is_a_row_too(cell, tmp_path):
@@ -133,7 +140,7 @@ def test_a_failure_after_the_registration_is_a_row_too(cell, tmp_path):
     with (folder / "results/demo/mustard_bottle/cells.csv").open() as file:
         [failed] = [row for row in csv.DictReader(file) if row["registration"] == "truth"]
     assert (failed["measure"], failed["value"]) == ("grade", "none")
-    assert failed["reason"].startswith("nvs.fuse: ") and "no surface that 1000 views see" in failed["reason"]
+    assert failed["reason"].startswith("surface.fuse: ") and "no surface that 1000 views see" in failed["reason"]
     direct = again(folder, f"{CELL}/mesh.ply", config=[no_surface])
     assert direct.returncode != 0
     assert "no surface that 1000 views see" in direct.stdout

@@ -5,7 +5,8 @@ results/DATASET/OBJECT/cells.csv                         one object: every cell 
 results/DATASET/tables/SCENE/REGISTRATION/NVS.csv        one column: this cell of every object
 results/DATASET/tables/reconstruction.csv                one table: every cell of every object (tables.smk)
 
-A failed cell is a result: in such a run a step that fails leaves a record, `outcome` ends in it, and the others go on.
+A failed cell is a result: a step of a cell that fails leaves a record (`--record-failure`), the steps after it and `outcome` pass it
+on, and the other cells go on. The finished mesh is never a record: asked for, such a cell ends with the reason.
 """
 
 import functools
@@ -93,8 +94,7 @@ def figures_of(
 def parts_of_mesh(
     wildcards,
 ):
-    """What the finished mesh is put together from. Whoever asks for an outcome wants failures recorded."""
-    os.environ[failures.SWITCH] = "1"
+    """What the finished mesh is put together from."""
     return [f"{CELL}/{part}".format(**wildcards) for part in ("unwrapped.ply", "texture.png", "frame.json")]
 
 

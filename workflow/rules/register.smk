@@ -1,7 +1,7 @@
 """Register: cameras and sparse points of a capture, beside its undistorted images and masks.
 
-A registration that fails is a result too: its record says so and why. The steps that would build on it then end with
-that reason, while a table goes on with its other cells (matrix.smk).
+A registration that fails is a result too: its record says so and why. The steps that would build on it pass it on, while a table goes
+on with its other cells (matrix.smk).
 """
 
 
@@ -71,7 +71,7 @@ rule register:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:
         "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
-        " --scene {wildcards.scene} {params.options} --threads {threads} --keep-going --out {output} > {log} 2>&1"
+        " --scene {wildcards.scene} {params.options} --threads {threads} --out {output} --record-failure {output}/ > {log} 2>&1"
 
 
 use rule register as register_photos with:

@@ -101,7 +101,7 @@ rule capture_object:
         "Taking the pictures of {wildcards.object} with their masks, to register the object alone"
     shell:
         "python -m zeroshop_steps.segment --method object_capture --pictures {input.pictures} --capture {input.capture}"
-        " {params.options} --rejected {log}.png --out {output.capture} > {log} 2>&1"
+        " {params.options} --rejected {log}.png --out {output} --record-failure {output}/ > {log} 2>&1"
 
 
 rule segment:
@@ -129,4 +129,4 @@ rule segment:
         "Masking {wildcards.object} in its photos ({params.method})"
     shell:
         "python -m zeroshop_steps.segment --method {params.method} --scene {input.scene} {params.options}"
-        " --rejected {log}.png --keep-going --out {output.cameras} > {log} 2>&1"
+        " --rejected {log}.png --out {output} --record-failure {output}/ > {log} 2>&1"

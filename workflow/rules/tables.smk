@@ -23,7 +23,6 @@ def board_cells(
 ):
     """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
     virtual_dataset(wildcards.dataset)
-    os.environ[failures.SWITCH] = "1"
     cell = {"dataset": wildcards.dataset, "registration": config["chosen"]["virtual"]["registration"], "nvs": table_axis("nvs")[0]}
     return [
         f"{CELL}/height_by_board.json".format(**cell, object=name, scene=scene)
@@ -40,7 +39,6 @@ def film_files(
     def files(
         wildcards,
     ):
-        os.environ[failures.SWITCH] = "1"
         registration, nvs = config["chosen"]["photos"]["registration"], table_axis("nvs")[0]
         run = {"dataset": wildcards.dataset, "scene": WHOLE_SCENE, "registration": registration, "nvs": nvs}
         return [path.format(**run, object=name) for name in objects_of(wildcards.dataset)]

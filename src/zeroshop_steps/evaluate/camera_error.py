@@ -12,8 +12,11 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
-from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import write_table
+
+READS_FAILURES = True
 
 
 @dataclass(frozen=True)
@@ -44,12 +47,9 @@ def run(args: argparse.Namespace) -> None:
     """Write the JSON and the CSV; for a failed registration, its reason and the errors of the rejected model, if there is one."""
     truth = read_sparse_model(args.truth).cameras
     record: dict = {"images": len(truth), "registered": 0}
-    registration = args.cameras / "registration.json"
-    status = read_json(registration) if registration.is_file() else {"status": "ok"}
-    record["status"] = status["status"]
-    if status["status"] != "ok":
-        record["reason"] = status["reason"]
-    model = args.cameras / ("sparse" if status["status"] == "ok" else "rejected")
+    failure = read_failure(args.cameras)
+    record |= {"status": "failed", "reason": failure.reason} if failure else {"status": "ok"}
+    model = args.cameras / ("rejected" if failure else "sparse")
     if (model / "cameras.bin").is_file():
         error = compare_cameras(read_sparse_model(model).cameras, truth)
         record |= {

@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.failures import read_failure
 
 LEAST_PAIRS = 3  # a similarity between two sets of points needs three
 
@@ -103,9 +103,8 @@ def read_sparse_model(folder: Path) -> SparseModel:
     try:
         reconstruction = pycolmap.Reconstruction(str(folder))
     except Exception as error:
-        record = folder.parent / "registration.json"
-        if record.is_file() and (content := read_json(record))["status"] != "ok":
-            raise StepError(f"{folder.parent}: the images could not be registered: {content['reason']}") from None
+        if failure := read_failure(folder.parent):
+            raise StepError(f"{folder.parent}: the images could not be registered: {failure.reason}") from None
         raise StepError(f"{folder} holds no readable COLMAP model ({str(error).splitlines()[0]}); run registration again") from None
     cameras = []
     for image in sorted(reconstruction.images.values(), key=lambda image: image.name):

@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
     options = replace(options, sift=features)
     image_set = read_image_set(args.capture)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    write_registration(args.out, args.keep_going, lambda folder: register(image_set, folder, options))
+    write_registration(args.out, lambda folder: register(image_set, folder, options))
 
 
 def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str, Any]:

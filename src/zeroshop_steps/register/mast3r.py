@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> None:
     def predictor() -> Mast3rPredictor:
         return Mast3rPredictor(load_mast3r(weights), image_set.images, device, args.long_side_px)
 
-    write_registration(args.out, args.keep_going, lambda folder: register(image_set, folder, options, predictor))
+    write_registration(args.out, lambda folder: register(image_set, folder, options, predictor))
 
 
 def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: Callable[[], PairPredictor]) -> dict[str, Any]:

@@ -1,13 +1,11 @@
 """What every registration method writes, also when it fails.
 
 A registration that succeeded is a folder with images/, masks/ (where the capture has masks), sparse/ and
-registration.json. One that failed raises, and nothing is written; in a table run (`--keep-going`) the folder is
-written with a registration.json that says `failed` and why, and with empty images/, masks/ and sparse/, so that the
-other objects go on. A model that was found and rejected is in rejected/, to see what went wrong.
+registration.json. One that failed raises. Where its failure is recorded (failures.py), a registration.json that says `failed` and
+why, with the figures so far, is beside the record; a model that was found and rejected is in rejected/.
 """
 
 import argparse
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ import pycolmap
 
 from zeroshop_steps.register.view_coverage import record_view_coverage
 from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
@@ -30,6 +29,13 @@ class RegistrationFailed(StepError):
         super().__init__(reason)
         self.figures, self.rejected = figures, rejected
 
+    def write_details(self, folder: Path) -> None:
+        """Write the figures and the rejected model."""
+        if self.rejected is not None:
+            (folder / "rejected").mkdir()
+            self.rejected.write_binary(str(folder / "rejected"))
+        write_json(folder / "registration.json", {"status": "failed", "reason": str(self), **self.figures})
+
 
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all registration methods share."""
@@ -37,41 +43,22 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", required=True, choices=SCENES, help=f"{' and '.join(OBJECT_ONLY)} go by the object alone")
     parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
     parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
-    parser.add_argument("--keep-going", action="store_true", help="write a failed registration as a result and exit with 0")
 
 
-def write_registration(out: Path, keep_going: bool, register: Callable[[Path], dict[str, Any]]) -> None:
-    """Run `register` on a folder that becomes `out` when it succeeds, and write its record, with advice on what to film again.
-
-    Raises:
-        RegistrationFailed: as `register` did, unless `keep_going`.
-    """
-    try:
-        with atomic_directory(out) as folder:
-            record = {"status": "ok", "reason": None, **register(folder)} | record_view_coverage(folder)
-            write_json(folder / "registration.json", record)
-    except RegistrationFailed as failure:
-        if not keep_going:
-            raise
-        with atomic_directory(out) as folder:
-            for part in ("images", "masks", "sparse"):
-                (folder / part).mkdir()
-            if failure.rejected is not None:
-                (folder / "rejected").mkdir()
-                failure.rejected.write_binary(str(folder / "rejected"))
-            write_json(folder / "registration.json", {"status": "failed", "reason": str(failure), **failure.figures})
-        print(f"registration failed, recorded in {out / 'registration.json'}: {failure}", file=sys.stderr)
-    else:
-        for line in record["advice"]:
-            warn(line)
+def write_registration(out: Path, register: Callable[[Path], dict[str, Any]]) -> None:
+    """Run `register` on a folder that becomes `out` when it succeeds, and write its record, with advice on what to film again."""
+    with atomic_directory(out) as folder:
+        record = {"status": "ok", "reason": None, **register(folder)} | record_view_coverage(folder)
+        write_json(folder / "registration.json", record)
+    for line in record["advice"]:
+        warn(line)
 
 
 def read_registration(cameras: Path) -> dict[str, Any]:
     """The record of a cameras folder. Raises StepError with the registration's own reason when it failed."""
-    record = read_json(Path(cameras) / "registration.json")
-    if record["status"] != "ok":
-        raise StepError(f"{cameras}: registration failed ({record['reason']})")
-    return record
+    if failure := read_failure(cameras):
+        raise StepError(f"{cameras}: registration failed ({failure.reason})")
+    return read_json(Path(cameras) / "registration.json")
 
 
 def describe_model(model: pycolmap.Reconstruction) -> dict[str, Any]:

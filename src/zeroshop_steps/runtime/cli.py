@@ -12,13 +12,14 @@ import re
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zeroshop_steps.runtime import failures
 from zeroshop_steps.runtime.cache import run_cached
 from zeroshop_steps.runtime.errors import StepError
 
+RECORD_FAILURE = "outputs (a folder's name ends in a slash) in place of which a failure is recorded; the status is 0 then"
 RUN = re.compile(r"^def run\(args\b", re.MULTILINE)
 
 
@@ -35,20 +36,22 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     choose = argparse.ArgumentParser(prog=f"python -m {package}", add_help=False)
     choose.add_argument("--method", choices=stage_methods(package), required=True)
-    choose.add_argument("--record-failure", type=Path, nargs="+", default=[], metavar="OUTPUT")
+    choose.add_argument("--record-failure", nargs="+", default=[], metavar="OUTPUT", help=RECORD_FAILURE)
     if not any(word == "--method" or word.startswith("--method=") for word in argv) and {"-h", "--help"} & set(argv):
         choose.print_help()
         return 0
     known, rest = choose.parse_known_args(argv)
     step = f"{package.rpartition('.')[2]}.{known.method}"
     module = importlib.import_module(f"{package}.{known.method}")
-    inputs = [word for word in rest if Path(word) not in known.record_failure]
+    own = {Path(output) for output in known.record_failure}
+    inputs = [word for word in rest if Path(word) not in own]
     earlier = None if getattr(module, "READS_FAILURES", False) else failures.failure_among(inputs)
     if earlier:
         return _give_up(earlier, known.record_failure)
     parser = argparse.ArgumentParser(
         prog=f"python -m {package} --method {known.method}",
         description=module.__doc__,
+        epilog=f"--record-failure OUTPUT ...: {RECORD_FAILURE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
@@ -62,17 +65,20 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
         if not isinstance(error, StepError):
             traceback.print_exc()
         failure = failures.Failure(step, failures.reason_of(error))
-        return _give_up(failure, known.record_failure if failures.is_result(error) else [])
+        details = error.write_details if isinstance(error, StepError) else None
+        return _give_up(failure, known.record_failure if failures.is_result(error) else [], details)
     return 0
 
 
-def _give_up(failure: failures.Failure, outputs: Sequence[Path]) -> int:
-    """End with a failure's reason; in a table run, leave its record in place of `outputs` and let the others go on."""
-    if outputs and failures.recording():
-        failures.write_failure(outputs, failure)
-        print(f"failed, recorded in {outputs[0]}: {failure}", file=sys.stderr)
+def _give_up(failure: failures.Failure, outputs: Sequence[str], write_details: Callable[[Path], None] | None = None) -> int:
+    """Record a failure in place of `outputs`, or end with its reason where there are none. Returns the status."""
+    if outputs:
+        failure = failures.write_failure(outputs, failure, write_details)
+        print(f"{failures.RECORDED}{failure.place}: {failure}", file=sys.stderr)
         return 0
     print(f"error: {failure.reason}", file=sys.stderr)
+    if failure.place:
+        print(f"This is the failure of {failure.step}. {failures.how_to_try_again(failure.place)}", file=sys.stderr)
     return 1
 
 

@@ -1,6 +1,7 @@
 """What a step says to its user: the one error type, and warnings."""
 
 import sys
+from pathlib import Path
 
 
 class StepError(Exception):
@@ -8,6 +9,9 @@ class StepError(Exception):
 
     A step that raises it ends with status 1 and prints the message without a traceback.
     """
+
+    def write_details(self, folder: Path) -> None:
+        """Leave in the folder that holds the record of this failure (failures.py) what helps to see why; most have nothing."""
 
 
 _NO_MEMORY = ("allocate memory", "Failed to allocate", "Insufficient memory", "not enough memory", "out of memory")

@@ -1,64 +1,94 @@
-"""In a table run, a step that cannot do its work leaves a record in place of its outputs, so that the other cells go on.
+"""A step that cannot do its work leaves a record in place of its outputs, so that a table goes on with its other cells.
 
-The record is one line of JSON with the step and its reason. A later step that is given one passes it on, down to the cell's
-outcome.json; a step without `--record-failure` ends with its reason instead, so that no finished mesh is ever a record.
+The rules of a cell pass `--record-failure OUTPUT ...`; the name of a folder ends in a slash. The record is one line of JSON with
+the step, its reason and the place of the record: the file itself, or failure.json in a folder. A later step that is given one
+passes it on, down to the cell's outcome.json. A step without the option, such as the one that writes the finished mesh, ends with
+the reason and a status of its own instead, so that no product is ever a record.
 
-Recording is switched on by the workflow, for runs that make a table; a step that is run alone fails as any command does.
 What the machine did wrong is never recorded, since it says nothing about the cell: a full disk, no memory, a killed process.
 """
 
 import json
-import os
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
-from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.files import atomic_directory, atomic_write
 
-SWITCH = "ZEROSHOP_RECORD_FAILURES"
 START = b'{"failed": "'
+IN_FOLDER = "failure.json"
+"""The record in an output that is a folder."""
+RECORDED = "failed, recorded in "
+"""How a line of a step's log begins that the workflow repeats at its end."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Which step failed and why."""
+    """Which step failed and why.
+
+    Attributes:
+        step: as in `python -m zeroshop_steps.STAGE --method METHOD`: "STAGE.METHOD".
+        reason: one line.
+        place: the output in place of which it was first recorded; empty where it was not yet.
+    """
 
     step: str
     reason: str
+    place: str = field(default="", compare=False)
 
     def __str__(self) -> str:
         return f"{self.step}: {self.reason}"
 
 
-def recording() -> bool:
-    """Whether this run makes a table."""
-    return bool(os.environ.get(SWITCH))
+def write_failure(outputs: Sequence[str | Path], failure: Failure, write_details: Callable[[Path], None] | None = None) -> Failure:
+    """Leave the record in place of every output.
 
+    Args:
+        outputs: files, and folders whose names end in a slash.
+        failure: what is recorded; where it has no place yet, that is the first output.
+        write_details: writes more into a folder, for whoever wants to see what went wrong.
 
-def write_failure(outputs: Iterable[Path], failure: Failure) -> None:
-    """Leave the record in place of every output."""
-    for path in outputs:
-        with atomic_write(path) as temporary:
-            temporary.write_text(json.dumps({"failed": failure.step, "reason": failure.reason}) + "\n")
+    Returns:
+        the failure with its place.
+    """
+    failure = replace(failure, place=failure.place or str(outputs[0]).rstrip("/"))
+    content = json.dumps({"failed": failure.step, "reason": failure.reason, "place": failure.place}) + "\n"
+    for output in outputs:
+        if str(output).endswith("/"):
+            with atomic_directory(Path(output)) as folder:
+                if write_details:
+                    write_details(folder)
+                (folder / IN_FOLDER).write_text(content)
+        else:
+            with atomic_write(Path(output)) as temporary:
+                temporary.write_text(content)
+    return failure
 
 
 def read_failure(path: Path) -> Failure | None:
-    """The failure that a file records; None where it is a true output, a folder or absent."""
+    """The failure that a file or folder records; None where it is a true output or absent."""
+    path = Path(path)
     try:
-        with Path(path).open("rb") as file:
+        record = path / IN_FOLDER if path.is_dir() else path
+        with record.open("rb") as file:
             if file.read(len(START)) != START:
                 return None
-        record = json.loads(Path(path).read_text())
-        return Failure(record["failed"], record["reason"])
+        content = json.loads(record.read_text())
+        return Failure(content["failed"], content["reason"], content.get("place", str(path)))
     except (OSError, ValueError, KeyError):
         return None
 
 
-def failure_among(words: Sequence[str]) -> Failure | None:
-    """The first failure that a file on a command line records."""
+def failure_among(words: Iterable[str]) -> Failure | None:
+    """The first failure that a file or folder on a command line records."""
     return next((failure for failure in map(read_failure, map(Path, words)) if failure), None)
+
+
+def how_to_try_again(place: str) -> str:
+    """What a user does about a recorded failure once its cause is mended."""
+    return f"To try again, delete {place} or call snakemake with --forcerun {place}."
 
 
 def is_result(error: BaseException) -> bool:

@@ -1,10 +1,15 @@
-"""What steps warned of during a run of the workflow, repeated at its end: nobody opens the log of a step that succeeded."""
+"""What steps warned of and which failures they recorded during a run of the workflow, repeated at its end.
+
+Nobody opens the log of a step that succeeded, and one whose failure is recorded counts as such.
+"""
 
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from zeroshop_steps.runtime.errors import WARNING
+from zeroshop_steps.runtime.failures import RECORDED
 
 SHOWN = 30
 PICTURES = {"images", "masks", "depth", "truth"}
@@ -13,23 +18,39 @@ PICTURES = {"images", "masks", "depth", "truth"}
 
 def warnings_since(folder: Path, start_s: float) -> list[str]:
     """ "LOG: warning" of each line in the logs below `folder` that were written at `start_s` (seconds since the epoch) or later."""
-    found = []
+    return [f"{log}: {line.removeprefix(WARNING)}" for log, line in _lines_since(folder, start_s) if line.startswith(WARNING)]
+
+
+def failures_since(folder: Path, start_s: float) -> list[str]:
+    """ "RECORD: step: reason" of each failure that these logs say is recorded, once however many steps passed it on."""
+    found = (line.removeprefix(RECORDED) for _, line in _lines_since(folder, start_s) if line.startswith(RECORDED))
+    return list(dict.fromkeys(found))
+
+
+def repeat_warnings(folder: Path, start_s: float) -> None:
+    """Repeat the warnings and the recorded failures of this run."""
+    _print_list("Warnings", warnings_since(folder, start_s), folder)
+    failures = failures_since(folder, start_s)
+    _print_list("Failures that are recorded in place of results", failures, folder)
+    if failures:
+        print("  To try one again, delete the file or folder in front of it, or name it after --forcerun.", file=sys.stderr)
+
+
+def _lines_since(folder: Path, start_s: float) -> Iterator[tuple[Path, str]]:
+    """The lines of the logs that were written at `start_s` or later, each with its log."""
     for place, folders, files in os.walk(folder):
         folders[:] = sorted(set(folders) - PICTURES)
         if Path(place).name != "logs":
             continue
         for log in (Path(place) / name for name in sorted(files) if name.endswith(".log")):
             if log.stat().st_mtime >= start_s:
-                lines = log.read_text(errors="replace").splitlines()
-                found += [f"{log}: {line.removeprefix(WARNING)}" for line in lines if line.startswith(WARNING)]
-    return found
+                yield from ((log, line) for line in log.read_text(errors="replace").splitlines())
 
 
-def repeat_warnings(folder: Path, start_s: float) -> None:
-    """Repeat the warnings of this run."""
-    found = warnings_since(folder, start_s)
-    if found:
-        print(f"\nWarnings ({len(found)}):", file=sys.stderr)
-        print(*(f"  {line}" for line in found[:SHOWN]), sep="\n", file=sys.stderr)
-        if len(found) > SHOWN:
-            print(f"  and {len(found) - SHOWN} more in the logs below {folder}", file=sys.stderr)
+def _print_list(title: str, lines: list[str], folder: Path) -> None:
+    """A title with the number of lines, and the first of them."""
+    if lines:
+        print(f"\n{title} ({len(lines)}):", file=sys.stderr)
+        print(*(f"  {line}" for line in lines[:SHOWN]), sep="\n", file=sys.stderr)
+    if len(lines) > SHOWN:
+        print(f"  and {len(lines) - SHOWN} more in the logs below {folder}", file=sys.stderr)

@@ -25,7 +25,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.detector import Box, Detector, choose_box, describe_nothing_found
 from zeroshop_steps.segment.mask_agreement import assess_masks, compute_overlap, find_corners
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
-from zeroshop_steps.segment.record import add_common_arguments, record_failure, show_rejected_masks, write_segmented
+from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.support_plane import tidy_mask
 from zeroshop_steps.segment.tracker import ObjectTracker, TrackedMask
 
@@ -86,14 +86,13 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
-    with record_failure(args):
-        views, _ = read_views(args.scene)
-        cameras = [view.camera for view in views]
-        pictures = ImageSequence([view.image_path for view in views], (cameras[0].width_px, cameras[0].height_px), cameras)
-        with show_rejected_masks(pictures.paths, args.rejected):
-            masks, record = run_networks(pictures, args)
-        record["seconds"] = round(time.monotonic() - start_s, 2)
-        write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+    views, _ = read_views(args.scene)
+    cameras = [view.camera for view in views]
+    pictures = ImageSequence([view.image_path for view in views], (cameras[0].width_px, cameras[0].height_px), cameras)
+    with show_rejected_masks(pictures.paths, args.rejected):
+        masks, record = run_networks(pictures, args)
+    record["seconds"] = round(time.monotonic() - start_s, 2)
+    write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
 def run_networks(pictures: ImageSequence, args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:

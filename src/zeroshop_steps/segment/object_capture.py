@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
-from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.grounded_sam import ImageSequence, add_network_arguments, run_networks
 from zeroshop_steps.segment.record import (
@@ -41,9 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the capture."""
     start_s = time.monotonic()
-    reason = _failure_of(args.pictures)
-    if reason:
-        raise StepError(f"{args.pictures} has no masks, since its step failed: {reason}")
     paths = list_images(args.pictures / "images")
     height_px, width_px = read_image(paths[0]).shape[:2]
     if (args.pictures / "masks").is_dir():
@@ -77,10 +73,3 @@ def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record:
         write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet(paths, masks, dropped))
     warn_of_dropped(record)
-
-
-def _failure_of(folder: Path) -> str | None:
-    """Why the step that should have written a cameras folder failed; None for a capture, and where it did not."""
-    record = folder / "registration.json"
-    content = read_json(record) if record.is_file() else {"status": "ok"}
-    return None if content["status"] == "ok" else content["reason"]

@@ -8,7 +8,6 @@ import argparse
 import contextlib
 import os
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,7 @@ from zeroshop_steps.capture.frames import TILE_WIDTH_PX, arrange_in_rows
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.record import read_registration
-from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.runtime.failures import is_result
+from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.mask_quality import MasksRejected
 
@@ -34,24 +32,8 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all segmentation methods share."""
     parser.add_argument("--scene", type=Path, required=True, help="registered scene: images/, sparse/ and perhaps masks/")
     parser.add_argument("--seed", type=int, default=0, help="seed of RANSAC (default: %(default)s)")
-    parser.add_argument("--keep-going", action="store_true", help="write a failed segmentation as a result and exit with 0")
     add_rejected_argument(parser)
     parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
-
-
-@contextlib.contextmanager
-def record_failure(args: argparse.Namespace) -> Iterator[None]:
-    """With `--keep-going`, write a failure in this block in place of the masks, as a registration writes its own."""
-    try:
-        yield
-    except StepError as error:
-        if not (args.keep_going and is_result(error)):
-            raise
-        with atomic_directory(args.out) as folder:
-            for part in ("images", "masks", "sparse"):
-                (folder / part).mkdir()
-            write_json(folder / "registration.json", {"status": "failed", "reason": str(error)})
-        print(f"segmentation failed, recorded in {args.out / 'registration.json'}: {error}", file=sys.stderr)
 
 
 def add_rejected_argument(parser: argparse.ArgumentParser) -> None:

@@ -19,7 +19,7 @@ from zeroshop_steps.segment.ground import build_ground_picture, equalize_exposur
 from zeroshop_steps.segment.mask_quality import check_enough_good, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import select_object
-from zeroshop_steps.segment.record import add_common_arguments, record_failure, show_rejected_masks, write_segmented
+from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import refine_masks
 
 WIDTH_PX = 480  # images are cut at this width at most; time grows with its square
@@ -38,12 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
-    with record_failure(args):
-        views, model = read_views(args.scene)
-        with show_rejected_masks([view.image_path for view in views], args.rejected):
-            masks, record = find_masks(views, model, args.image_width_px, args.seed)
-        record["seconds"] = round(time.monotonic() - start_s, 2)
-        write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+    views, model = read_views(args.scene)
+    with show_rejected_masks([view.image_path for view in views], args.rejected):
+        masks, record = find_masks(views, model, args.image_width_px, args.seed)
+    record["seconds"] = round(time.monotonic() - start_s, 2)
+    write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
 def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed: int) -> tuple[list[np.ndarray], dict[str, Any]]:

@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
-from zeroshop_steps.segment.record import add_common_arguments, read_mask_record, record_failure, show_rejected_masks, write_segmented
+from zeroshop_steps.segment.record import add_common_arguments, read_mask_record, show_rejected_masks, write_segmented
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,13 +23,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
-    with record_failure(args):
-        views, _ = read_views(args.scene)
-        if not (Path(args.scene) / "masks").is_dir():
-            raise StepError(f"{args.scene} has no masks; give their folder in objects.tsv, or segment by support_plane")
-        masks, names = [view.mask() for view in views], [view.camera.name for view in views]
-        _, qualities = assess_masks(masks, [view.camera for view in views])
-        with show_rejected_masks([view.image_path for view in views], args.rejected):
-            check_enough_good(qualities, names, masks)
-        record = read_mask_record(args.capture) | describe_quality(qualities, names) | {"seconds": round(time.monotonic() - start_s, 2)}
-        write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+    views, _ = read_views(args.scene)
+    if not (Path(args.scene) / "masks").is_dir():
+        raise StepError(f"{args.scene} has no masks; give their folder in objects.tsv, or segment by support_plane")
+    masks, names = [view.mask() for view in views], [view.camera.name for view in views]
+    _, qualities = assess_masks(masks, [view.camera for view in views])
+    with show_rejected_masks([view.image_path for view in views], args.rejected):
+        check_enough_good(qualities, names, masks)
+    record = read_mask_record(args.capture) | describe_quality(qualities, names) | {"seconds": round(time.monotonic() - start_s, 2)}
+    write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)

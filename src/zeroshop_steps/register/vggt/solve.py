@@ -76,7 +76,6 @@ def solve(args: argparse.Namespace) -> None:
     figures = {"device": device, "precision": str(network.precision).removeprefix("torch."), "predicted_peak_gb": round(needed / 1e9, 2)}
     write_registration(
         args.out,
-        args.keep_going,
         lambda folder: register(image_set, folder, options, network, settings.image_px, settings.patch_px, figures),
     )
 

@@ -109,9 +109,8 @@ class Run:
     @property
     def failed(self) -> str | None:
         """Why no cameras were found, None where they were or are not looked for yet."""
-        if failure := read_failure(self.folder / "cameras"):
-            return failure.reason
-        return None if self.registered.get("status", "ok") == "ok" else self.registered.get("reason") or "registration failed"
+        failure = read_failure(self.folder / "cameras")
+        return failure.reason if failure else None
 
 
 def find_runs(folder: Path) -> list[Run]:
@@ -120,17 +119,15 @@ def find_runs(folder: Path) -> list[Run]:
     for scene in _list_folders(folder, NO_SCENE):
         for registration in _list_folders(scene, NO_REGISTRATION):
             registered = _read_facts(registration / "cameras/registration.json")
-            cells = tuple(read_cell(path, registered) for path in _list_folders(registration, NO_CELL) if _is_cell(path))
+            cells = tuple(read_cell(path) for path in _list_folders(registration, NO_CELL) if _is_cell(path))
             if registered or cells or (registration / "cameras").exists():
                 runs.append(Run(scene.name, registration.name, registration, registered, cells))
     return runs
 
 
-def read_cell(folder: Path, registered: dict) -> Cell:
+def read_cell(folder: Path) -> Cell:
     """What there is of one cell."""
-    failure = _find_failure(folder)
-    if failure is None and registered.get("status", "ok") != "ok":
-        failure = Failure("register", registered.get("reason") or "the cameras were not found")
+    failure = _find_failure(folder) or read_failure(folder.parent / "cameras")
     names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "underside")
     facts = {name: _read_facts(folder / f"{name}.json") for name in names}
     facts["training"] = next((found for name in TRAINED if (found := _read_facts(folder / name))), {})
