@@ -104,7 +104,8 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path) -> None
             "seconds": round(time.monotonic() - start_s, 2),
         }
         height_px, width_px = scaled[0].shape[:2]
-        write_capture_record(folder, (width_px, height_px), film.sharpnesses[chosen], film.levels[chosen], blurs_px, facts)
+        sharpnesses, levels = film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist()
+        write_capture_record(folder, (width_px, height_px), sharpnesses, levels, blurs_px, facts)
     for warning in warnings:
         warn(warning)
 

@@ -44,11 +44,13 @@ def read_image_set(capture: Path) -> ImageSet:
         raise StepError(f"{capture / 'images'} holds {len(images)} image(s); at least {MIN_IMAGES} are needed, 20 work well")
     if len({path.stem for path in images}) < len(images):
         raise StepError(f"{capture / 'images'} holds images that differ only in their suffix; keep one of each")
-    masks, size_px, digests = [] if (capture / "masks").is_dir() else None, None, set()
+    masks: list[Path] | None = [] if (capture / "masks").is_dir() else None
+    size_px, digests = (0, 0), set()
     for image in images:
         pixels = read_image(image)
         size = (pixels.shape[1], pixels.shape[0])
-        size_px = size_px or size
+        if image is images[0]:
+            size_px = size
         if size != size_px:
             raise StepError(
                 f"image {image} is {size[0]} x {size[1]} px, {images[0].name} is {size_px[0]} x {size_px[1]} px; all must be equal"

@@ -140,9 +140,9 @@ def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[Publis
     for how, found in points.items():
         if len(found) == 0:
             continue
-        axes.scatter(*found.T, s=24, color=COLORS[how], marker=MARKS[how], label=how)
+        axes.scatter(found[:, 0], found[:, 1], s=24, color=COLORS[how], marker=MARKS[how], label=how)
         if len(found) > 2:
-            slope, level = np.polyfit(*found.T, 1)
+            slope, level = np.polyfit(found[:, 0], found[:, 1], 1)
             ends = np.array([found[:, 0].min(), found[:, 0].max()])
             axes.plot(ends, level + slope * ends, color=COLORS[how], linewidth=1.0)
     axes.set(xlabel="true height in m", ylabel="error of the measured height in %", ylim=(0.0, None))

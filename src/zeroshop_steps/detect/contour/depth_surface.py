@@ -53,7 +53,7 @@ def prepare_surface(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: fl
     measured = depth_mm > 0
     if measured.sum() < FEWEST_MEASURED:
         raise StepError(f"the depth image of {name} has {measured.sum()} measured pixels; at least {FEWEST_MEASURED} are needed")
-    filled = cv2.medianBlur(_fill_holes(depth_mm), 5)
+    filled: np.ndarray = cv2.medianBlur(_fill_holes(depth_mm), 5)
     inverse = cv2.GaussianBlur(1.0 / filled, (0, 0), SMOOTHED_PX)
     height, width = depth_mm.shape
     rays = np.stack([*np.meshgrid(np.arange(width), np.arange(height)), np.ones((height, width))], -1) @ np.linalg.inv(intrinsics).T

@@ -156,5 +156,5 @@ def _color_histograms(lab: np.ndarray, masks: np.ndarray) -> np.ndarray:
     sums = np.bincount(index.ravel(), masks.ravel(), len(lab) * bins).reshape(-1, LIGHT_BINS, CHROMA_BINS, CHROMA_BINS)
     for axis in (1, 2, 3):
         sums = gaussian_filter1d(sums, 0.7, axis, mode="constant")
-    sums = sums.reshape(len(lab), -1)
-    return np.sqrt(sums / np.maximum(sums.sum(1, keepdims=True), 1e-6)).astype(np.float32)
+    rows = sums.reshape(len(lab), -1)
+    return np.sqrt(rows / np.maximum(rows.sum(1, keepdims=True), 1e-6)).astype(np.float32)

@@ -138,7 +138,8 @@ def _merge_basins(
         if one not in alive or other not in alive:
             continue
         if one == GROUND:
-            merged, parts = GROUND, (other,)
+            merged = GROUND
+            parts: tuple[int, ...] = (other,)
         else:
             merged, following, parts = following, following + 1, (one, other)
             members[merged] = members.pop(one) + members.pop(other)

@@ -58,7 +58,7 @@ def match_views(patches: Sequence[RegionPatch], reference: ReferenceViews) -> tu
     indices = np.flatnonzero((areas > low) & (areas < high) & (lengths < LONGEST_DIAMETERS * reference.diameter_mm))
     if not len(indices):
         return indices, np.zeros((0, len(VIEW_NAMES)))
-    regions = describe_patches([patches[index] for index in indices], reference.diameter_mm)
+    regions = describe_patches([patches[index] for index in indices.tolist()], reference.diameter_mm)
     all_measures = _measure_all(regions, reference)
     best = (all_measures @ VIEW_WEIGHTS).argmax(1)
     return indices, all_measures[np.arange(len(indices)), best]

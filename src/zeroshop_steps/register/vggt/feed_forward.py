@@ -14,8 +14,8 @@ from zeroshop_steps.register.vggt.dense_points import DensePoints
 def build_feed_forward_model(cameras: list[Camera], points: DensePoints) -> pycolmap.Reconstruction:
     """A COLMAP model with a pinhole camera an image, and the points with one observation in every view that confirms them."""
     model = pycolmap.Reconstruction()
-    places = [[] for _ in cameras]
-    tracks = [[] for _ in points.xyz]
+    places: list[list] = [[] for _ in cameras]
+    tracks: list[list[pycolmap.TrackElement]] = [[] for _ in points.xyz]
     for view, camera in enumerate(cameras):
         pixels, _ = camera.project(points.xyz)
         for point in np.flatnonzero(points.seen[:, view]):

@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -38,7 +39,7 @@ def read_settings(weights: Path) -> VggtSettings:
     path = weights.with_suffix(SIZES)
     if not path.is_file():
         return VggtSettings()
-    values = {key: tuple(value) if isinstance(value, list) else value for key, value in read_json(path).items()}
+    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in read_json(path).items()}
     try:
         return VggtSettings(**values)
     except TypeError as error:
@@ -63,7 +64,8 @@ class VggtNetwork:
         with memory_errors():
             self.module.to(device).requires_grad_(False).eval()
         self.device, self.precision, self.chunk = device, precision, chunk
-        self._first, self._layers, self._size_px = -1, [], (0, 0)
+        self._first, self._size_px = -1, (0, 0)
+        self._layers: list[torch.Tensor] = []
 
     def predict(self, pixels: np.ndarray) -> VggtOutput:
         """Cameras and depth of (S, 3, height, width) frames, in the frame of the first camera."""
@@ -102,7 +104,7 @@ class VggtNetwork:
             images = torch.from_numpy(pixels[order]).to(self.device)
             with ProgressReport(f"attention (blocks), view {view + 1} first", self.module.settings.depth) as report:
                 self._layers = self.module.tokens(images, self.precision, report.advance)
-            self._first, self._size_px = view, tuple(images.shape[2:])
+            self._first, self._size_px = view, (images.shape[2], images.shape[3])
         return self._layers
 
 

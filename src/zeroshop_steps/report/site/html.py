@@ -3,6 +3,7 @@
 import functools
 import shutil
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import jinja2
@@ -30,7 +31,7 @@ def make_environment() -> jinja2.Environment:
     return found
 
 
-def write_page(path: Path, template: str, **content) -> None:
+def write_page(path: Path, template: str, **content: Any) -> None:
     """Render a template into a file."""
     text = make_environment().get_template(template).render(**content)
     with atomic_write(path) as temporary:

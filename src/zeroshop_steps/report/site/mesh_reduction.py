@@ -98,7 +98,7 @@ def _split_at_seams(mesh: Mesh, corner_uv: np.ndarray, texture: np.ndarray) -> M
     corners = np.concatenate([mesh.faces.reshape(-1, 1), np.rint(corner_uv.reshape(-1, 2) * 65535)], 1).astype(np.int64)
     rows, index = np.unique(corners, axis=0, return_inverse=True)
     place = rows[:, 0]
-    return Mesh(mesh.vertices[place], index.reshape(-1, 3), mesh.normals[place], rows[:, 1:] / 65535.0, texture)
+    return Mesh(mesh.vertices[place], index.reshape(-1, 3), mesh.vertex_normals[place], rows[:, 1:] / 65535.0, texture)
 
 
 def _sample_colors(mesh: Mesh, points: np.ndarray) -> np.ndarray | None:

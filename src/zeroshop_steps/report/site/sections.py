@@ -1,8 +1,11 @@
 """The sections of an object's page: for each run its pictures and cameras, for each of its cells the way to the mesh."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.report.site.advice import advise, advise_on_failure
@@ -54,7 +57,7 @@ def make_cell_section(cell: Cell, run: Run, folder: Path, changes: str) -> dict:
     }
 
 
-def _draw_plan(run: Run):
+def _draw_plan(run: Run) -> Markup | None:
     if run.failed or not (run.folder / "cameras/sparse").is_dir():
         return None
     finished = next((cell for cell in run.cells if cell.facts["mesh"].get("frame_facts")), None)
@@ -76,7 +79,7 @@ def _read_camera_errors(run: Run) -> dict[str, str]:
     return {row.measure: row.value for row in rows if row.camera == "all"}
 
 
-def _skip_damaged(write, *arguments) -> dict[str, str]:
+def _skip_damaged(write: Callable[..., dict[str, str]], *arguments: Any) -> dict[str, str]:
     """Pictures, or none with a warning where a file behind them is damaged or missing."""
     try:
         return write(*arguments)

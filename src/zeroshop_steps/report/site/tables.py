@@ -6,8 +6,10 @@ environments", TU Wien, January 2026).
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
+from markupsafe import Markup
 
 from zeroshop_steps.report import bop
 from zeroshop_steps.report.heights import THESIS, read_published_heights
@@ -42,11 +44,12 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
     heights, scores = (found.get(name, pd.DataFrame()) for name in ("height", "bop"))
     measured = scores[scores.source != bop.THESIS] if len(scores) else scores
     thesis = list(read_published_cells().itertuples()) if dataset == "ycbv" else []
-    content = {
+    height_rows = make_height_rows(heights)
+    content: dict[str, Any] = {
         "grades": make_grade_tables(cards, thesis),
         "figures": make_figure_rows(cards),
         "columns": list_used_columns(cards),
-        "heights": make_height_rows(heights),
+        "heights": height_rows,
         "height_columns": list_used_height_columns(heights),
         "figure_4_8": draw_height_plot(heights),
         "plots": draw_plots(cards),
@@ -55,7 +58,11 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
         "bop_links": {str(card["number"]): {"name": card["name"], "link": card["page"]} for card in cards if card["number"]},
         "published_bop": bop.summarize_models(bop.read_published()),
     }
-    downloads = {"grades": make_grade_csv(cards, thesis), "figures": make_figure_csv(cards), "heights": content["heights"]}
+    downloads: dict[str, pd.DataFrame | list[dict]] = {
+        "grades": make_grade_csv(cards, thesis),
+        "figures": make_figure_csv(cards),
+        "heights": height_rows,
+    }
     downloads |= {name: table for name, table in found.items() if name not in downloads} | {"published_bop": bop.read_published()}
     downloads = {name: table for name, table in downloads.items() if len(table)}
     with atomic_directory(folder / "downloads") as place:
@@ -120,7 +127,7 @@ def list_used_height_columns(measured: pd.DataFrame) -> list[tuple[str, str]]:
     return (own if len(measured) else []) + published
 
 
-def draw_height_plot(measured: pd.DataFrame):
+def draw_height_plot(measured: pd.DataFrame) -> Markup:
     """Figure 4.8: error in per cent over the true height, the thesis's and ours."""
     series = {THESIS: [(found.height_m, abs(found.difference_percent), found.name) for found in read_published_heights()]}
     for row in measured.itertuples():

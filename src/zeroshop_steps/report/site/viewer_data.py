@@ -50,7 +50,7 @@ def encode_mesh(reduced: ReducedMesh, distances: np.ndarray | None = None, limit
         "original_faces": reduced.faces,
         "wide": wide,
         "positions": encode_array(np.rint((mesh.vertices - low) / size * 65535).astype("<u2")),
-        "normals": encode_array(np.rint(mesh.normals * 127).astype("i1")),
+        "normals": encode_array(np.rint(mesh.vertex_normals * 127).astype("i1")),
         "index": encode_array(mesh.faces.astype("<u4" if wide else "<u2")),
     }
     if mesh.uv is not None and mesh.texture is not None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -96,10 +97,11 @@ def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out
 def _write_cell(cell: Cell, run: Run, truth: TrueModel | None, out: Path, max_faces: int, texture_px: int) -> dict:
     mesh = read_ply(cell.folder / "mesh.ply")
     small = reduce_mesh(mesh, max_faces, texture_px)
-    pane = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": f"mesh-{cell.key}.js", "faces": len(mesh.faces)}
+    file = f"mesh-{cell.key}.js"
+    pane: dict[str, Any] = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": file, "faces": len(mesh.faces)}
     pane["known_scale"] = cell.facts["mesh"].get("scale") == "known"
     if truth is None:
-        write_data(out / pane["file"], encode_mesh(small))
+        write_data(out / file, encode_mesh(small))
         return pane
     similarity = compute_truth_from_object(cell, run)
     away = measure_distances(truth.mesh, _transform_mesh(small.mesh, similarity).vertices)
@@ -108,7 +110,7 @@ def _write_cell(cell: Cell, run: Run, truth: TrueModel | None, out: Path, max_fa
     missing = measure_distances(_transform_mesh(mesh, similarity), truth.reduced.mesh.vertices)
     missing[~_find_seen(truth, run)] = np.nan
     content["truth_distances"] = encode_array(quantize_distances(missing, truth.limit_mm))
-    write_data(out / pane["file"], content)
+    write_data(out / file, content)
     pane["object_from_truth"] = _invert_rigidly(similarity).round(6).tolist()
     return pane
 
@@ -140,4 +142,4 @@ def _find_seen(truth: TrueModel, run: Run) -> np.ndarray:
     capture = read_json(run.capture / "capture.json")
     support = float(truth.mesh.vertices[:, 2].min()) if str(capture["scene"]).startswith("su_") else None
     model = truth.reduced.mesh
-    return count_seeing_views(model.vertices, model.normals, truth.mesh, cameras, support) >= 2
+    return count_seeing_views(model.vertices, model.vertex_normals, truth.mesh, cameras, support) >= 2
