@@ -58,7 +58,7 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
     if odd:
         raise StepError("; ".join(odd))
     photos = list_images(folder)
-    pycolmap.logging.minloglevel = pycolmap.logging.ERROR  # type: ignore[assignment]
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     with tempfile.TemporaryDirectory(prefix="scene_photos.") as scratch_name:
         scratch = Path(scratch_name)
         images, database = scratch / "images", scratch / "database.db"
