@@ -1,1 +1,1 @@
-"""Detection: where the objects of a dataset are in an image."""
+"""Detect the objects of a dataset in images."""

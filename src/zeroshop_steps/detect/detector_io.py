@@ -1,4 +1,4 @@
-"""What detectors share: the images that they look at, and the step from what they find in one to a dataset's detections."""
+"""What detectors share: the images, the loop over them, non-maximum suppression and the result file."""
 
 import argparse
 import time
@@ -15,12 +15,13 @@ from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
-MOST_IN_AN_IMAGE = 100  # COCO counts no more
+MOST_IN_AN_IMAGE = 100  # detections; COCO's evaluation ignores further ones
+CENTRAL = (0.2, 0.8)  # shares of the image between which the principal point must lie; outside, K belongs to another image size
 
 
 @dataclass(frozen=True)
 class ObjectMask:
-    """One object in one image: its number, a confidence, and its (height, width) bool mask, which is not empty."""
+    """One detected object: its number, a confidence, and its (height, width) bool mask, which is not empty."""
 
     object_id: int
     score: float
@@ -28,26 +29,26 @@ class ObjectMask:
 
 
 def add_image_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments that say where to look."""
+    """The arguments that all detectors have."""
     parser.add_argument("--models", type=Path, required=True, help="folder of models in BOP's layout, true or reconstructed")
-    parser.add_argument("--templates", type=Path, required=True, help="their views, as the method templates writes them")
+    parser.add_argument("--templates", type=Path, required=True, help="their views, written by --method templates")
     parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
-    parser.add_argument("--targets", type=Path, help="test_targets_bop19.json: its images alone (default: every image)")
+    parser.add_argument("--targets", type=Path, help="test_targets_bop19.json; only its images are used (default: every image)")
     parser.add_argument("--out", type=Path, required=True, help="BOP COCO result file to write")
 
 
 def read_frames(scenes: Path, targets: Path | None) -> list[Frame]:
-    """The images that targets name, or all; which objects are in them is not looked at."""
+    """The images that targets name, or all images; which objects the targets name is ignored."""
     if targets is not None:
         return list(read_target_frames(scenes, read_targets(targets), targets, truth_needed=False).values())
     return [frame for folder in list_scenes(scenes).values() for frame in read_scene(folder, truth_needed=False).values()]
 
 
 def read_photo(frame: Frame) -> np.ndarray:
-    """(height, width, 3) uint8 of an image.
+    """The (height, width, 3) uint8 colour image of a frame.
 
     Raises:
-        StepError: there is none, or the camera is of an image of another size.
+        StepError: it is missing, or the camera belongs to an image of another size.
     """
     path = frame.image_path("rgb")
     if path is None:
@@ -55,7 +56,8 @@ def read_photo(frame: Frame) -> np.ndarray:
     photo = read_image(path)
     height, width = photo.shape[:2]
     middle = frame.intrinsics[:2, 2]
-    if not ((np.array([width, height]) * 0.2 < middle) & (middle < np.array([width, height]) * 0.8)).all():
+    size = np.array([width, height])
+    if not ((size * CENTRAL[0] < middle) & (middle < size * CENTRAL[1])).all():
         raise StepError(
             f"{path} is {width} x {height} px, but cam_K of {frame.name} has its middle at ({middle[0]:.0f}, {middle[1]:.0f}):"
             " camera and image are of different sizes; scale cam_K with the image"
@@ -64,9 +66,10 @@ def read_photo(frame: Frame) -> np.ndarray:
 
 
 def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
-    """(height, width) float32 mm, 0 where nothing was measured.
+    """The (height, width) float32 depth of a frame in mm, 0 where there is none.
 
-    Raises StepError where it is missing, with what to do then (`remedy`), or not the photo's size.
+    Raises:
+        StepError: it is missing, with what to do then (`remedy`), or has another size than the photo.
     """
     if frame.image_path("depth") is None:
         raise StepError(f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}), {remedy}")
@@ -80,7 +83,7 @@ def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
 
 
 def run_detector(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], Sequence[ObjectMask]]) -> None:
-    """Look at every image, and write what is found with the seconds that it took."""
+    """Detect in every image, and write the detections with the seconds that each image took."""
     detections: list[Detection] = []
     for frame in track(frames, "detections", len(frames)):
         start_s = time.monotonic()
@@ -95,14 +98,14 @@ def run_detector(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], 
 
 
 def suppress_masks(masks: Sequence[np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:
-    """Indices of the masks, surest first, none of which overlaps a surer one by more than `most_iou`."""
+    """Non-maximum suppression: indices of the masks, the most confident first, that overlap no more confident one by over `most_iou`."""
     flat = np.stack([mask.ravel() for mask in masks]).astype(np.float32) if len(masks) else np.zeros((0, 1), np.float32)
     areas = flat.sum(1)
     return _suppress(lambda one, others: _iou(flat[others] @ flat[one], areas[one], areas[others]), scores, most_iou)
 
 
 def suppress_boxes(boxes_px: np.ndarray, scores: np.ndarray, most_iou: float) -> list[int]:
-    """The same of (N, 4) boxes (x, y, width, height)."""
+    """Non-maximum suppression of (N, 4) boxes (x, y, width, height); see `suppress_masks`."""
     low, high = boxes_px[:, :2], boxes_px[:, :2] + boxes_px[:, 2:]
     areas = boxes_px[:, 2:].prod(1)
 

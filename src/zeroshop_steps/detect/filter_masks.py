@@ -1,8 +1,8 @@
-"""Choose the masks that poses are estimated from: sure detections, each pixel the surest one's.
+"""Choose the masks that poses are estimated from: confident detections that do not overlap.
 
-As the thesis feeds FoundationPose with CNOS: detections below a score of 0.2 are dropped, and the others are painted into one
-label map in the order of their scores. What is painted stays; of a detection that is less sure, what is then left of its mask is
-kept, unless that is less than half of it: such a mask was another hypothesis for the same thing. Reads and writes BOP's COCO JSON.
+The thesis prepares the masks of CNOS for FoundationPose in this way. Detections with a score below 0.2 are dropped. The others are
+painted into one label map, the most confident first, and painted pixels are not painted again. A later detection keeps what is left
+of its mask. If that is less than half, it was another hypothesis for the same object and is dropped. Reads and writes BOP's COCO JSON.
 """
 
 import argparse
@@ -16,14 +16,14 @@ from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, m
 from zeroshop_steps.bop.models import list_objects
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_LEFT = 0.5
+LEAST_LEFT = 0.5  # of a mask, by the thesis; with less, two hypotheses for one object would both be kept
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--detections", type=Path, required=True, help="BOP COCO result file with masks")
     parser.add_argument("--models", type=Path, required=True, help="folder of the models whose poses are wanted")
-    parser.add_argument("--least-score", type=float, default=0.2, help="of a detection (default: %(default)s)")
+    parser.add_argument("--least-score", type=float, default=0.2, help="score below which a detection is dropped (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="BOP COCO result file to write")
 
 
@@ -42,15 +42,15 @@ def run(args: argparse.Namespace) -> None:
 
 
 def filter_detections(detections: Sequence[Detection], least_score: float, path: Path) -> list[Detection]:
-    """Detections whose masks do not overlap, image by image, surest first.
+    """The confident detections, image by image, the most confident first, with masks that do not overlap.
 
     Args:
         detections: of any number of images.
-        least_score: less sure ones go.
+        least_score: those below are dropped.
         path: of the detections, for messages.
 
     Raises:
-        StepError: a detection has no mask, or masks of an image differ in size.
+        StepError: a detection has no mask, or the masks of an image differ in size.
     """
     images: dict[tuple[int, int], list[Detection]] = {}
     for one in detections:
@@ -60,7 +60,7 @@ def filter_detections(detections: Sequence[Detection], least_score: float, path:
 
 
 def _paint_masks(detections: list[Detection], path: Path) -> list[Detection]:
-    """Those of one image."""
+    """The detections of one image with masks that do not overlap."""
     kept, taken = [], None
     for one in sorted(detections, key=lambda one: -one.score):
         place = f"scene {one.scene_id}, image {one.image_id}"

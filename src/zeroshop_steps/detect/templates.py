@@ -1,7 +1,7 @@
-"""Render each model of a folder from all sides, once: colour, depth and mask from 42 or 642 directions.
+"""Render templates: colour, depth and mask of each model of a folder from 42 or 642 directions.
 
-The directions are the corners of an icosahedron whose faces are divided in four once (42) or three times (642). Every view
-has the model in its middle, as large as the picture lets it be in every turn. One file a model, obj_000001.npz.
+The directions are the corners of an icosahedron whose faces were divided in four once (42) or three times (642). The model is in the
+centre of every view, as large as fits in any rotation. Writes one file per model, obj_000001.npz.
 """
 
 import argparse
@@ -22,8 +22,9 @@ from zeroshop_steps.runtime.progress import track
 
 CACHED = Cached(inputs=("models",))
 SUBDIVISIONS = {42: 1, 642: 3}
-DISTANCE_DIAMETERS = 3.0
-FILLED = 0.95  # of the picture's side, by the model's bounding sphere
+DISTANCE_DIAMETERS = 3.0  # of the camera, in diameters of the bounding sphere; far enough that perspective is weak
+FILLED = 0.95  # of the side of the view, by the model's bounding sphere
+TURN_RAD, TURN_AXIS = 0.1, (1.0, 0.3, 0.2)  # of all directions together, so that no camera looks straight down, where up is undefined
 
 
 @dataclass(frozen=True)
@@ -31,10 +32,10 @@ class Templates:
     """The views of one model, N of them.
 
     Attributes:
-        colors: (N, side, side, 3) uint8 unlit texture, black beside the model.
-        depths_mm: (N, side, side) float32 along the optical axis, 0 beside the model.
+        colors: (N, side, side, 3) uint8 unlit texture; the background is black.
+        depths_mm: (N, side, side) float32 along the optical axis; the background is 0.
         camera_from_model: (N, 4, 4) mm.
-        intrinsics: (3, 3) of all views, the project's: pixel (0, 0)'s centre at (0.5, 0.5).
+        intrinsics: (3, 3) of all views; the centre of pixel (0, 0) is at (0.5, 0.5).
     """
 
     colors: np.ndarray
@@ -51,7 +52,7 @@ class Templates:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--models", type=Path, required=True, help="folder of models in BOP's layout")
-    parser.add_argument("--views", type=int, choices=SUBDIVISIONS, default=42, help="directions (default: %(default)s)")
+    parser.add_argument("--views", type=int, choices=SUBDIVISIONS, default=42, help="number of directions (default: %(default)s)")
     parser.add_argument("--side-px", type=int, default=224, help="side of the square views (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
 
@@ -87,14 +88,14 @@ def render_templates(model: ObjectModel, views: int, side_px: int) -> Templates:
 
 
 def make_view_directions(views: int) -> np.ndarray:
-    """(views, 3) unit vectors from the model to its cameras; turned a little, so that none looks straight down."""
+    """(views, 3) unit vectors from the model to its cameras."""
     corners = np.asarray(trimesh.creation.icosphere(SUBDIVISIONS[views], 1.0).vertices)
-    turn = trimesh.transformations.rotation_matrix(0.1, [1.0, 0.3, 0.2])[:3, :3]
+    turn = trimesh.transformations.rotation_matrix(TURN_RAD, TURN_AXIS)[:3, :3]
     return corners @ turn.T
 
 
 def read_templates(folder: Path, object_id: int) -> Templates:
-    """Read the views of one model. Raises StepError where there are none."""
+    """Read the views of one model. Raises StepError if there are none."""
     path = Path(folder) / f"obj_{object_id:06d}.npz"
     try:
         with np.load(path) as content:

@@ -1,8 +1,8 @@
 """CNOS (Nguyen et al., CNOS: A Strong Baseline for CAD-based Novel Object Segmentation, ICCVW 2023): SAM proposes, DINOv2 names.
 
-Segment Anything cuts the image into regions from a grid of points; the class token of each region's masked crop is compared with
-those of 42 views of every model, and the mean of the five nearest is the score. Looks at colour alone. Needs the folders
-sam-vit-huge and dinov2-large below resources/weights; `contour` needs no weights. Writes BOP's COCO JSON.
+Segment Anything proposes regions from a grid of points. DINOv2's class token of each masked region is compared with those of 42
+views of every model, and the mean of the five nearest is the score. Uses colour only. Needs the folders sam-vit-huge and
+dinov2-large below resources/weights; `contour` needs no weights. Writes BOP's COCO JSON.
 """
 
 import argparse
@@ -24,18 +24,18 @@ from zeroshop_steps.networks.pretrained import require_model
 
 SEGMENTER, DESCRIBER = "sam-vit-huge", "dinov2-large"
 FILES = ("config.json", "model.safetensors")
-NEAREST_VIEWS = 5
-LEAST_SCORE = 0.01
-MOST_IOU = 0.25
+NEAREST_VIEWS = 5  # whose mean cosine is the score of an object
+LEAST_SCORE = 0.01  # less likely detections are not written
+MOST_IOU = 0.25  # of the boxes of two detections of one object; with more, the less confident one is dropped
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_image_arguments(parser)
-    parser.add_argument("--points-per-side", type=int, default=32, help="grid of points that are segmented (default: %(default)s)")
-    parser.add_argument("--least-iou", type=float, default=0.88, help="predicted IoU of a proposal (default: %(default)s)")
-    parser.add_argument("--least-stability", type=float, default=0.97, help="of a proposal's border (default: %(default)s)")
-    parser.add_argument("--width-px", type=int, default=640, help="images are segmented at this width (default: %(default)s)")
+    parser.add_argument("--points-per-side", type=int, default=32, help="points along each side of the grid (default: %(default)s)")
+    parser.add_argument("--least-iou", type=float, default=0.88, help="least predicted IoU of a proposal (default: %(default)s)")
+    parser.add_argument("--least-stability", type=float, default=0.97, help="least stability of a proposal's border (default: %(default)s)")
+    parser.add_argument("--width-px", type=int, default=640, help="width of the segmented images (default: %(default)s)")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto", help="(default: %(default)s)")
 
 
@@ -66,7 +66,7 @@ def describe_views(models: Path, templates: Path, describer: CropDescriber) -> d
 
 
 def assign_objects(masks: list[np.ndarray], photo: np.ndarray, describer: CropDescriber, views: dict[int, np.ndarray]) -> list[ObjectMask]:
-    """Each mask as the object that it resembles most, without doubles of an object (by their boxes' IoU)."""
+    """Assign each mask to the object that it resembles most, and suppress double detections of an object by their boxes."""
     masks = [mask for mask in masks if mask.any()]
     if not masks:
         return []
@@ -82,7 +82,7 @@ def assign_objects(masks: list[np.ndarray], photo: np.ndarray, describer: CropDe
 
 
 def score_objects(regions: np.ndarray, views: list[np.ndarray]) -> np.ndarray:
-    """(regions, objects): the mean cosine with the five nearest views of each object, 0..1."""
+    """(regions, objects) scores, 0..1: the mean cosine with the five nearest views of each object."""
     scores = []
     for vectors in views:
         cosines = np.sort(np.clip(regions @ vectors.T, 0, 1), axis=1)

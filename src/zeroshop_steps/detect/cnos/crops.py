@@ -1,4 +1,4 @@
-"""Vectors of masked crops: the class token of DINOv2 (Oquab et al. 2023)."""
+"""Descriptors of masked crops: the class token of DINOv2 (Oquab et al. 2023)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,15 +10,15 @@ import torch
 from zeroshop_steps.bop.detections import mask_to_box
 from zeroshop_steps.networks.pretrained import load_pretrained
 
-SIDE_PX, CROPS_AT_ONCE = 224, 16
+SIDE_PX, CROPS_AT_ONCE = 224, 16  # DINOv2's usual input; so many crops go through the network at a time, which bounds its memory
 MEAN, DEVIATION = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])  # ImageNet's, of 0..1
 
 
 class CropDescriber:
-    """DINOv2 on a device."""
+    """Describes crops by DINOv2 on a device."""
 
     def __init__(self, folder: Path, device: torch.device) -> None:
-        """Read the model's folder. Raises StepError where one of its files is missing or damaged."""
+        """Read the model's folder. Raises StepError if one of its files is missing or damaged."""
         from transformers import Dinov2Model
 
         self._model, self._device = load_pretrained(Dinov2Model, folder, device), device
@@ -35,7 +35,7 @@ class CropDescriber:
 
 
 def crop_masked(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """(3, SIDE_PX, SIDE_PX) float32: what the mask's box holds, black beside the mask, in the middle of a square, normalised."""
+    """(3, SIDE_PX, SIDE_PX) float32: the box around the mask, black outside the mask, centred in a square, normalised."""
     left, top, width, height = mask_to_box(mask)
     window = np.s_[top : top + height, left : left + width]
     crop = image[window] * mask[window][..., None]

@@ -1,4 +1,4 @@
-"""Everything in an image as masks: Segment Anything (Kirillov et al. 2023) asked at a grid of points, its section on automatic masks."""
+"""Masks of everything in an image: Segment Anything (Kirillov et al. 2023), prompted at a grid of points as its authors describe."""
 
 from pathlib import Path
 
@@ -12,17 +12,17 @@ from zeroshop_steps.detect.detector_io import suppress_boxes
 from zeroshop_steps.networks.pretrained import load_pretrained
 
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])  # ImageNet's, of 0..255
-POINTS_AT_ONCE = 64
-STABILITY_OFFSET = 1.0  # of the logits
-MOST_BOX_IOU = 0.7
-SMALLEST_BOX_SIDE, SMALLEST_MASK = 0.05, 3e-4  # shares of the image's side and area
+POINTS_AT_ONCE = 64  # prompts that go through the network at a time, which bounds its memory
+STABILITY_OFFSET = 1.0  # of the logits, up and down, between which the mask of a stable region hardly changes
+MOST_BOX_IOU = 0.7  # with more, the less confident mask is dropped
+SMALLEST_BOX_SIDE, SMALLEST_MASK = 0.05, 3e-4  # shares of the image's side and area; CNOS drops smaller proposals
 
 
 class SegmentAnything:
     """SAM on a device."""
 
     def __init__(self, folder: Path, device: torch.device) -> None:
-        """Read the model's folder. Raises StepError where one of its files is missing or damaged."""
+        """Read the model's folder. Raises StepError if one of its files is missing or damaged."""
         from transformers import SamModel
 
         self._model, self._device = load_pretrained(SamModel, folder, device), device
@@ -30,13 +30,16 @@ class SegmentAnything:
 
     @torch.inference_mode()
     def segment(self, image: np.ndarray, points_per_side: int, least_iou: float, least_stability: float) -> list[np.ndarray]:
-        """Masks of a (height, width, 3) uint8 RGB image, surest first.
+        """Segment everything in an image.
 
         Args:
-            image: what is segmented.
-            points_per_side: of the grid over the image; each point has three masks, for part, whole and group.
-            least_iou: that the network predicts for a mask it gives.
-            least_stability: IoU of a mask cut at higher and at lower logits.
+            image: (height, width, 3) uint8 RGB.
+            points_per_side: of the grid of points; each gives three masks, of a part, a whole and a group.
+            least_iou: masks with a lower predicted IoU are dropped.
+            least_stability: masks with a lower `measure_stability` are dropped.
+
+        Returns:
+            (height, width) bool masks, the most confident first.
         """
         height, width = image.shape[:2]
         scale = self._side_px / max(height, width)
@@ -64,19 +67,19 @@ class SegmentAnything:
         return drop_duplicate_masks(found, np.array(surety))
 
     def _resize_to_image(self, logits: torch.Tensor, inner: tuple[int, int], size: tuple[int, int]) -> torch.Tensor:
-        """Logits of the padded square as those of the image's pixels, (N, height, width)."""
+        """(N, height, width) logits of the image's pixels from those of the padded square."""
         square = functional.interpolate(logits[:, None], (self._side_px, self._side_px), mode="bilinear", align_corners=False)
         return functional.interpolate(square[..., : inner[1], : inner[0]], size, mode="bilinear", align_corners=False)[:, 0]
 
 
 def measure_stability(logits: torch.Tensor) -> torch.Tensor:
-    """(N,) IoU of the masks cut one logit above and one below 0; 0 for empty ones."""
+    """(N,) IoU of the masks thresholded one logit above and one below 0; 0 for empty ones."""
     inside, outside = (logits > STABILITY_OFFSET).sum((-1, -2)), (logits > -STABILITY_OFFSET).sum((-1, -2))
     return inside / outside.clamp(min=1)
 
 
 def drop_duplicate_masks(masks: list[np.ndarray], surety: np.ndarray) -> list[np.ndarray]:
-    """Masks that are not empty, surest first, without those whose box is nearly that of a surer one."""
+    """The masks that are not empty, the most confident first, without those with nearly the same box as a more confident one."""
     full = [index for index, mask in enumerate(masks) if mask.any()]
     if not full:
         return []
@@ -85,7 +88,7 @@ def drop_duplicate_masks(masks: list[np.ndarray], surety: np.ndarray) -> list[np
 
 
 def drop_small_masks(masks: list[np.ndarray]) -> list[np.ndarray]:
-    """Without masks of few pixels, or with a box that is smaller than a square of a twentieth of the image's sides."""
+    """The masks without those with few pixels, or with a box smaller than a square of a twentieth of the image's sides."""
     kept = []
     for mask in masks:
         _, _, width, height = mask_to_box(mask)

@@ -1,8 +1,8 @@
-"""Detect without any network: regions between the edges of depth and colour, compared with views of the models.
+"""Detect without any network: regions between edges of depth and colour are compared with views of the models.
 
-Large planes are taken away; basins between depth jumps, creases and colour edges are merged step by step, and every region on
-the way is a proposal. Its size, silhouette, relief, colours and gradients are compared with 42 views of each model in every
-turn, at true scale; the confidence means the same for every object. Needs RGB-D images. Writes BOP's COCO JSON.
+Large planes are removed. Basins between depth jumps, creases and colour edges are merged step by step, and every region on the way is
+a proposal. Its size, silhouette, relief, colours and gradients are compared at true scale with 42 views of each model in all in-plane
+rotations. The confidence means the same for every object. Needs RGB-D images. Writes BOP's COCO JSON.
 """
 
 import argparse
@@ -29,11 +29,10 @@ from zeroshop_steps.detect.detector_io import (
 )
 from zeroshop_steps.detect.templates import read_templates
 
-NO_DEPTH = "and this detector needs depth: add depth images, or take --method cnos, which looks at colour alone"
-LEAST_CONFIDENCE = 0.01
-MOST_IOU = 0.25
-MOST_CANDIDATES = 40
-"""Of an object in an image, before doubles go."""
+NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"
+LEAST_CONFIDENCE = 0.01  # less likely detections are not written
+MOST_IOU = 0.25  # of the masks of two detections of one object; with more, the less confident one is dropped
+MOST_CANDIDATES = 40  # regions of an object in an image that are considered, before that suppression
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def detect_objects(frame: Frame, references: dict[int, ReferenceViews]) -> list[ObjectMask]:
-    """Everything in one image that looks like one of the objects."""
+    """Detect the objects in one image."""
     photo = read_photo(frame)
     largest_mm = max(reference.diameter_mm for reference in references.values())
     surface = prepare_surface(read_depth(frame, photo, NO_DEPTH), frame.intrinsics, largest_mm, frame.name)
@@ -68,7 +67,7 @@ def detect_objects(frame: Frame, references: dict[int, ReferenceViews]) -> list[
 
 
 def discount_explained(found: list[ObjectMask]) -> list[ObjectMask]:
-    """With less confidence in what surer detections explain: what they leave of a mask counts."""
+    """The detections, each with its confidence reduced by the share of its mask that more confident ones explain."""
     found = sorted(found, key=lambda one: -one.score)
     if not found:
         return found
@@ -81,7 +80,7 @@ def discount_explained(found: list[ObjectMask]) -> list[ObjectMask]:
 
 
 def _paste_mask(proposal: RegionProposal, shape: tuple[int, int]) -> np.ndarray:
-    """A proposal's mask in the whole image."""
+    """The mask of a proposal in the whole image."""
     mask = np.zeros(shape, bool)
     mask[proposal.window] = proposal.mask
     return mask

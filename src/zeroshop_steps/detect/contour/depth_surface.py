@@ -1,7 +1,7 @@
-"""What a depth image says of the surfaces in it: filled and smoothed depth, points, normals, and what stands before the large planes.
+"""Prepare a depth image: filled and smoothed depth, points, normals, and the large planes that are ground.
 
-A plane is affine in inverse depth over the pixels, and a structured-light camera's noise is even in inverse depth: planes are
-fitted there.
+Planes are fitted in inverse depth, where a plane is an affine function of the pixel and the noise of a structured-light camera is
+the same everywhere.
 """
 
 from dataclasses import dataclass
@@ -11,24 +11,29 @@ import numpy as np
 
 from zeroshop_steps.runtime.errors import StepError
 
-FEWEST_MEASURED = 500
-TRIALS, SAMPLES = 400, 4000
-PLANE_TOLERANCE = 0.006  # of the depth; in the search, what is this near to a plane is on it
-LEAST_SHARE = 0.08  # of the measured pixels, that a plane must hold to be looked at
-NOISE_DEVIATIONS, LOWEST_MM = 5.0, 3.0
-SMOOTHED_PX = 2.0
+# Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
+FEWEST_MEASURED = 500  # pixels; an image with fewer shows no object
+TRIALS, SAMPLES = 400, 4000  # of RANSAC: planes that are tried, and pixels that vote for them
+DEGENERATE = 1e-3  # of the squared extent, twice the area of three pixels below which they fix no plane
+PLANE_TOLERANCE = 0.006  # of the depth; a pixel closer to a plane votes for it: 6 mm at 1 m
+LEAST_SHARE = 0.08  # of the measured pixels; planes with fewer are not looked for
+FIT_ROUNDS = 3  # in each, the plane is fitted to its pixels, and they are chosen again by their distance
+MAD_TO_DEVIATION = 1.4826  # of a normal distribution
+LEAST_COSINE = 0.05  # between ray and plane; bounds the area that a pixel of a plane seen edge-on stands for
+NOISE_DEVIATIONS, LOWEST_MM = 5.0, 3.0  # a pixel stands on a plane if it is higher than both, in standard deviations and in mm
+MEDIAN_PX, SMOOTHED_PX = 5, 2.0  # window of the median that removes single wrong depths, and the Gaussian before slopes are taken
 
 
 @dataclass(frozen=True)
 class DepthSurface:
-    """One depth image, (height, width) all.
+    """A prepared depth image; all fields are (height, width).
 
     Attributes:
         measured: bool, where the camera gave a depth.
-        depth_mm: float32 along the optical axis, smoothed; holes are filled from what is farther off, on their left or right.
+        depth_mm: float32 along the optical axis, smoothed; holes are filled with the farther depth on their left or right.
         points: (height, width, 3) float32 mm, camera frame.
-        normals: (height, width, 3) float32 towards the camera.
-        ground: bool, measured pixels on a large plane with nothing behind it.
+        normals: (height, width, 3) float32, towards the camera.
+        ground: bool, measured pixels on a plane that is larger than any side of an object.
     """
 
     measured: np.ndarray
@@ -39,12 +44,12 @@ class DepthSurface:
 
 
 def prepare_surface(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float, name: str) -> DepthSurface:
-    """Prepare a measured depth image (0 where nothing was measured).
+    """Prepare a measured depth image.
 
     Args:
-        depth_mm: (height, width).
+        depth_mm: (height, width), 0 where there is none.
         intrinsics: (3, 3) BOP's K.
-        largest_mm: diameter of the largest object that is looked for.
+        largest_mm: diameter of the largest object to be detected.
         name: of the image, for messages.
 
     Raises:
@@ -53,8 +58,8 @@ def prepare_surface(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: fl
     measured = depth_mm > 0
     if measured.sum() < FEWEST_MEASURED:
         raise StepError(f"the depth image of {name} has {measured.sum()} measured pixels; at least {FEWEST_MEASURED} are needed")
-    filled: np.ndarray = cv2.medianBlur(_fill_holes(depth_mm), 5)
-    inverse = cv2.GaussianBlur(1.0 / filled, (0, 0), SMOOTHED_PX)
+    filled = np.asarray(cv2.medianBlur(_fill_holes(depth_mm), MEDIAN_PX))
+    inverse = cv2.GaussianBlur(np.asarray(1.0 / filled, np.float32), (0, 0), SMOOTHED_PX)
     height, width = depth_mm.shape
     rays = np.stack([*np.meshgrid(np.arange(width), np.arange(height)), np.ones((height, width))], -1) @ np.linalg.inv(intrinsics).T
     # 1/z = a x + b y + c in normalised coordinates is the plane a X + b Y + c Z = 1.
@@ -68,7 +73,7 @@ def prepare_surface(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: fl
 
 
 def _fill_holes(depth_mm: np.ndarray) -> np.ndarray:
-    """Depth without holes. Most are shadows: what the projector beside the camera does not light lies behind the thing in between."""
+    """Depth without holes. Most holes are shadows of the projector beside the camera, so they lie behind what casts the shadow."""
     rows, columns = np.indices(depth_mm.shape)
     measured, width = depth_mm > 0, depth_mm.shape[1]
     left = np.maximum.accumulate(np.where(measured, columns, -1), axis=1)
@@ -82,7 +87,7 @@ def _fill_holes(depth_mm: np.ndarray) -> np.ndarray:
 
 
 def find_ground(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float) -> np.ndarray:
-    """(height, width) bool: measured pixels on planes too large for a side of an object of diameter `largest_mm`: table, floor, wall."""
+    """(height, width) bool: measured pixels on table, floor or wall: planes too large for a side of an object of `largest_mm`."""
     rows, columns = np.nonzero(depth_mm > 0)
     pixels = np.stack([columns, rows, np.ones(len(rows))], 1).astype(float)
     depths = depth_mm[rows, columns].astype(float)
@@ -93,16 +98,16 @@ def find_ground(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float)
         near = open_ & (np.abs(1.0 / depths - pixels @ plane) * depths < PLANE_TOLERANCE)
         if near.sum() < LEAST_SHARE * len(rows):
             break
-        for _ in range(3):
+        for _ in range(FIT_ROUNDS):
             plane = np.linalg.lstsq(pixels[near], 1.0 / depths[near], rcond=None)[0]
             residual = 1.0 / depths - pixels @ plane
-            spread = max(1.4826 * float(np.median(np.abs(residual[near]))), 1e-9)
+            spread = max(MAD_TO_DEVIATION * float(np.median(np.abs(residual[near]))), 1e-9)
             near = open_ & (np.abs(residual) < NOISE_DEVIATIONS * spread)
         # In camera coordinates the plane is n . X = 1 with n = K' plane.
         steepness = np.linalg.norm(intrinsics.T @ plane)
         height_mm, noise_mm = residual * depths / steepness, spread * depths / steepness
-        # A pixel sees depth^2 / (f_x f_y) of a plane across its ray, and more of an oblique one.
-        cosines = np.clip(np.abs(pixels @ plane) / steepness / lengths, 0.05, 1)
+        # A pixel covers depth^2 / (f_x f_y) of a plane across its ray, and more of an oblique one.
+        cosines = np.clip(np.abs(pixels @ plane) / steepness / lengths, LEAST_COSINE, 1)
         if (depths**2 / (intrinsics[0, 0] * intrinsics[1, 1] * cosines))[near].sum() > np.pi / 4 * largest_mm**2:
             free = free & (height_mm > np.maximum(LOWEST_MM, NOISE_DEVIATIONS * noise_mm))
         open_ = open_ & free & ~near
@@ -112,13 +117,13 @@ def find_ground(depth_mm: np.ndarray, intrinsics: np.ndarray, largest_mm: float)
 
 
 def _search_plane(pixels: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """(3,) the plane a u + b v + c = inverse depth that most pixels lie near to (RANSAC, Fischler and Bolles 1981)."""
+    """(3,) the plane a u + b v + c = inverse depth with the most pixels close to it (RANSAC, Fischler and Bolles 1981)."""
     rng = np.random.default_rng(0)
     some = rng.choice(len(pixels), min(len(pixels), SAMPLES), replace=False)
     pixels, inverse = pixels[some], inverse[some]
     picks = np.stack([rng.choice(len(pixels), 3, replace=False) for _ in range(TRIALS)])
     corners = pixels[picks]
-    solvable = np.abs(np.linalg.det(corners)) > 1e-3 * np.ptp(pixels, axis=0).max() ** 2
+    solvable = np.abs(np.linalg.det(corners)) > DEGENERATE * np.ptp(pixels, axis=0).max() ** 2
     planes = np.linalg.solve(corners[solvable], inverse[picks[solvable], None])[..., 0]
     agreeing = (np.abs(pixels @ planes.T / inverse[:, None] - 1) < PLANE_TOLERANCE).sum(0)
     return planes[agreeing.argmax()]

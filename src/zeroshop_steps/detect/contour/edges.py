@@ -1,4 +1,4 @@
-"""How strongly an image's pixels look like the border of an object, by what tells so: depth, concave creases, creases, colour."""
+"""Strength of the edges of an image that may bound an object: depth jumps, concave and convex creases, colour edges."""
 
 from dataclasses import dataclass
 
@@ -7,22 +7,24 @@ import numpy as np
 
 from zeroshop_steps.detect.contour.depth_surface import DepthSurface
 
-STEP_PX = 2  # a jump of depth is looked for over this half distance
-CREASE_PX = 5  # and a change of the normal over this one
-JUMP_MM, NOISE_OF_DEPTH2 = 5.0, 6e-6  # a full edge: this jump, more where the noise, which grows with squared depth, hides it
-COLOR = 24.0  # of Lab over the half distance
+# Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
+STEP_PX = 2  # half of the distance over which a depth jump is measured
+CREASE_PX = 5  # half of the distance over which a change of the normal is measured; normals are smoothed over a few pixels
+JUMP_MM, NOISE_OF_DEPTH2 = 5.0, 6e-6  # a jump of strength 1 is 5 mm and 6e-6 depth^2 (6 mm at 1 m), since noise grows with squared depth
+COLOR = 24.0  # difference in Lab over two pixels that is an edge of strength 1
+COLOR_BLUR_PX = 1.0  # against noise of single pixels
 DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 @dataclass(frozen=True)
 class Edges:
-    """Strengths of every pixel, (height, width) float32 each.
+    """Edge strengths of every pixel, (height, width) float32 each.
 
     Attributes:
-        jump: depth jumps; 0..1.
-        concave: the surface bends inwards, as where two things touch; 0..2, the difference of unit normals.
-        convex: it bends outwards, as at a box's edge; 0..2.
-        color: the colour changes; 0..1.
+        jump: of depth jumps, 0..1.
+        concave: of creases where the surface bends inwards, as where two things touch; 0..2, the difference of unit normals.
+        convex: of creases where it bends outwards, as at the edge of a box; 0..2.
+        color: of colour edges, 0..1.
     """
 
     jump: np.ndarray
@@ -32,14 +34,14 @@ class Edges:
 
 
 def detect_edges(surface: DepthSurface, lab: np.ndarray) -> Edges:
-    """Edges of one image; `lab` is (height, width, 3) float32."""
-    smooth = cv2.GaussianBlur(lab, (0, 0), 1.0)
+    """Edges of one image; `lab` is its (height, width, 3) float32 Lab colours."""
+    smooth = cv2.GaussianBlur(lab, (0, 0), COLOR_BLUR_PX)
     shape = surface.depth_mm.shape
     jump, concave, convex, color = (np.zeros(shape, np.float32) for _ in range(4))
     for row, column in DIRECTIONS:
         step = np.array([row, column])
         first, before, after, last = (_shift(surface.depth_mm, number * STEP_PX * step) for number in (-3, -1, 1, 3))
-        # What the slopes on both sides explain is no jump.
+        # A difference that the slopes on both sides explain is no jump.
         unexplained = np.abs(after - before) - np.maximum(np.abs(before - first), np.abs(last - after))
         jump = np.maximum(jump, unexplained / (JUMP_MM + NOISE_OF_DEPTH2 * surface.depth_mm**2))
         normals = _shift(surface.normals, -CREASE_PX * step), _shift(surface.normals, CREASE_PX * step)
@@ -54,7 +56,7 @@ def detect_edges(surface: DepthSurface, lab: np.ndarray) -> Edges:
 
 
 def _shift(values: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """`values` at the pixels `offset` (rows, columns) further; the border repeats."""
+    """`values` shifted by `offset` (rows, columns); the border is repeated."""
     margin = int(np.abs(offset).max())
     padded = np.pad(values, [(margin, margin)] * 2 + [(0, 0)] * (values.ndim - 2), mode="edge")
     row, column = margin + offset

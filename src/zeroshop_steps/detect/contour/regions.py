@@ -1,7 +1,7 @@
-"""Regions that may be objects: basins between edges, merged step by step into larger ones (as Arbelaez et al. 2011 do).
+"""Propose regions that may be objects: basins between edges are merged step by step (as Arbelaez et al. 2011 do).
 
-Every region of every hierarchy is a proposal: pieces of an object, the object, and groups of them. Hierarchies that trust
-different edges disagree about the order, and one of them has the object whole.
+Every region of every hierarchy is a proposal: parts of an object, the object, and groups of objects. Hierarchies that weight depth
+and colour edges differently merge in different orders, so that one of them is likely to have the whole object.
 """
 
 import heapq
@@ -15,26 +15,30 @@ from skimage.segmentation import watershed
 from zeroshop_steps.detect.contour.depth_surface import DepthSurface
 from zeroshop_steps.detect.contour.edges import Edges
 
-MARKER_SPACING_PX = 9
-TRUSTS = ((1.0, 0.0), (1.0, 0.35), (1.0, 0.7), (0.4, 1.0))  # of each hierarchy: in shape's and in colour's edges
-JUDGING = 1  # the hierarchy by whose edges regions are judged
-LEAST_BORDER = 0.4  # mean strength around a region; those with less are pieces of something
-CONVEX_TRUST = 0.3
-CREASE, STEEPEST = 0.6, 1.4  # differences of unit normals: a full edge, and the largest that edges are told apart by
-SMALL_PX, SMALLEST_PX = 60, 120
-UNKNOWN_SHARE = 0.2
-GROUND = 0
-SAME_IOU = 0.92
+# Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
+MARKER_SPACING_PX = 9  # side of the window in which a basin's marker is the lowest pixel; smaller windows give more basins
+TRUSTS = ((1.0, 0.0), (1.0, 0.35), (1.0, 0.7), (0.4, 1.0))  # weights of shape edges and of colour edges in each hierarchy
+JUDGING = 1  # index of the hierarchy whose edges judge the regions
+LEAST_BORDER = 0.4  # mean strength of the edges around a region; those with less are parts of something larger
+CONVEX_TRUST = 0.3  # weight of convex creases beside concave ones: most are edges within an object, such as those of a box
+CREASE, STEEPEST = 0.6, 1.4  # differences of unit normals: an edge of strength 1, and the largest difference that still counts
+CONVEX_RELIEF, COLOR_RELIEF = 0.5, 0.5  # weights of convex creases and of colour in the relief that the watershed floods
+HOLE_JUMP, HOLE_COLOR = 0.8, 0.8  # the weights of jumps and colour where nothing was measured
+RELIEF_BLUR_PX = 1.5  # of the relief, for the markers only
+SMALL_PX, SMALLEST_PX = 60, 120  # basins below the first merge earlier than their borders ask; regions below the second are dropped
+UNKNOWN_SHARE = 0.2  # of measured pixels; a basin with less is unknown, and the ground may take it in
+GROUND = 0  # label
+SAME_IOU = 0.92  # two regions that overlap more are the same
 
 
 @dataclass(frozen=True)
 class RegionProposal:
-    """A region.
+    """A region that may be an object.
 
     Attributes:
         left, top: its upper left pixel in the image.
         mask: (rows, columns) bool.
-        border, inside: 0..1 mean strengths of the edges around it and of those within it.
+        border, inside: 0..1, mean strengths of the edges around it and within it.
     """
 
     left: int
@@ -45,12 +49,12 @@ class RegionProposal:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Its place in the image."""
+        """The slices of the image that it covers."""
         return np.s_[self.top : self.top + self.mask.shape[0], self.left : self.left + self.mask.shape[1]]
 
 
 def propose_regions(surface: DepthSurface, edges: Edges) -> list[RegionProposal]:
-    """The regions of one image that do not belong to the ground, none nearly equal to another."""
+    """The regions of one image that do not belong to the ground; none is nearly equal to another."""
     labels = _label_basins(surface, edges)
     count = int(labels.max()) + 1
     sizes = np.bincount(labels.ravel(), minlength=count)
@@ -69,18 +73,20 @@ def propose_regions(surface: DepthSurface, edges: Edges) -> list[RegionProposal]
 
 
 def _label_basins(surface: DepthSurface, edges: Edges) -> np.ndarray:
-    """(height, width) int labels of the watershed of all edges, 0 on the ground; where nothing was measured, of colour's alone."""
+    """(height, width) int labels by the watershed of all edges, 0 on the ground; where nothing was measured, of jumps and colour."""
     ground = cv2.morphologyEx(surface.ground.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-    shape = np.maximum(np.maximum(edges.jump, edges.concave / STEEPEST), 0.5 * edges.convex / STEEPEST)
-    relief = np.maximum(np.where(surface.measured, shape, 0.8 * edges.jump), np.where(surface.measured, 0.5, 0.8) * edges.color)
-    smooth = cv2.GaussianBlur(relief.astype(np.float32), (0, 0), 1.5)
+    shape = np.maximum(np.maximum(edges.jump, edges.concave / STEEPEST), CONVEX_RELIEF * edges.convex / STEEPEST)
+    relief = np.maximum(
+        np.where(surface.measured, shape, HOLE_JUMP * edges.jump), np.where(surface.measured, COLOR_RELIEF, HOLE_COLOR) * edges.color
+    )
+    smooth = cv2.GaussianBlur(relief.astype(np.float32), (0, 0), RELIEF_BLUR_PX)
     lowest = cv2.erode(smooth, np.ones((MARKER_SPACING_PX, MARKER_SPACING_PX), np.uint8))
     _, markers = cv2.connectedComponents(((smooth <= lowest) & ~ground).astype(np.uint8))
     return watershed(relief, markers, mask=~ground)
 
 
 def _measure_borders(labels: np.ndarray, surface: DepthSurface, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N, 2) neighbouring basins, (N, hierarchies) mean strengths of what lies between them, (N,) lengths in px."""
+    """(N, 2) neighbouring basins, (N, hierarchies) mean strengths of their common border, (N,) its length in px."""
     depth_tells = np.maximum(edges.jump, np.minimum(np.maximum(edges.concave, CONVEX_TRUST * edges.convex) / CREASE, 1))
     codes, values = [], []
     count = int(labels.max()) + 1
@@ -112,9 +118,9 @@ def _measure_borders(labels: np.ndarray, surface: DepthSurface, edges: Edges) ->
 def _merge_basins(
     pairs: np.ndarray, strengths: np.ndarray, lengths: np.ndarray, sizes: np.ndarray, unknown: np.ndarray
 ) -> list[np.ndarray]:
-    """The basins of every region that arises when the weakest border is opened first.
+    """The basins of every region that arises when basins are merged across the weakest border first.
 
-    Ground takes in `unknown` basins alone, those where hardly anything was measured, if their border with it opens first.
+    Only `unknown` basins, where hardly anything was measured, can merge with the ground.
     """
     links: dict[int, dict[int, tuple[float, int]]] = {}
     members = {basin: [basin] for basin in range(GROUND + 1, len(sizes))}
@@ -125,7 +131,7 @@ def _merge_basins(
         if GROUND in (one, other) and max(one, other) not in lost:
             return
         links.setdefault(one, {})[other] = links.setdefault(other, {})[one] = (total, length)
-        # Specks go first, whatever is around them.
+        # Small basins merge first, however strong their borders are.
         tiny = min(1.0, (min(size[one], size[other]) / SMALL_PX) ** 0.5)
         heapq.heappush(queue, (total / length * tiny, min(one, other), max(one, other)))
 
@@ -137,6 +143,7 @@ def _merge_basins(
         _, one, other = heapq.heappop(queue)
         if one not in alive or other not in alive:
             continue
+        parts: tuple[int, ...]
         if one == GROUND:
             merged = GROUND
             parts: tuple[int, ...] = (other,)
@@ -163,7 +170,7 @@ def _merge_basins(
 
 
 def _drop_near_duplicates(groups: list[np.ndarray], sizes: np.ndarray) -> list[int]:
-    """Indices of the groups that are not nearly an earlier one (IoU)."""
+    """Indices of the groups that are not nearly the same as an earlier one, by IoU."""
     kept: list[int] = []
     inside, areas = np.zeros((len(groups), len(sizes)), bool), np.zeros(len(groups))
     for index, group in enumerate(groups):
@@ -178,7 +185,7 @@ def _drop_near_duplicates(groups: list[np.ndarray], sizes: np.ndarray) -> list[i
 def _mean_strengths(
     groups: list[np.ndarray], count: int, pairs: np.ndarray, totals: np.ndarray, lengths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean strength of the edges around each group of basins, and within it (0 for a single basin)."""
+    """Mean strengths of the edges around each group of basins and within it; 0 within a single basin."""
     chosen = np.zeros((len(groups), count), bool)
     for row, group in zip(chosen, groups, strict=True):
         row[group] = True
@@ -188,7 +195,7 @@ def _mean_strengths(
 
 
 def _cut_out_masks(groups: list[np.ndarray], labels: np.ndarray, border: np.ndarray, inside: np.ndarray) -> list[RegionProposal]:
-    """Their masks."""
+    """The proposals of groups of basins."""
     boxes = find_objects(labels)
     found = []
     for group, *strengths in zip(groups, border.tolist(), inside.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Compare regions with the views of the objects, and tell how likely a region shows each of them."""
+"""Compare regions with the views of the objects, and estimate the probability that a region shows each of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,25 +9,26 @@ from scipy.special import softmax
 from zeroshop_steps.detect.contour.descriptors import Descriptors, RegionPatch, describe_patches, linear_rgb, make_region_patch
 from zeroshop_steps.detect.templates import Templates
 
-TURNS = 18
-SMALLEST_SHARE, LARGEST_SHARE = 0.08, 1.5  # of a region's area in those of the views, to be looked at
-LONGEST_DIAMETERS = 1.35
-VIEW_NAMES = ("overlap", "relief", "gradients", "histogram", "any_histogram")  # the last: of the view whose colours fit best
+# Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
+TURNS = 18  # in-plane rotations of each view, 20 degrees apart
+SMALLEST_SHARE, LARGEST_SHARE = 0.08, 1.5  # of a region's area in the views' smallest and largest; others are not compared
+LONGEST_DIAMETERS = 1.35  # of the diagonal of a region's box; a box around an object can be 1.41 times as long as the object
+MIN_CELLS = 1e-3  # of overlap or coverage; avoids divisions by zero
+VIEW_NAMES = ("overlap", "relief", "gradients", "histogram", "any_histogram")  # the last one: of the view whose colours fit best
 REGION_NAMES = ("border", "inside")
-# Fitted on virtual tables of the demo objects: logistic regression over what these name, and within an image the share of its
-# best region among an object's regions.
+# Logistic regression over the measures that these names list.
 VIEW_WEIGHTS = np.array([9.28, -6.11, 2.57, 6.75, 14.37])
 REGION_WEIGHTS, CONSTANT = np.array([7.21, 3.96]), -36.24
 
 
 @dataclass(frozen=True)
 class ReferenceViews:
-    """The views of one object, described.
+    """Descriptors of the views of one object.
 
     Attributes:
         diameter_mm: of the object.
-        views: V views of T turns each, turns fastest.
-        areas_mm2: (V,) of the views' silhouettes.
+        views: of V views in T in-plane rotations each; the rotations of a view follow one another.
+        areas_mm2: (V,) areas of the views' silhouettes.
     """
 
     diameter_mm: float
@@ -46,11 +47,11 @@ def describe_reference(templates: Templates, diameter_mm: float) -> ReferenceVie
 
 
 def match_views(patches: Sequence[RegionPatch], reference: ReferenceViews) -> tuple[np.ndarray, np.ndarray]:
-    """How regions agree with the view that fits best.
+    """Compare regions with the view that fits each best.
 
     Returns:
-        indices: (M,) of the patches that can be this object by their size.
-        measures: (M, len(VIEW_NAMES)) of each.
+        indices: (M,) of the patches whose size allows this object.
+        measures: (M, len(VIEW_NAMES)) how each agrees with its best view.
     """
     areas = np.array([patch.area_mm2 for patch in patches])
     lengths = np.array([patch.length_mm for patch in patches])
@@ -65,11 +66,11 @@ def match_views(patches: Sequence[RegionPatch], reference: ReferenceViews) -> tu
 
 
 def estimate_confidences(patches: Sequence[RegionPatch], edges: np.ndarray, references: Mapping[int, ReferenceViews]) -> np.ndarray:
-    """(patches, objects) 0..1 that a region is an object, well cut out; in a row, the objects and none of them share 1.
+    """(patches, objects) probabilities that a region shows an object, and all of it. In a row, they and that of no object add up to 1.
 
     Args:
         patches: the regions.
-        edges: (patches, len(REGION_NAMES)) strengths around each, and within it.
+        edges: (patches, len(REGION_NAMES)) strengths of the edges around each region and within it.
         references: the objects.
     """
     odds = np.full((len(patches), len(references)), -np.inf)
@@ -81,9 +82,9 @@ def estimate_confidences(patches: Sequence[RegionPatch], edges: np.ndarray, refe
 
 
 def _measure_all(regions: Descriptors, reference: ReferenceViews) -> np.ndarray:
-    """(regions, views, len(VIEW_NAMES))."""
+    """(regions, views, len(VIEW_NAMES)) measures of all pairs."""
     views = reference.views
-    common = np.maximum(regions.mask @ views.mask.T, 1e-3)
+    common = np.maximum(regions.mask @ views.mask.T, MIN_CELLS)
     union = regions.mask.sum(1)[:, None] + views.mask.sum(1) - common
     relief = _masked_square_distances(regions.mask, regions.relief, views.mask, views.relief) / common
     histogram = regions.histogram @ views.histogram.T
@@ -98,6 +99,6 @@ def _measure_all(regions: Descriptors, reference: ReferenceViews) -> np.ndarray:
 
 
 def _masked_square_distances(mask: np.ndarray, values: np.ndarray, other_mask: np.ndarray, other_values: np.ndarray) -> np.ndarray:
-    """(N, M) sums over cells of mask x other mask x squared difference; values are already times their masks."""
-    squares, other_squares = values**2 / np.maximum(mask, 1e-3), other_values**2 / np.maximum(other_mask, 1e-3)
+    """(N, M) sums over cells of mask x other mask x squared difference. The values are already multiplied by their masks."""
+    squares, other_squares = values**2 / np.maximum(mask, MIN_CELLS), other_values**2 / np.maximum(other_mask, MIN_CELLS)
     return squares @ other_mask.T + mask @ other_squares.T - 2 * (values @ other_values.T)
