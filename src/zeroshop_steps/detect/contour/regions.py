@@ -143,7 +143,6 @@ def _merge_basins(
         _, one, other = heapq.heappop(queue)
         if one not in alive or other not in alive:
             continue
-        parts: tuple[int, ...]
         if one == GROUND:
             merged = GROUND
             parts: tuple[int, ...] = (other,)
