@@ -63,7 +63,8 @@ def read_detections(path: Path) -> list[Detection]:
     Raises:
         StepError: an entry of the wrong form, a mask whose run lengths do not fill its size, different times within an image.
     """
-    found, seconds = [], {}
+    found: list[Detection] = []
+    seconds: dict[tuple[int, int], float] = {}
     for index, entry in enumerate(read_validated(path, "detections")):
         box, mask = entry.get("bbox") or None, entry.get("segmentation") or None
         if box is not None and (len(box) != 4 or box[2] < 0 or box[3] < 0):
@@ -130,7 +131,8 @@ def _compress(path: Path, index: int, mask: dict) -> dict:
 
 def _decode_counts(text: str) -> list[int]:
     """The run lengths in COCO's text: five bits a character, from the third on less the last but one. Raises IndexError where it is cut."""
-    counts, place = [], 0
+    counts: list[int] = []
+    place = 0
     while place < len(text):
         value, bits, more = 0, 0, True
         while more:

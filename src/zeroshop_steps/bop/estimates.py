@@ -117,7 +117,8 @@ def _raise_for_line(path: Path, line: bytes, number: int) -> None:
 
 def _from_rows(rows: np.ndarray) -> Estimates:
     numbers = np.nan_to_num(rows[:, :3], nan=-1, posinf=-1, neginf=-1).astype(np.int64)
-    return Estimates(*numbers.T, rows[:, 3], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16], rows[:, 16])
+    scenes, images, objects = numbers.T
+    return Estimates(scenes, images, objects, rows[:, 3], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16], rows[:, 16])
 
 
 def _check(path: Path, estimates: Estimates, rows: np.ndarray, first_line: int) -> None:

@@ -72,8 +72,8 @@ def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:
     path = model_path(folder, info["obj_id"])
     texture = path.with_suffix(".png") if mesh.texture is not None else None
     if texture:
-        write_image(texture, mesh.texture)
-    write_ply(path, mesh if mesh.normals is not None else mesh.with_normals(), texture and texture.name)
+        write_image(texture, mesh.texture_image)
+    write_ply(path, mesh if mesh.normals is not None else mesh.with_normals(), texture.name if texture else None)
     low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
     entry = {"name": info.get("name", path.stem), "diameter": check_diameter_mm(path, mesh, None)}
     entry |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
             if estimates is not None:
                 panels.append(draw_poses(photo, frame, select_surest_estimates(estimates, here, models), models, renderers))
             write_image(folder / f"{scene_id:06d}_{image_id:06d}.png", np.concatenate(panels, 1))
-        if args.errors:
+        if args.errors and estimates is not None:
             tiles = draw_worst(args.errors, estimates, frames, models, renderers)
             if tiles is not None:
                 write_image(folder / "worst.png", tiles)
@@ -99,7 +99,7 @@ def draw_detections(photo: np.ndarray, detections: Sequence[Detection]) -> np.nd
     """The photo with masks in the colours of their objects, the surest on top."""
     image, labels = photo.copy(), []
     for one in detections:
-        mask, color = decode_mask(one.mask), choose_color(one.object_id)
+        mask, color = decode_mask(one.require_mask()), choose_color(one.object_id)
         image[mask] = (0.5 * image[mask] + 0.5 * np.array(color)).astype(np.uint8)
         _draw_outline(image, mask, color)
         if not mask.any():
@@ -178,8 +178,9 @@ def draw_worst(
 
 def choose_color(number: int) -> tuple[int, int, int]:
     """A bright colour of an object's own."""
-    hue = np.uint8([[[(number * 67) % 180, 200, 255]]])
-    return tuple(int(value) for value in cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0])
+    hue = np.array([[[(number * 67) % 180, 200, 255]]], np.uint8)
+    red, green, blue = cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0].tolist()
+    return red, green, blue
 
 
 def _draw_outline(image: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], thickness: int = 1) -> None:

@@ -1,5 +1,7 @@
 """Checks that every pose in BOP's files has to pass: proper rotations, finite millimetres."""
 
+from typing import Any, Protocol
+
 import numpy as np
 
 from zeroshop_steps.runtime.errors import StepError
@@ -8,7 +10,14 @@ ROTATION_TOLERANCE = 1e-2
 NEAREST_MM = 10.0
 
 
-def check_rotations(rotations: np.ndarray, where: list[str] | np.ndarray, path: object) -> None:
+class RowNames(Protocol):
+    """What a row is called in messages: a list of names, or names that are made when one is asked for."""
+
+    def __getitem__(self, index: int, /) -> Any:
+        """The name of a row."""
+
+
+def check_rotations(rotations: np.ndarray, where: RowNames, path: object) -> None:
     """Raise StepError where one of (N, 3, 3) matrices is no rotation; `where` names the N places in the file `path`.
 
     R R^T may differ from the identity by `ROTATION_TOLERANCE`: published files round.
@@ -32,7 +41,7 @@ def check_rotations(rotations: np.ndarray, where: list[str] | np.ndarray, path: 
         )
 
 
-def check_translations(translations_mm: np.ndarray, where: list[str] | np.ndarray, path: object) -> None:
+def check_translations(translations_mm: np.ndarray, where: RowNames, path: object) -> None:
     """Raise StepError where one of (N, 3) translations is not finite, or where most are so short that they must be metres."""
     wrong = np.flatnonzero(~np.isfinite(translations_mm).all(1))
     if len(wrong):

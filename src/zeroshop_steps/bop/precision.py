@@ -37,7 +37,9 @@ def make_annotations(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
     Raises:
         StepError: a mask or the visibility of an instance is missing.
     """
-    images, annotations, objects = [], [], set()
+    images: list[dict] = []
+    annotations: list[dict] = []
+    objects: set[int] = set()
     for number, frame in enumerate(frames.values(), start=1):
         images.append({"id": number})
         for index, instance in enumerate(frame.instances):
@@ -108,7 +110,7 @@ def average_precision(detections: Sequence[Detection], frames: Frames, kind: str
 
 def _check_size(detection: Detection, image: dict, path: Path) -> None:
     """pycocotools would count a mask of another size as a miss."""
-    height, width = detection.mask["size"]
+    height, width = detection.require_mask()["size"]
     if "height" in image and (height, width) != (image["height"], image["width"]):
         raise StepError(
             f"{path}: a mask of object {detection.object_id} is {width} x {height} px, image {detection.image_id} of scene"

@@ -78,7 +78,7 @@ def select_most_visible(frame: Frame, target: Target) -> list[int]:
             f"{frame.folder / 'scene_gt_info.json'} has no visib_fract for object {target.obj_id} of image {frame.image_id};"
             f" it decides which {target.inst_count} of {len(found)} instances count"
         )
-    best = sorted(found, key=lambda index: -frame.instances[index].visible_share)[: target.inst_count]
+    best = sorted(found, key=lambda index: -(frame.instances[index].visible_share or 0.0))[: target.inst_count]
     return sorted(best)
 
 

@@ -6,6 +6,7 @@ Camera matrices are BOP's here: pixel (0, 0)'s centre is at (0, 0). `Frame.camer
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -156,7 +157,8 @@ def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
 
 def write_scene(folder: Path, frames: list[Frame]) -> None:
     """Write the three JSON files of a scene; the pictures are written by the caller."""
-    cameras, truth, info = {}, {}, {}
+    cameras: dict[str, dict[str, Any]] = {}
+    truth, info = {}, {}
     for frame in frames:
         key = str(frame.image_id)
         cameras[key] = {"cam_K": frame.intrinsics.ravel().tolist()}

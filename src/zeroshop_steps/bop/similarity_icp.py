@@ -74,10 +74,11 @@ class SimilarityRefiner:
         distance = float(np.sort(planes)[: int(NEAR_SHARE * len(planes))].mean())
         if not self._printed:
             return SimilarityFit(transform, distance, 0.0)
+        assert self._source.colors is not None and self._target.colors is not None
         ours, theirs = self._source.colors[weights > 0], self._target.colors[nearest][weights > 0]
         return SimilarityFit(transform, distance, correlate_colors(ours, theirs))
 
-    def _match(self, transform: np.ndarray):
+    def _match(self, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         moved = transform_points(self._source.points, transform)
         distance, nearest = self._tree.query(moved)
         normals = self._target.normals[nearest]
@@ -93,6 +94,7 @@ class SimilarityRefiner:
         offsets, normals = moved - self._middle, self._target.normals[nearest]
         rows, gaps = _jacobian_rows(offsets, normals), gaps
         if self._printed:
+            assert self._source.colors is not None and self._target.colors is not None
             ours, theirs = _brightness(self._source.colors), _brightness(self._target.colors)[nearest]
             used = weights > 0
             spread = max(theirs[used].std(), 1e-6)
@@ -128,6 +130,7 @@ def correlate_colors(ours: np.ndarray, theirs: np.ndarray) -> float:
 def _brightness_gradients(target: SurfacePoints, tree: cKDTree) -> np.ndarray:
     """(N, 3) change of brightness along the surface at each sample, by least squares over its neighbours."""
     _, near = tree.query(target.points, NEIGHBOURS)
+    assert target.colors is not None
     brightness = _brightness(target.colors)
     offsets = target.points[near] - target.points[:, None]
     offsets -= np.einsum("nki,ni->nk", offsets, target.normals)[..., None] * target.normals[:, None]

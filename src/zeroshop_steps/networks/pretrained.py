@@ -26,7 +26,7 @@ def require_model(name: str, files: Sequence[str]) -> Path:
     return WEIGHTS_FOLDER / name
 
 
-def load_pretrained(model_class: type, folder: Path, device: torch.device) -> Any:
+def load_pretrained(model_class: type[Any], folder: Path, device: torch.device) -> Any:
     """A model in evaluation mode, float32, with every one of its parameters from `folder`.
 
     Args:
@@ -57,7 +57,7 @@ def load_pretrained(model_class: type, folder: Path, device: torch.device) -> An
     return model.eval().requires_grad_(False).to(device)
 
 
-def load_part(part_class: type, folder: Path, *files: str) -> Any:
+def load_part(part_class: type[Any], folder: Path, *files: str) -> Any:
     """A tokenizer or processor from the named files of a model's folder, which must all be there.
 
     Raises:

@@ -61,7 +61,15 @@ def read_table(table: Path = TABLE) -> dict[str, WeightsFile]:
     """All known files by their path below resources/weights."""
     with open(table, newline="") as file:
         rows = [
-            WeightsFile(**{**row, "size_bytes": int(row["size_bytes"]) if row["size_bytes"] else None, "sha256": row["sha256"] or None})
+            WeightsFile(
+                row["file"],
+                row["url"],
+                int(row["size_bytes"]) if row["size_bytes"] else None,
+                row["sha256"] or None,
+                row["licence"],
+                row["purpose"],
+                row["without"],
+            )
             for row in csv.DictReader(file)
         ]
     return {row.file: row for row in rows}

@@ -78,7 +78,8 @@ class Detector:
         [found] = self._images.post_process_object_detection(outputs, threshold=0.0, target_sizes=[(size_px[1], size_px[0])])
         limits = np.array([*size_px, *size_px], float)
         corners = np.clip(found["boxes"].float().cpu().numpy(), 0, limits)
-        boxes = [Box(tuple(map(float, row)), float(score)) for row, score in zip(corners, found["scores"].float().cpu(), strict=True)]
+        scores = found["scores"].float().cpu().tolist()
+        boxes = [Box((x0, y0, x1, y1), score) for (x0, y0, x1, y1), score in zip(corners.tolist(), scores, strict=True)]
         boxes = [box for box in boxes if box.corners_px[2] - box.corners_px[0] >= 2 and box.corners_px[3] - box.corners_px[1] >= 2]
         return sorted(boxes, key=lambda box: (-box.score, box.corners_px))
 

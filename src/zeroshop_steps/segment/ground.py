@@ -6,6 +6,7 @@ camera.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -111,7 +112,7 @@ def _build_picture(
         back = np.linalg.inv(homography)
         seen = np.ones(image.shape[:2], np.float32) if hidden is None else 1.0 - hidden[index].astype(np.float32)
         seen *= find_in_front(camera, homography)
-        flags = {"flags": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
+        flags: dict[str, Any] = {"flags": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_CONSTANT, "borderValue": 0}
         visible = cv2.warpPerspective(seen, back, (count, count), **flags) > 0.99
         visible &= _find_cells_in_front(camera, world_from_cell, count)
         samples[index][visible] = cv2.warpPerspective(image, back, (count, count), **flags)[visible]

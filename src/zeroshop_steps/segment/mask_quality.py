@@ -100,12 +100,12 @@ def touches_border(quality: MaskQuality) -> bool:
 
 def describe_quality(qualities: list[MaskQuality], names: list[str]) -> dict[str, Any]:
     """The measures as they stand in segmentation.json."""
-    disagreements = [quality.disagreement for quality in qualities]
+    disagreements = [quality.disagreement for quality in qualities if quality.disagreement is not None]
     return {
         "good_masks": sum(quality.fault is None for quality in qualities),
         "dropped": {name: quality.fault for name, quality in zip(names, qualities, strict=True) if quality.fault},
         "cut_off": [name for name, quality in zip(names, qualities, strict=True) if touches_border(quality)],
-        "median_disagreement": _round(None if None in disagreements else float(np.median(disagreements))),
+        "median_disagreement": _round(float(np.median(disagreements)) if len(disagreements) == len(qualities) else None),
         "masks": {
             name: {
                 "disagreement": _round(quality.disagreement),

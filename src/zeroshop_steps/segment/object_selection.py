@@ -77,10 +77,10 @@ def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[n
             "see that it differs in colour from the ground, and that it is not moved between the first picture and the last"
         )
     middle = np.array([COARSE_VOXELS / 2, COARSE_VOXELS / 2])
-    places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names}
+    places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names.tolist()}
     # The nearest edge counts most, because a large object may stand off the middle; then the mean.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
-    chosen = min(names, key=lambda name: (away[name], name))
+    chosen = min(names.tolist(), key=lambda name: (away[name], name))
     parts = _join_parts(chosen, names, places, away, sizes)
     return _cut_fine_grid(grid, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
 
@@ -121,6 +121,5 @@ def _cut_fine_grid(grid: VoxelGrid, labels: np.ndarray, chosen: int, count: int)
     rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(grid.shape, np.inf)
     room = (nearest <= margin) & (nearest < rival)
     coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / grid.side).astype(int) + low, np.array(grid.shape) - 1)
-    return ObjectSelection(
-        fine, *(part[tuple(coarse.T)].reshape(shape) for part in (room, own)), ground, grid.centres(np.argwhere(others)), grid.side, count
-    )
+    near, inside = (part[tuple(coarse.T)].reshape(shape) for part in (room, own))
+    return ObjectSelection(fine, near, inside, ground, grid.centres(np.argwhere(others)), grid.side, count)

@@ -1,8 +1,9 @@
 """Follow an object through images from boxes in some of them, by SAM 2 (Ravi et al. 2024) from the transformers library."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -48,7 +49,7 @@ class ObjectTracker:
         self._device = device
 
     def follow(
-        self, read: Callable[[int], np.ndarray], count: int, size_px: tuple[int, int], boxes: dict[int, tuple[float, ...]]
+        self, read: Callable[[int], np.ndarray], count: int, size_px: tuple[int, int], boxes: Mapping[int, tuple[float, ...]]
     ) -> list[TrackedMask]:
         """Masks of all pictures.
 
@@ -77,7 +78,7 @@ class ObjectTracker:
                 step(number, True)
         return [found[number] for number in range(count)]
 
-    def _session(self, read: Callable[[int], np.ndarray], count: int):
+    def _session(self, read: Callable[[int], np.ndarray], count: int) -> Any:
         """A session that prepares pictures when they are needed, so that memory does not grow with their number."""
         from transformers.models.sam2_video.modeling_sam2_video import Sam2VideoInferenceSession
 
@@ -91,7 +92,9 @@ class ObjectTracker:
             def get_frame(self, frame_idx: int) -> torch.Tensor:
                 return prepare(read(frame_idx)).to(device)
 
-            def store_output(self, obj_idx, frame_idx, output_key=None, output_value=None, is_conditioning_frame=True) -> None:
+            def store_output(
+                self, obj_idx: int, frame_idx: int, output_key: Any = None, output_value: Any = None, is_conditioning_frame: bool = True
+            ) -> None:
                 if output_key != NOT_KEPT:
                     super().store_output(obj_idx, frame_idx, output_key, output_value, is_conditioning_frame)
 
@@ -99,7 +102,7 @@ class ObjectTracker:
         session.obj_id_to_idx(OBJECT)
         return session
 
-    def _add_box(self, session, number: int, box: tuple[float, ...], size_px: tuple[int, int]) -> None:
+    def _add_box(self, session: Any, number: int, box: tuple[float, ...], size_px: tuple[int, int]) -> None:
         corners = torch.tensor(box, dtype=torch.float32).view(1, 1, 2, 2) * (self._side_px / torch.tensor(size_px))
         labels = torch.tensor([TOP_LEFT, BOTTOM_RIGHT], dtype=torch.int32).view(1, 1, 2)
         session.add_point_inputs(session.obj_id_to_idx(OBJECT), number, {"point_coords": corners, "point_labels": labels})
@@ -111,10 +114,10 @@ class ObjectTracker:
         mean, deviation = (torch.tensor(values).view(3, 1, 1) for values in (MEAN, DEVIATION))
         return (torch.from_numpy(np.array(small)).permute(2, 0, 1).float() / 255.0 - mean) / deviation
 
-    def _tracked(self, output, size_px: tuple[int, int]) -> TrackedMask:
+    def _tracked(self, output: Any, size_px: tuple[int, int]) -> TrackedMask:
         logits = interpolate(output.pred_masks.float().view(1, 1, *output.pred_masks.shape[-2:]), (size_px[1], size_px[0]), mode="bilinear")
         return TrackedMask((logits[0, 0] > 0).cpu().numpy(), float(output.object_score_logits.float().max()))
 
-    def _precision(self):
+    def _precision(self) -> torch.autocast:
         """bfloat16 where it is faster: on CUDA."""
         return torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda")

@@ -4,6 +4,7 @@ Duisterhof et al., MASt3R-SfM, 3DV 2025, sections 4.2 to 4.4: canonical point ma
 space (equation 4), refinement by reprojection (equation 5). The focal length is that of DUSt3R (Wang et al. 2024, section 3.3).
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -255,7 +256,7 @@ def _optimize(canonical: list[CanonicalView], matches: dict[tuple[int, int], Mat
         return _gather_result(scene, canonical, error_px)
 
 
-def _descend(loss, parameters: list[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
+def _descend(loss: Callable[[], Tensor], parameters: Sequence[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
     """Adam, its rate falling to nothing as a cosine."""
     optimizer = torch.optim.Adam(parameters, lr=rate, betas=(0.9, 0.9))
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)

@@ -49,8 +49,7 @@ class Scratch(nn.Module):
         for level, channels in enumerate(LEVEL_CHANNELS, start=1):
             setattr(self, f"layer{level}_rn", nn.Conv2d(channels, FEATURES, 3, padding=1, bias=False))
         self.layer_rn = nn.ModuleList(getattr(self, f"layer{level}_rn") for level in range(1, 5))
-        for level in range(1, 5):
-            setattr(self, f"refinenet{level}", Fusion())
+        self.refinenet1, self.refinenet2, self.refinenet3, self.refinenet4 = Fusion(), Fusion(), Fusion(), Fusion()
 
     def forward(self, levels: Sequence[Tensor]) -> Tensor:
         levels = [convolution(level) for convolution, level in zip(self.layer_rn, levels, strict=True)]

@@ -46,10 +46,10 @@ def fit_framing(width_px: int, height_px: int, long_side_px: int = LONG_SIDE_PX)
     """
     factor = long_side_px / max(width_px, height_px)
     resized = (round(width_px * factor), round(height_px * factor))
-    kept = tuple(side // PATCH_PX * PATCH_PX for side in resized)
+    kept = (resized[0] // PATCH_PX * PATCH_PX, resized[1] // PATCH_PX * PATCH_PX)
     if min(kept) == 0:
         raise StepError(f"a picture of {width_px} x {height_px} px is too narrow: {PATCH_PX} px are needed along its short side")
-    offset = tuple((side - inside) // 2 for side, inside in zip(resized, kept, strict=True))
+    offset = ((resized[0] - kept[0]) // 2, (resized[1] - kept[1]) // 2)
     return Framing(kept[0], kept[1], (resized[0] / width_px, resized[1] / height_px), offset)
 
 

@@ -38,15 +38,15 @@ def match_pair(first: ImagePrediction, second: ImagePrediction, min_confidence: 
     """
     features = [side.descriptors[0].flatten(0, 1) for side in (first, second)]
     confidences = [side.descriptor_confidence[0].flatten() for side in (first, second)]
-    sizes = [tuple(side.descriptors.shape[1:3]) for side in (first, second)]
+    sizes = [(side.descriptors.shape[1], side.descriptors.shape[2]) for side in (first, second)]
     there = find_reciprocal(features[0], features[1], make_start_grid(*sizes[0], subsampling, features[0].device))
     back = find_reciprocal(features[1], features[0], make_start_grid(*sizes[1], subsampling, features[0].device)).flip(1)
     pairs = torch.unique(torch.cat([there, back]), dim=0)
     confidence = torch.minimum(confidences[0][pairs[:, 0]], confidences[1][pairs[:, 1]])
     kept = confidence >= min_confidence
-    pairs, confidence = pairs[kept].cpu().numpy(), confidence[kept].float().cpu().numpy()
-    places = [np.stack([pairs[:, side] % sizes[side][1], pairs[:, side] // sizes[side][1]], axis=1) for side in (0, 1)]
-    return Matches(places[0], places[1], confidence)
+    found = pairs[kept].cpu().numpy()
+    places = [np.stack([found[:, side] % sizes[side][1], found[:, side] // sizes[side][1]], axis=1) for side in (0, 1)]
+    return Matches(places[0], places[1], confidence[kept].float().cpu().numpy())
 
 
 def make_start_grid(height: int, width: int, subsampling: int, device: torch.device | str = "cpu") -> Tensor:

@@ -27,12 +27,13 @@ class CameraHead(nn.Module):
     def forward(self, tokens: Tensor, rounds: int = 4) -> Tensor:
         tokens = self.token_norm(tokens)
         plain = F.layer_norm(tokens, tokens.shape[-1:], eps=1e-6)
-        total = None
+        total: Tensor | None = None
         for _ in range(rounds):
             last = self.empty_pose_tokens[0].expand(len(tokens), -1) if total is None else total
             shift, scale, gate = self.poseLN_modulation(self.embed_pose(last)).chunk(3, dim=-1)
             refined = self.trunk((tokens + gate * (plain * (1 + scale) + shift))[None])[0]
             change = self.pose_branch(self.trunk_norm(refined))
             total = change if total is None else total + change
+        assert total is not None, "at least one round"
         # A field of view has no sign; the running total keeps its own.
         return torch.cat([total[:, :7], total[:, 7:].relu()], dim=1)

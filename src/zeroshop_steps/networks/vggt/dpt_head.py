@@ -118,7 +118,11 @@ class DptHead(nn.Module):
 
     def _placed(self, values: Tensor, aspect: float) -> Tensor:
         """Tell a map where its pixels are."""
-        return values + 0.1 * encode_positions(values.shape[2:], values.shape[1], aspect).to(values) if self.dense else values
+        return (
+            values + 0.1 * encode_positions((values.shape[2], values.shape[3]), values.shape[1], aspect).to(values)
+            if self.dense
+            else values
+        )
 
 
 def resize_map(values: Tensor, size: tuple[int, int]) -> Tensor:

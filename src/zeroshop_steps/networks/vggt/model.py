@@ -65,7 +65,7 @@ class Vggt(nn.Module):
             chunk: frames at a time in the dense heads.
             after_part: called after every pair of blocks and every chunk, for a progress bar.
         """
-        size_px = tuple(images.shape[2:])
+        size_px = (images.shape[2], images.shape[3])
         layers = self.tokens(images, precision, after_part)
         encodings, depth, depth_confidence = self.cameras_and_depth(layers, size_px, chunk, after_part)
         point_map, point_confidence = None, None
