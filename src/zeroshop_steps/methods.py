@@ -1,92 +1,163 @@
 """Which methods the matrix has, what each needs, and what of that is missing here.
 
-A method without its step or its weights is left out where "all" methods are meant, and refused where it is named.
+A method is one file in the folder of its stage, which declares itself by a literal at its top level:
+
+    METHOD = {"weights": ("my_network.pth",), "mem_mb": 6000}
+
+The keys are those attributes of `Method` that are not the default; {} will do. The literal is read from the source, so that
+planning a run imports no step. A method without its weights is left out where "all" methods are meant, and refused where it is named.
 """
 
-import importlib.util
-from dataclasses import dataclass
+import ast
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
+from zeroshop_steps.runtime.errors import StepError
 
-PACKAGE = "zeroshop_steps"
+SOURCES = Path(__file__).parent
 
 
 @dataclass(frozen=True)
 class Method:
-    """What a method needs.
+    """What a method needs and gives.
 
     Attributes:
-        step: the module that does the work, below this package.
+        step: the module that does the work, below this package, e.g. "surface.twodgs".
+        name: how configs and paths call it; the module's name by default.
+        rank: its place in tables, the lowest first; then by name.
         weights: files below resources/weights.
-        truth: whether it needs true cameras, which photos lack.
+        models: its networks that the config may exchange: for the key of its options that names the folder of one, the usual folder
+            below resources/weights and the files in it.
         mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
-        masks: of a detector, the file that poses are estimated from: all that it found, or masks.json, the sure ones without overlap.
+        threads: the most that its rule uses.
+
+    Of registrations:
+        true_cameras: it needs true cameras, which photos lack.
+
+    Of segmentations:
+        given: the masks come with the capture; the config cannot choose it.
+        in_scene: it finds masks only in a scene that is registered already.
+        prompt: it takes the words that describe the object.
+
+    Of heights:
+        columns: columns of objects.tsv with folders of photos that it reads.
+        required: those of them without which it cannot work.
+        original_photos: it needs the photos as they were taken, not frames of a video nor undistorted ones.
+        seed: it takes a random seed.
+
+    Of surfaces:
+        stereo, registration: whether it reads confirmed depths, and registered cameras; without those it reads the capture.
+        model: the file of its trained model, below its folder of the cell; None where it makes the raw mesh in one step.
+        mesh: the method of this stage that takes the raw mesh from the model.
+        rules: the names of its rules: training (or the only one), and taking the mesh.
+        options: below which keys the config has the options of each.
+
+    Of detectors:
+        masks: the file that poses are estimated from: all that it found, or masks.json, the sure ones without overlap.
     """
 
     step: str
+    name: str = ""
+    rank: int = 100
     weights: tuple[str, ...] = ()
-    truth: bool = False
+    models: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
     mem_mb: int = 4000
     runtime_min: int = 30
+    threads: int = 8
+    true_cameras: bool = False
+    given: bool = False
+    in_scene: bool = False
+    prompt: bool = False
+    columns: tuple[str, ...] = ()
+    required: tuple[str, ...] = ()
+    original_photos: bool = False
+    seed: bool = False
+    stereo: bool = True
+    registration: bool = True
+    model: str | None = None
+    mesh: str | None = None
+    rules: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
     masks: str = "detections.json"
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All files below resources/weights that it reads."""
+        return (*self.weights, *(f"{folder}/{name}" for folder, names in self.models.values() for name in names))
 
-REGISTRATIONS = {
-    "colmap": Method("register.colmap"),
-    "truth": Method("register.truth", truth=True),
-    "mast3r": Method("register.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=480),
-    "vggt": Method("register.vggt", weights=("VGGT-1B/model.safetensors",), mem_mb=12000, runtime_min=240),
-}
-DETECTOR, TRACKER = "grounding-dino-base", "sam2.1-hiera-large"
-DETECTOR_FILES = ("model.safetensors", "config.json", "preprocessor_config.json", "tokenizer.json", "tokenizer_config.json")
-TRACKER_FILES = ("model.safetensors", "config.json")
-
-
-def grounded_sam(detector: str = DETECTOR, tracker: str = TRACKER) -> Method:
-    """Segmentation by a prompt, with these two folders below resources/weights."""
-    files = (*(f"{detector}/{name}" for name in DETECTOR_FILES), *(f"{tracker}/{name}" for name in TRACKER_FILES))
-    return Method("segment.grounded_sam", weights=files)
+    def with_options(self, options: Mapping[str, Any]) -> "Method":
+        """The method with the networks that these options of the config name, and without published weights where they name own ones."""
+        models = {key: (str(options.get(key, folder)), names) for key, (folder, names) in self.models.items()}
+        return replace(self, models=models, weights=() if options.get("weights") else self.weights)
 
 
-SEGMENTATIONS = {
-    "grounded_sam": grounded_sam(),
-    "support_plane": Method("segment.support_plane"),
-}
+@functools.cache
+def find_methods(stage: str, sources: Path = SOURCES) -> dict[str, Method]:
+    """The methods of a stage by name, in the order of tables: every module of its folder that declares METHOD.
+
+    Raises:
+        StepError: a declaration that is no literal dictionary of known keys, or two methods of one name.
+    """
+    found = []
+    for path in sorted([*(sources / stage).glob("*.py"), *(sources / stage).glob("*/__init__.py")]):
+        declared = _read_declaration(path)
+        if declared is not None:
+            module = path.parent.name if path.name == "__init__.py" else path.stem
+            found.append(Method(**{"step": f"{stage}.{module}", "name": module, **declared}))
+    names = [method.name for method in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise StepError(f"two methods of {sources / stage} are called {name}; give one another name in its METHOD")
+    return {method.name: method for method in sorted(found, key=lambda method: (method.rank, method.name))}
+
+
+def _read_declaration(path: Path) -> dict[str, Any] | None:
+    """The METHOD of a source file; None where it declares none."""
+    text = path.read_text()
+    if "\nMETHOD = " not in text:
+        return None
+    known = {entry.name for entry in fields(Method)} - {"step"}
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.Assign) and [getattr(target, "id", None) for target in node.targets] == ["METHOD"]:
+            try:
+                declared = ast.literal_eval(node.value)
+                if isinstance(declared, dict) and set(declared) <= known:
+                    return declared
+            except ValueError:
+                pass
+            raise StepError(f"{path}: METHOD must be a dictionary written out, with keys of {', '.join(sorted(known))}")
+    return None
+
+
+REGISTRATIONS = find_methods("register")
+SEGMENTATIONS = {name: method for name, method in find_methods("segment").items() if not method.given}
 """Of captures without masks; "auto" is the first that can run here."""
-NVS = {
-    "2dgs": Method("surface.twodgs"),
-    "svraster": Method("surface.svraster"),
-}
-HEIGHTS = {
-    "known": Method("height.known"),
-    "marker": Method("height.marker"),
-    "depth_camera": Method("height.depth_camera"),
-    "mast3r": Method("height.mast3r", weights=("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",), mem_mb=6000, runtime_min=120),
-    "none": Method("height.none"),
-}
-DETECTORS = {
-    "contour": Method("detect.contour"),
-    "cnos": Method(
-        "detect.cnos",
-        weights=tuple(f"{model}/{file}" for model in ("sam-vit-huge", "dinov2-large") for file in ("model.safetensors", "config.json")),
-        masks="masks.json",
-    ),
-    "sam6d_ism": Method("detect.sam6d_ism", weights=("dinov2-large/model.safetensors", "sam-vit-huge/model.safetensors")),
-}
-ESTIMATORS = {
-    "render_compare": Method("pose.render_compare"),
-    "foundationpose": Method("pose.foundationpose", weights=("foundationpose/refiner.pth", "foundationpose/scorer.pth")),
-    "sam6d_pem": Method("pose.sam6d_pem", weights=("sam6d_pem/model.pth",)),
-}
+SURFACES = find_methods("surface")
+HEIGHTS = find_methods("height")
+DETECTORS = find_methods("detect")
+ESTIMATORS = find_methods("pose")
 """Of poses, from true masks or from those of a detector."""
+
+CHOICES = {
+    "virtual_registration": list(REGISTRATIONS),
+    "photo_registration": [name for name, method in REGISTRATIONS.items() if not method.true_cameras],
+    "nvs_method": list(SURFACES),
+    "segmentation": ["auto", *SEGMENTATIONS],
+    "detector": list(DETECTORS),
+    "estimator": list(ESTIMATORS),
+}
+"""What the config may name, by the definition in its schema."""
+SECTIONS = {"register": REGISTRATIONS, "segment": SEGMENTATIONS, "nvs": SURFACES, "height": HEIGHTS}
+"""The parts of the config that hold options of methods."""
 
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:
     """What a method needs and does not find, in words; empty where it can run. `root` is the folder that holds resources/."""
-    if importlib.util.find_spec(f"{PACKAGE}.{method.step}") is None:
-        return [f"the step {method.step}, which this version does not have"]
-    return [f"the weights {WEIGHTS_FOLDER / name}" for name in method.weights if not (root / WEIGHTS_FOLDER / name).is_file()]
+    return [f"the weights {WEIGHTS_FOLDER / name}" for name in method.files if not (root / WEIGHTS_FOLDER / name).is_file()]
 
 
 def left_out(*tables: dict[str, Method], root: Path = Path()) -> str | None:
@@ -109,6 +180,6 @@ def refusal(what: str, name: str, methods: dict[str, Method], root: Path = Path(
 
 def _advice(method: Method, root: Path) -> str:
     """How to get the weights that a method lacks."""
-    absent = [name for name in method.weights if not (root / WEIGHTS_FOLDER / name).is_file()]
+    absent = [name for name in method.files if not (root / WEIGHTS_FOLDER / name).is_file()]
     table = read_table()
     return "".join(f" {table[name].file}: {table[name].advice}." for name in absent if name in table)

@@ -29,7 +29,7 @@ def test_an_unknown_method_lists_those_that_exist(capsys: pytest.CaptureFixture)
 
 
 def test_a_step_error_is_one_line_and_status_one(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    arguments = ["--method", "fuse", "--splats", f"{tmp_path}/none.ply", "--cameras", str(tmp_path), "--out", f"{tmp_path}/mesh.ply"]
+    arguments = ["--method", "fuse", "--model", f"{tmp_path}/none.ply", "--cameras", str(tmp_path), "--out", f"{tmp_path}/mesh.ply"]
     assert stage_main("zeroshop_steps.surface", arguments) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ") and "none.ply does not exist" in error and "Traceback" not in error

@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps import methods
 from zeroshop_steps.runtime.settings import config_changes, name_error, read_objects
 
 HEADER = "dataset\tobject\timages\tmasks\theight_m"
@@ -18,7 +19,7 @@ def read(tmp_path, pytestconfig):
 
     def read_text(text):
         (tmp_path / "objects.tsv").write_text(text)
-        return read_objects(tmp_path / "objects.tsv", pytestconfig.rootpath / SCHEMA)
+        return read_objects(tmp_path / "objects.tsv", pytestconfig.rootpath / SCHEMA, methods.HEIGHTS)
 
     return read_text
 

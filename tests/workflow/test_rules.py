@@ -12,7 +12,7 @@ from snakemake.api import SnakemakeApi
 from snakemake.settings.types import ResourceSettings
 
 from helpers.paths import REPOSITORY, SNAKEFILE
-from zeroshop_steps.runtime.config_manual import KEYS, list_keys, read_sources, render_manual, resolve
+from zeroshop_steps.config_manual import KEYS, list_keys, read_sources, render_manual, resolve
 from zeroshop_steps.synthetic.blender.start import BLENDERPROC_VERSION, BPY_VERSION
 from zeroshop_steps.synthetic.demo_objects import list_demo_objects
 
@@ -117,7 +117,7 @@ def test_a_step_takes_what_the_schema_allows(module, keys):
 
 
 def test_the_list_of_keys_is_that_of_the_schema_and_the_defaults():
-    assert KEYS.read_text() == render_manual(*read_sources()), "run: python -m zeroshop_steps.runtime.config_manual"
+    assert KEYS.read_text() == render_manual(*read_sources()), "run: python -m zeroshop_steps.config_manual"
 
 
 def test_every_key_is_described_and_its_choices_stand_in_the_comments():

@@ -3,7 +3,6 @@
 import os
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -11,7 +10,7 @@ from snakemake.exceptions import WorkflowError
 from zeroshop_steps import methods
 from zeroshop_steps.runtime.cache import check_cache
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.settings import check_config, name_error, read_objects
+from zeroshop_steps.runtime.settings import check_config, name_error, read_config_schema, read_objects
 
 ROOT = Path(workflow.snakefile).parents[2]
 
@@ -28,6 +27,8 @@ VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 BOARD_SCENE = "su_b"
 # Photos as they are, and registered by what lies inside the masks alone.
 WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
+# The place of a registration in the path of a surface method that needs none.
+WITHOUT_CAMERAS = "none"
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated; that of a conda environment
 # finds them, too.
@@ -45,8 +46,8 @@ shell.prefix(
 
 try:
     check_cache()
-    check_config(config, ROOT / "workflow/schemas/config.schema.yaml")
-    PHOTOS = read_objects(ROOT / config["objects_table"], ROOT / "workflow/schemas/objects.schema.yaml")
+    check_config(config, read_config_schema(ROOT / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS))
+    PHOTOS = read_objects(ROOT / config["objects_table"], ROOT / "workflow/schemas/objects.schema.yaml", methods.HEIGHTS)
 except StepError as error:
     raise WorkflowError(str(error)) from None
 
@@ -92,8 +93,8 @@ def usable(what, name, table, remedy):
 
 
 def with_own_weights(stage, name, method):
-    """A method of a stage, which lacks no weights where the config names some of the user's own."""
-    return replace(method, weights=()) if config[stage].get(name, {}).get("weights") else method
+    """A method of a stage with the networks that the config names, which lacks no weights where these are the user's own."""
+    return method.with_options(config[stage].get(name) or {})
 
 
 def weights_stamp(stage, name, method):
@@ -101,8 +102,8 @@ def weights_stamp(stage, name, method):
 
     Not an input: Snakemake would delete and download weights again whenever their rule changes.
     """
-    own = config[stage].get(name, {}).get("weights")
-    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in method.weights]
+    own = (config[stage].get(name) or {}).get("weights")
+    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in method.files]
     return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
 
 

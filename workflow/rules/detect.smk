@@ -9,16 +9,12 @@ results/DATASET/bop/DETECTOR-MODELS/masks.json       the sure ones, without over
 MODELS = r"models(_[^/.]+)?"
 
 
-def detector_weights(
-    name,
-):
+def detector_weights(method):
     """An input function: the weights of a detector, or an error that says how to get them."""
 
-    def weights(
-        wildcards,
-    ):
-        usable("detector", name, methods.DETECTORS, "The folder is named after the detector.")
-        return [str(methods.WEIGHTS_FOLDER / file) for file in methods.DETECTORS[name].weights]
+    def weights(wildcards):
+        usable("detector", method.name, methods.DETECTORS, "The folder is named after the detector.")
+        return [str(methods.WEIGHTS_FOLDER / file) for file in method.files]
 
     return weights
 
@@ -46,55 +42,35 @@ rule templates:
         " --out {output.templates} > {log} 2>&1"
 
 
-rule contour:
-    input:
-        models=f"{BOP}/{{models}}",
-        templates=f"{BOP}/templates/{{models}}/42",
-        scenes=f"{BOP}/test",
-        targets=f"{BOP}/test_targets_bop19.json",
-    output:
-        detections=f"{BOP}/contour-{{models}}/detections.json",
-    log:
-        f"{BOP}/contour-{{models}}/logs/detections.log",
-    benchmark:
-        f"{BOP}/contour-{{models}}/benchmarks/detections.tsv"
-    wildcard_constraints:
-        models=MODELS,
-    resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(60),
-    message:
-        "Looking for the {wildcards.models} of {wildcards.dataset} by contours"
-    shell:
-        "python -m zeroshop_steps.detect --method contour --models {input.models} --templates {input.templates}"
-        " --scenes {input.scenes} --targets {input.targets} --out {output.detections} > {log} 2>&1"
+for method in methods.DETECTORS.values():
 
-
-rule cnos:
-    input:
-        models=f"{BOP}/{{models}}",
-        templates=f"{BOP}/templates/{{models}}/42",
-        scenes=f"{BOP}/test",
-        targets=f"{BOP}/test_targets_bop19.json",
-        weights=detector_weights("cnos"),
-    output:
-        detections=f"{BOP}/cnos-{{models}}/detections.json",
-    log:
-        f"{BOP}/cnos-{{models}}/logs/detections.log",
-    benchmark:
-        f"{BOP}/cnos-{{models}}/benchmarks/detections.tsv"
-    wildcard_constraints:
-        models=MODELS,
-    threads: 8
-    resources:
-        mem_mb=per_attempt(12000),
-        runtime=per_attempt(240),
-        gpu=1,
-    message:
-        "Looking for the {wildcards.models} of {wildcards.dataset} by CNOS"
-    shell:
-        "python -m zeroshop_steps.detect --method cnos --models {input.models} --templates {input.templates}"
-        " --scenes {input.scenes} --targets {input.targets} --out {output.detections} > {log} 2>&1"
+    rule:
+        name:
+            method.name
+        input:
+            models=f"{BOP}/{{models}}",
+            templates=f"{BOP}/templates/{{models}}/42",
+            scenes=f"{BOP}/test",
+            targets=f"{BOP}/test_targets_bop19.json",
+            weights=detector_weights(method),
+        output:
+            detections=f"{BOP}/{method.name}-{{models}}/detections.json",
+        log:
+            f"{BOP}/{method.name}-{{models}}/logs/detections.log",
+        benchmark:
+            f"{BOP}/{method.name}-{{models}}/benchmarks/detections.tsv"
+        wildcard_constraints:
+            models=MODELS,
+        threads: method.threads
+        resources:
+            mem_mb=per_attempt(method.mem_mb),
+            runtime=per_attempt(method.runtime_min),
+            gpu=int(bool(method.files)),
+        message:
+            f"Looking for the {{wildcards.models}} of {{wildcards.dataset}} by {method.name}"
+        shell:
+            f"python -m zeroshop_steps.detect --method {method.name} --models {{input.models}} --templates {{input.templates}}"
+            " --scenes {input.scenes} --targets {input.targets} --out {output.detections} > {log} 2>&1"
 
 
 rule filter_masks:

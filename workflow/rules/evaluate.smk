@@ -59,7 +59,7 @@ rule evidence:
     input:
         mesh=f"{CELL}/unwrapped.ply",
         cameras=f"{RUN}/cameras",
-        stereo=f"{RUN}/stereo/seeds.npz",
+        stereo=confirmed_depths,
     output:
         evidence=f"{CELL}/evidence.npz",
         figures=f"{CELL}/evidence.json",

@@ -5,7 +5,7 @@ def raw_mesh_of(
     wildcards,
 ):
     """The mesh that the nvs method of the path makes."""
-    usable("nvs method", wildcards.nvs, methods.NVS, "The folder is named after the method.")
+    usable("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method.")
     return f"{CELL}/raw_mesh.ply".format(**wildcards)
 
 
@@ -13,9 +13,11 @@ def stage_facts(
     wildcards,
 ):
     """The records of the stages behind a mesh, for its JSON."""
-    training = TRAINING_RECORDS[require_known("nvs method", wildcards.nvs, TRAINING_RECORDS, "The folder is named after the method.")]
-    steps = (training, "raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
-    return [path.format(**wildcards) for path in (f"{RUN}/stereo/stereo.json", *(f"{CELL}/{name}.json" for name in steps))]
+    method = methods.SURFACES[require_known("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method.")]
+    stereo = [f"{RUN}/stereo/stereo.json"] if method.stereo else []
+    training = [f"{CELL}/{Path(method.model).parent}/training.json"] if method.model else []
+    steps = ("raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
+    return [path.format(**wildcards) for path in (*stereo, *training, *(f"{CELL}/{name}.json" for name in steps))]
 
 
 def chosen_cell(
@@ -23,7 +25,7 @@ def chosen_cell(
 ):
     """The folder of the cell that the config chooses for an object."""
     check_object(wildcards)
-    usable("nvs method", wildcards.nvs, methods.NVS, "The file is named after the method.")
+    usable("nvs method", wildcards.nvs, methods.SURFACES, "The file is named after the method.")
     cell = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
     return CELL.format(**wildcards, **cell)
 

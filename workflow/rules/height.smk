@@ -4,35 +4,38 @@ results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height.json            by the meth
 results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height_by_board.json   by a printed board, for the table that compares it with the truth
 """
 
+# Where a row of objects.tsv names no method: with a height, and without one.
+KNOWN_HEIGHT, UNKNOWN_HEIGHT = "known", "none"
+HEIGHTS = {name: with_own_weights("height", name, method) for name, method in methods.HEIGHTS.items()}
+
 
 def height_method(
     wildcards,
 ):
     """How the height of an object is measured."""
     if is_virtual(wildcards.dataset):
-        return "known"
+        return KNOWN_HEIGHT
     row = photos_of(wildcards)
-    name = row["height_method"] or ("none" if row["height_m"] is None else "known")
-    return usable("height method", name, {key: with_own_weights("height", key, method) for key, method in methods.HEIGHTS.items()}, "")
+    name = row["height_method"] or (UNKNOWN_HEIGHT if row["height_m"] is None else KNOWN_HEIGHT)
+    return usable("height method", name, HEIGHTS, "")
 
 
 def height_needs(
     wildcards,
 ):
     """What this method needs."""
-    return methods.HEIGHTS[height_method(wildcards)]
+    return HEIGHTS[height_method(wildcards)]
 
 
 def extra_photos(
     column,
 ):
     """An input function: the files in a folder of objects.tsv that only some height methods read; none where they do not."""
-    readers = {"marker_images": ("marker", "mast3r"), "depth": ("depth_camera",)}
 
     def files(
         wildcards,
     ):
-        if height_method(wildcards) not in readers[column] or not photos_of(wildcards)[column]:
+        if column not in height_needs(wildcards).columns or not photos_of(wildcards)[column]:
             return []
         return photo_files(column)(wildcards)
 
@@ -43,28 +46,24 @@ def height_options(
     wildcards,
 ):
     """The options of the height method."""
-    name = height_method(wildcards)
-    options = dict(config["height"].get(name, {}))
+    method = height_needs(wildcards)
+    options = dict(config["height"].get(method.name) or {})
     if not is_virtual(wildcards.dataset):
         options["height_m"] = photos_of(wildcards)["height_m"]
-    if name == "marker":
+    if method.seed:
         options["seed"] = config["seed"]
-    if name == "depth_camera" and not photos_of(wildcards)["depth"]:
-        raise WorkflowError(
-            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: height_method depth_camera needs the folder of the "
-            "depth images in the column depth"
-        )
-    if name == "depth_camera" and capture_method(wildcards) == "video":
-        raise WorkflowError(
-            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: depth images belong to photos, images names a video; export "
-            "the colour images as photos, too"
-        )
-    if name == "depth_camera" and wildcards.scene == OBJECT_SCENE and mask_method(wildcards) == "support_plane":
+    row = f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}"
+    for column in method.required:
+        if not photos_of(wildcards)[column]:
+            raise WorkflowError(f"{row}: height_method {method.name} needs a folder of images in the column {column}")
+    if method.original_photos and capture_method(wildcards) == "video":
+        raise WorkflowError(f"{row}: {method.name} images belong to photos, images names a video; export the colour images as photos, too")
+    if method.original_photos and wildcards.scene == OBJECT_SCENE and mask_needs(wildcards).in_scene:
         raise WorkflowError(
             f"{wildcards.dataset} {wildcards.object}: scene {OBJECT_SCENE} is made of photos that have been undistorted to find the masks, "
-            f"with which depth images are not aligned; take scene {WHOLE_SCENE}, give masks, or segment by grounded_sam"
+            f"with which depth images are not aligned; take scene {WHOLE_SCENE}, give masks, or another segmentation"
         )
-    for column in ("marker_images", "depth"):
+    for column in method.columns:
         if extra_photos(column)(wildcards):
             options[column] = shlex.quote(photo_place(wildcards, column))
     return step_options(options)
@@ -90,7 +89,7 @@ rule height:
         mesh=f"{CELL}/clean.ply",
         cameras=f"{RUN}/cameras",
         capture=f"{SCENE}/capture",
-        stereo=f"{RUN}/stereo/seeds.npz",
+        stereo=confirmed_depths,
         marker_images=extra_photos("marker_images"),
         depth=extra_photos("depth"),
     output:
@@ -103,7 +102,7 @@ rule height:
     resources:
         mem_mb=lambda wildcards, attempt: height_needs(wildcards).mem_mb * attempt,
         runtime=lambda wildcards, attempt: height_needs(wildcards).runtime_min * attempt,
-        gpu=lambda wildcards: int(bool(height_needs(wildcards).weights)),
+        gpu=lambda wildcards: int(bool(height_needs(wildcards).files)),
     params:
         method=height_method,
         options=height_options,

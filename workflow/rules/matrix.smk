@@ -18,7 +18,7 @@ from zeroshop_steps.runtime import failures
 
 AXES = {
     "registrations": methods.REGISTRATIONS,
-    "nvs": methods.NVS,
+    "nvs": methods.SURFACES,
     "detectors": methods.DETECTORS,
     "estimators": methods.ESTIMATORS,
 }

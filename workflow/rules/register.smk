@@ -12,7 +12,7 @@ def registrations_of(
     return {
         name: with_own_weights("register", name, method)
         for name, method in methods.REGISTRATIONS.items()
-        if is_virtual(dataset) or not method.truth
+        if is_virtual(dataset) or not method.true_cameras
     }
 
 
@@ -21,6 +21,11 @@ def capture_of(
 ):
     """The capture that a registration reads, with every part of its path checked."""
     check_object(wildcards)
+    if wildcards.registration == WITHOUT_CAMERAS:
+        raise WorkflowError(
+            f"a cell of registration {WITHOUT_CAMERAS} ends with its raw mesh: finishing, height and grade need cameras."
+            f" Take one of {', '.join(registrations_of(wildcards.dataset))} in place of {WITHOUT_CAMERAS}"
+        )
     virtual = is_virtual(wildcards.dataset)
     kind = "virtual" if virtual else "photo"
     require_known(f"scene of a {kind} dataset", wildcards.scene, [*VIRTUAL_SCENES, BOARD_SCENE] if virtual else PHOTO_SCENES, "")
@@ -37,7 +42,7 @@ def registration_needs(
     wildcards,
 ):
     """The method that the path names; an unknown one is refused where the capture is looked for."""
-    return methods.REGISTRATIONS.get(wildcards.registration, methods.REGISTRATIONS["colmap"])
+    return methods.REGISTRATIONS.get(wildcards.registration, next(iter(methods.REGISTRATIONS.values())))
 
 
 def registration_options(
@@ -63,7 +68,7 @@ rule register:
     resources:
         mem_mb=lambda wildcards, attempt: registration_needs(wildcards).mem_mb * attempt,
         runtime=lambda wildcards, attempt: registration_needs(wildcards).runtime_min * attempt,
-        gpu=lambda wildcards: int(bool(registration_needs(wildcards).weights)),
+        gpu=lambda wildcards: int(bool(registration_needs(wildcards).files)),
     params:
         options=registration_options,
         weights=lambda wildcards: weights_stamp("register", wildcards.registration, registration_needs(wildcards)),

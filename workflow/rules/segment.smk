@@ -3,11 +3,9 @@
 Scene video is registered as a whole and masked then; video_segmented is masked first and registered by the object alone.
 """
 
-# The segmentation methods, with the networks that the config names.
-SEGMENTATIONS = {
-    **methods.SEGMENTATIONS,
-    "grounded_sam": methods.grounded_sam(config["segment"]["grounded_sam"]["detector"], config["segment"]["grounded_sam"]["tracker"]),
-}
+# The segmentation methods, with the networks that the config names, and the one for masks that came with the photos.
+SEGMENTATIONS = {name: with_own_weights("segment", name, method) for name, method in methods.SEGMENTATIONS.items()}
+[GIVEN_MASKS] = [name for name, method in methods.find_methods("segment").items() if method.given]
 
 
 def mask_method(
@@ -15,18 +13,23 @@ def mask_method(
 ):
     """How the masks of photos come about, whenever: given by the user, or by the method that the config chooses."""
     if photos_of(wildcards)["masks"]:
-        return "user_masks"
+        return GIVEN_MASKS
     name = config["segmentation"]
     if name == "auto":
         return next(name for name, method in SEGMENTATIONS.items() if not methods.lacks(method))
     return usable("segmentation", name, SEGMENTATIONS, "")
 
 
+def mask_needs(wildcards):
+    """What that method needs."""
+    return methods.find_methods("segment")[mask_method(wildcards)]
+
+
 def segmentation_method(
     wildcards,
 ):
     """How the masks of registered photos come about: given ones, or by the method that the config chooses."""
-    return "user_masks" if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
+    return GIVEN_MASKS if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
 
 
 def segmentation_options(
@@ -34,7 +37,7 @@ def segmentation_options(
 ):
     """The options of this method."""
     name = segmentation_method(wildcards)
-    if name == "user_masks":
+    if name == GIVEN_MASKS:
         return step_options({"capture": f"{SCENE}/capture".format(**wildcards)})
     return options_of_segmentation(wildcards, name)
 
@@ -44,10 +47,10 @@ def options_of_segmentation(
     name,
 ):
     """The options of a segmentation method."""
-    if name == "user_masks":
+    if name == GIVEN_MASKS:
         return ""
-    options = {**config["segment"][name], "seed": config["seed"]}
-    if name == "grounded_sam":
+    options = {**(config["segment"].get(name) or {}), "seed": config["seed"]}
+    if SEGMENTATIONS[name].prompt:
         options["prompt"] = shlex.quote(photos_of(wildcards)["prompt"] or options["prompt"])
     return step_options(options)
 
@@ -57,7 +60,7 @@ def segmentation_weights(
 ):
     """What its networks are read from."""
     name = mask_method(wildcards)
-    return [] if name == "user_masks" else weights_stamp("segment", name, SEGMENTATIONS[name])
+    return [] if name == GIVEN_MASKS else weights_stamp("segment", name, SEGMENTATIONS[name])
 
 
 def pictures_with_masks(
@@ -66,14 +69,14 @@ def pictures_with_masks(
     """Where photos lie beside the masks by which they are registered: their capture, unless masks are only found in a registered scene."""
     scene = f"results/{wildcards.dataset}/{wildcards.object}/{WHOLE_SCENE}"
     registration = config["chosen"]["photos"]["registration"]
-    return f"{scene}/{registration}/cameras" if mask_method(wildcards) == "support_plane" else f"{scene}/capture"
+    return f"{scene}/{registration}/cameras" if mask_needs(wildcards).in_scene else f"{scene}/capture"
 
 
 def network_options(
     wildcards,
 ):
     """The options for finding masks before the registration, where they are found then."""
-    return options_of_segmentation(wildcards, "grounded_sam") if mask_method(wildcards) == "grounded_sam" else ""
+    return "" if mask_needs(wildcards).in_scene else options_of_segmentation(wildcards, mask_method(wildcards))
 
 
 rule capture_object:
@@ -91,9 +94,9 @@ rule capture_object:
         scene=OBJECT_SCENE,
     threads: 2
     resources:
-        mem_mb=lambda wildcards, attempt: attempt * (8000 if mask_method(wildcards) == "grounded_sam" else 4000),
+        mem_mb=lambda wildcards, attempt: attempt * mask_needs(wildcards).mem_mb,
         runtime=per_attempt(60),
-        gpu=lambda wildcards: int(mask_method(wildcards) == "grounded_sam"),
+        gpu=lambda wildcards: int(bool(mask_needs(wildcards).files)),
     params:
         options=network_options,
         weights=segmentation_weights,
@@ -118,9 +121,9 @@ rule segment:
         dataset=datasets_of("photos", "films"),
     threads: 2
     resources:
-        mem_mb=lambda wildcards, attempt: attempt * (8000 if mask_method(wildcards) == "grounded_sam" else 4000),
+        mem_mb=lambda wildcards, attempt: attempt * mask_needs(wildcards).mem_mb,
         runtime=per_attempt(60),
-        gpu=lambda wildcards: int(mask_method(wildcards) == "grounded_sam"),
+        gpu=lambda wildcards: int(bool(mask_needs(wildcards).files)),
     params:
         method=segmentation_method,
         options=segmentation_options,

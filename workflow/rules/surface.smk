@@ -1,10 +1,26 @@
 """Surface: train a scene representation on the registered images, then take a raw mesh from it.
 
-Stereo comes first, once for all optimizers of a registration.
+Stereo comes first, once for all methods of a registration that read it. The rules of a method follow from what its file declares
+(src/zeroshop_steps/methods.py): one that makes the raw mesh at once, or two, with its trained model between them.
 """
 
-# The record of the training of each surface method, in its cell.
-TRAINING_RECORDS = {"2dgs": "splats/training", "svraster": "voxels/training"}
+
+def surface_inputs(method):
+    """What a surface method reads: cameras, or the capture alone, and confirmed depths."""
+    cameras = {"cameras": f"{RUN}/cameras"} if method.registration else {"capture": f"{SCENE}/capture"}
+    return cameras | ({"stereo": f"{RUN}/stereo/seeds.npz"} if method.stereo else {})
+
+
+def confirmed_depths(wildcards):
+    """The depths that stereo confirmed, where the surface method of the path reads them: then others do, too."""
+    method = methods.SURFACES.get(wildcards.nvs)
+    return f"{RUN}/stereo/seeds.npz".format(**wildcards) if method is None or method.stereo else []
+
+
+def surface_options(method, step):
+    """The options that the config has for a step of a surface method."""
+    options = config["nvs"].get(method.name) or {}
+    return step_options(options.get(method.options[step], {}) if method.options else options)
 
 
 rule stereo:
@@ -31,103 +47,68 @@ rule stereo:
         " --seed {params.seed} --threads {threads} --record-failure {output} > {log} 2>&1"
 
 
-rule train_2dgs:
-    input:
-        cameras=f"{RUN}/cameras",
-        stereo=f"{RUN}/stereo/seeds.npz",
-    output:
-        splats=f"{RUN}/2dgs/splats/splats.ply",
-        curve=f"{RUN}/2dgs/splats/training.csv",
-        summary=f"{RUN}/2dgs/splats/training.json",
-    log:
-        f"{RUN}/2dgs/logs/train.log",
-    benchmark:
-        f"{RUN}/2dgs/benchmarks/train.tsv"
-    threads: 8
-    resources:
-        mem_mb=per_attempt(6000),
-        runtime=per_attempt(60),
-    params:
-        options=step_options(config["nvs"]["2dgs"]["train"]),
-        seed=config["seed"],
-        folder=subpath(output.splats, parent=True),
-    message:
-        "Training 2DGS on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
-    shell:
-        "python -m zeroshop_steps.surface --method twodgs --cameras {input.cameras} --stereo {input.stereo}"
-        " --out {params.folder} {params.options} --seed {params.seed} --threads {threads} --resume"
-        " --record-failure {output} > {log} 2>&1"
+for method in methods.SURFACES.values():
+    inputs = surface_inputs(method)
+    words = " ".join(f"--{name} {{input.{name}}}" for name in inputs)
+    folder = f"{RUN}/{method.name}"
+    made = [f"{folder}/raw_mesh.ply", f"{folder}/raw_mesh.json"]
+    if method.model:
+        record = f"{folder}/{Path(method.model).parent}/training"
+        made = [f"{folder}/{method.model}", f"{record}.csv", f"{record}.json"]
 
+    rule:
+        name:
+            method.rules[0] if method.rules else f"train_{method.name}"
+        input:
+            **inputs,
+        output:
+            made,
+        log:
+            f"{folder}/logs/train.log",
+        benchmark:
+            f"{folder}/benchmarks/train.tsv"
+        wildcard_constraints:
+            registration="[^/]+" if method.registration else WITHOUT_CAMERAS,
+        threads: method.threads
+        resources:
+            mem_mb=per_attempt(method.mem_mb),
+            runtime=per_attempt(method.runtime_min),
+            gpu=int(bool(method.files)),
+        params:
+            out=str(Path(made[0]).parent) if method.model else made[0],
+            options=surface_options(method, 0),
+            resume="--resume" if method.model else "",
+            seed=config["seed"],
+            weights=weights_stamp("nvs", method.name, method),
+        message:
+            f"Training {method.name} on {{wildcards.object}}, scene {{wildcards.scene}}; follow it in {{log}}"
+        shell:
+            f"python -m zeroshop_steps.surface --method {method.step.partition('.')[2]} {words}"
+            " --out {params.out} {params.options} --seed {params.seed} --threads {threads} {params.resume}"
+            " --record-failure {output} > {log} 2>&1"
 
-rule fuse_2dgs:
-    input:
-        cameras=f"{RUN}/cameras",
-        splats=f"{RUN}/2dgs/splats/splats.ply",
-    output:
-        mesh=f"{RUN}/2dgs/raw_mesh.ply",
-        facts=f"{RUN}/2dgs/raw_mesh.json",
-    log:
-        f"{RUN}/2dgs/logs/fuse.log",
-    benchmark:
-        f"{RUN}/2dgs/benchmarks/fuse.tsv"
-    resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(15),
-    params:
-        options=step_options(config["nvs"]["2dgs"]["fuse"]),
-    message:
-        "Fusing the depth maps of {wildcards.object}, scene {wildcards.scene}, into a mesh"
-    shell:
-        "python -m zeroshop_steps.surface --method fuse --splats {input.splats} --cameras {input.cameras}"
-        " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
+    if method.model:
 
-
-rule train_svraster:
-    input:
-        cameras=f"{RUN}/cameras",
-        stereo=f"{RUN}/stereo/seeds.npz",
-    output:
-        voxels=f"{RUN}/svraster/voxels/voxels.npz",
-        curve=f"{RUN}/svraster/voxels/training.csv",
-        summary=f"{RUN}/svraster/voxels/training.json",
-    log:
-        f"{RUN}/svraster/logs/train.log",
-    benchmark:
-        f"{RUN}/svraster/benchmarks/train.tsv"
-    threads: 8
-    resources:
-        mem_mb=per_attempt(6000),
-        runtime=per_attempt(60),
-    params:
-        options=step_options(config["nvs"]["svraster"]["train"]),
-        seed=config["seed"],
-        folder=subpath(output.voxels, parent=True),
-    message:
-        "Training SVRaster on {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
-    shell:
-        "python -m zeroshop_steps.surface --method svraster --cameras {input.cameras} --stereo {input.stereo}"
-        " --out {params.folder} {params.options} --seed {params.seed} --threads {threads} --resume"
-        " --record-failure {output} > {log} 2>&1"
-
-
-rule mesh_svraster:
-    input:
-        cameras=f"{RUN}/cameras",
-        voxels=f"{RUN}/svraster/voxels/voxels.npz",
-    output:
-        mesh=f"{RUN}/svraster/raw_mesh.ply",
-        facts=f"{RUN}/svraster/raw_mesh.json",
-    log:
-        f"{RUN}/svraster/logs/mesh.log",
-    benchmark:
-        f"{RUN}/svraster/benchmarks/mesh.tsv"
-    resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(15),
-    params:
-        options=step_options(config["nvs"]["svraster"]["mesh"]),
-    message:
-        "Taking the surface of the voxels of {wildcards.object}, scene {wildcards.scene}"
-    shell:
-        "python -m zeroshop_steps.surface --method svraster_mesh --voxels-file {input.voxels} --cameras {input.cameras}"
-        " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
+        rule:
+            name:
+                method.rules[1] if method.rules else f"mesh_{method.name}"
+            input:
+                cameras=f"{RUN}/cameras",
+                model=f"{folder}/{method.model}",
+            output:
+                mesh=f"{folder}/raw_mesh.ply",
+                facts=f"{folder}/raw_mesh.json",
+            log:
+                f"{folder}/logs/mesh.log",
+            benchmark:
+                f"{folder}/benchmarks/mesh.tsv"
+            resources:
+                mem_mb=per_attempt(4000),
+                runtime=per_attempt(15),
+            params:
+                options=surface_options(method, 1),
+            message:
+                f"Taking the surface of {{wildcards.object}}, scene {{wildcards.scene}}, from {method.name}"
+            shell:
+                f"python -m zeroshop_steps.surface --method {method.mesh} --model {{input.model}} --cameras {{input.cameras}}"
+                " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--stereo", type=Path, required=True, help="seeds.npz with the depths that stereo confirmed")
+    parser.add_argument("--stereo", type=Path, nargs="?", help="seeds.npz with the depths that stereo confirmed, if there are any")
     parser.add_argument("--out", type=Path, required=True, help="evidence.npz; its figures go beside it as .json")
 
 
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
-    evidence = classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views))
+    evidence = classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3)))
     shares = compute_area_shares(replace(mesh, quality=evidence / MEASURED))
     with atomic_write(args.out) as temporary:
         np.savez_compressed(temporary, evidence=evidence)

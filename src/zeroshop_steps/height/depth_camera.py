@@ -27,6 +27,8 @@ NEAREST_MM, FARTHEST_MM = 50.0, 5000.0  # from the object; nearer no depth camer
 OFF_DIAGONALS = 0.15  # a pixel whose depth is this far off, in diagonals of the object, shows something else
 MOST_OFF = 0.15  # share of such pixels from which on the images are not aligned
 
+METHOD = {"rank": 2, "columns": ("depth",), "required": ("depth",), "original_photos": True}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -5,6 +5,8 @@ import argparse
 from zeroshop_steps.height.record import RULER_M, RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.runtime.errors import StepError
 
+METHOD = {"rank": 0}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -23,6 +23,8 @@ from zeroshop_steps.runtime.errors import StepError
 RULER_ERROR_MM = 0.2  # of reading the ruler line's length
 WRONG_PRINT = f"the board was printed at another size (measure its {RULER_MM:g} mm line and give that as height.marker.ruler_mm)"
 
+METHOD = {"rank": 1, "columns": ("marker_images",), "seed": True}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

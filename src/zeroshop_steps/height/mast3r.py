@@ -31,6 +31,14 @@ LEAST_POINTS = 50  # of the registration, for the median ratio of depths
 NETWORK_DEVIATION = 0.08
 """Relative standard deviation of the network's sizes: the root mean square error of published heights (thesis, Tables 4.3 and 4.4)."""
 
+METHOD = {
+    "rank": 3,
+    "columns": ("marker_images",),
+    "weights": ("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",),
+    "mem_mb": 6000,
+    "runtime_min": 120,
+}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

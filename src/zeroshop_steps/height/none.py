@@ -4,6 +4,8 @@ import argparse
 
 from zeroshop_steps.height.record import add_common_arguments, write_height
 
+METHOD = {"rank": 4}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

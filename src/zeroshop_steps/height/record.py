@@ -67,7 +67,7 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--capture", type=Path, required=True, help="capture folder; capture.json of a rendered one holds the height")
     parser.add_argument("--height-m", type=float, help="height of the standing object in metres, by a ruler; left out where unknown")
     parser.add_argument(
-        "--stereo", type=Path, help="seeds.npz: surface that neither stereo nor an outline measured does not count for the top"
+        "--stereo", type=Path, nargs="?", help="seeds.npz: surface that neither stereo nor an outline measured does not count for the top"
     )
     parser.add_argument("--out", type=Path, required=True, help="height.json")
 

@@ -46,6 +46,8 @@ class PoseEstimate:
     margin: float
     points: int
 
+METHOD = {"mem_mb": 3000, "runtime_min": 120, "threads": 2}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -48,6 +48,8 @@ class ColmapOptions:
     max_dropped: int = 6
     limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
 
+METHOD = {"rank": 0}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

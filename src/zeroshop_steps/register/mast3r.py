@@ -59,6 +59,13 @@ class Mast3rOptions:
     focal_px: float | None = None
     structure: StructureOptions = field(default_factory=StructureOptions)
 
+METHOD = {
+    "rank": 2,
+    "weights": ("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",),
+    "mem_mb": 6000,
+    "runtime_min": 480,
+}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -22,6 +22,8 @@ from zeroshop_steps.runtime.errors import StepError
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/truth"), ignored=("threads",))
 
+METHOD = {"rank": 1, "true_cameras": True}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -27,14 +27,32 @@ def name_error(what: str, name: str, names: Iterable[str], remedy: str = "") -> 
     return f"unknown {what}: {name}.{hint} Known: {', '.join(names) or 'none'}. {remedy}".rstrip()
 
 
-def check_config(config: dict[str, Any], schema_path: Path) -> None:
+def read_config_schema(path: Path, choices: Mapping[str, Iterable[str]], sections: Mapping[str, Iterable[str]]) -> dict[str, Any]:
+    """The JSON schema of the config, with the names that only the code knows.
+
+    Args:
+        path: the schema's file.
+        choices: what a definition ($defs) of the schema may be.
+        sections: names that a part of the config may have besides those that the schema describes; their options are a mapping,
+            which their own step checks.
+    """
+    schema = _read_yaml(path)
+    for name, values in choices.items():
+        schema["$defs"][name]["enum"] = list(values)
+    for section, names in sections.items():
+        properties = schema["properties"][section]["properties"]
+        properties |= {name: {"type": "object"} for name in names if name not in properties}
+    return schema
+
+
+def check_config(config: dict[str, Any], schema: Mapping[str, Any]) -> None:
     """Check a config against its JSON schema; numbers that the command line gave as text become numbers in place.
 
     Raises:
         StepError: lists every fault with the key's path, what was found and what is allowed.
     """
-    _read_numbers(config, _read_yaml(schema_path))
-    faults = _faults(config, schema_path)
+    _read_numbers(config, schema)
+    faults = _faults(config, schema)
     if faults:
         raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nEvery key is explained in config/README.md.")
 
@@ -65,13 +83,14 @@ def _difference(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[
     return changed
 
 
-def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
+def read_objects(table: Path, schema_path: Path, height_methods: Iterable[str]) -> dict[tuple[str, str], Row]:
     """Read the table of the user's own captures.
 
     Args:
         table: tab-separated, with a header; columns as in the schema, of which the `required` ones must be there. Lines that
             start with # are skipped.
         schema_path: the JSON schema of one row.
+        height_methods: what the column height_method may name.
 
     Returns:
         rows by (dataset, object), in the table's order. `height_m` is a float or None; a column that is not there is empty.
@@ -90,6 +109,7 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
         raise StepError(f"{table} is empty; its first line names the columns")
     columns = numbered[0][1].split("\t")
     schema = _read_yaml(schema_path)
+    schema["properties"]["height_method"]["enum"] = ["", *height_methods]
     _check_columns(table, columns, schema["properties"], schema["required"])
     rows: dict[tuple[str, str], Row] = {}
     for number, line in numbered[1:]:
@@ -104,7 +124,7 @@ def read_objects(table: Path, schema_path: Path) -> dict[tuple[str, str], Row]:
         cells = [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells))
         row: Row = dict.fromkeys(schema["properties"], "") | dict(zip(columns, cells, strict=True))
         row["height_m"] = _number(row["height_m"]) if row["height_m"] else None
-        faults = _faults(row, schema_path)
+        faults = _faults(row, schema)
         if faults:
             raise StepError(f"{table}, line {number}: " + "; ".join(faults))
         key = row["dataset"], row["object"]
@@ -151,9 +171,9 @@ def _read_yaml(path: Path) -> Any:
     return yaml.safe_load(Path(path).read_text())
 
 
-def _faults(data: Mapping[str, Any], schema_path: Path) -> list[str]:
+def _faults(data: Mapping[str, Any], schema: Mapping[str, Any]) -> list[str]:
     """One line for every way in which `data` breaks the schema."""
-    validator = jsonschema.Draft202012Validator(_read_yaml(schema_path))
+    validator = jsonschema.Draft202012Validator(schema)
     errors = sorted(validator.iter_errors(data), key=lambda error: [str(part) for part in error.absolute_path])
     return [line for error in errors for line in _explain(error)]
 

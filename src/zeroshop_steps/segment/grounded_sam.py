@@ -18,7 +18,6 @@ import torch
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.methods import DETECTOR, DETECTOR_FILES, TRACKER, TRACKER_FILES
 from zeroshop_steps.networks.devices import choose_device, measure_free_bytes
 from zeroshop_steps.networks.pretrained import require_model
 from zeroshop_steps.runtime.errors import StepError
@@ -65,6 +64,21 @@ class ImageSequence:
         """(H, W, 3) uint8 RGB."""
         return read_image(self.paths[index])
 
+METHOD = {
+    "rank": 0,
+    "models": {
+        "detector": (
+            "grounding-dino-base",
+            ("model.safetensors", "config.json", "preprocessor_config.json", "tokenizer.json", "tokenizer_config.json"),
+        ),
+        "tracker": ("sam2.1-hiera-large", ("model.safetensors", "config.json")),
+    },
+    "prompt": True,
+    "mem_mb": 8000,
+    "runtime_min": 60,
+}
+MODELS = METHOD["models"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
@@ -76,8 +90,8 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the prompt and of the networks."""
     parser.add_argument("--prompt", default=PROMPT, help='what to look for, in English (default: "%(default)s")')
     parser.add_argument("--min-score", type=float, default=MIN_SCORE, help="least score of a box (default: %(default)s)")
-    parser.add_argument("--detector", default=DETECTOR, help="folder of Grounding DINO below resources/weights (default: %(default)s)")
-    parser.add_argument("--tracker", default=TRACKER, help="folder of SAM 2 below resources/weights (default: %(default)s)")
+    parser.add_argument("--detector", default=MODELS["detector"][0], help="folder of Grounding DINO below resources/weights (default: %(default)s)")
+    parser.add_argument("--tracker", default=MODELS["tracker"][0], help="folder of SAM 2 below resources/weights (default: %(default)s)")
     parser.add_argument(
         "--device", choices=("auto", "cpu", "cuda"), default="auto", help="auto is cuda where there is one (default: %(default)s)"
     )
@@ -97,7 +111,7 @@ def run(args: argparse.Namespace) -> None:
 
 def run_networks(pictures: ImageSequence, args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
     """As `find_masks`, with the networks that the arguments of `add_network_arguments` name."""
-    folders = [require_model(args.detector, DETECTOR_FILES), require_model(args.tracker, TRACKER_FILES)]
+    folders = [require_model(args.detector, MODELS["detector"][1]), require_model(args.tracker, MODELS["tracker"][1])]
     device = torch.device(choose_device(args.device))
     torch.set_num_threads(THREADS)
     _check_memory(folders, len(pictures.paths), device.type)

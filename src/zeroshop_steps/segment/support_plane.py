@@ -28,6 +28,8 @@ LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003
 MOSTLY = 0.5  # of a separate part must lie in the common hull
 CLOSED_SHARE = 0.9  # a larger hole is filled if this share of it lies in the hull: the other views see no way through
 
+METHOD = {"rank": 1, "in_scene": True, "runtime_min": 60}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

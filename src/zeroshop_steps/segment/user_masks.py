@@ -13,6 +13,8 @@ from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
 from zeroshop_steps.segment.record import add_common_arguments, read_mask_record, show_rejected_masks, write_segmented
 
+METHOD = {"given": True, "runtime_min": 60}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -37,7 +37,7 @@ DEPTH_RANGE = (1.0, 1e3)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--splats", type=Path, required=True, help="splats.ply of the training")
+    parser.add_argument("--model", type=Path, required=True, help="splats.ply of the training")
     parser.add_argument("--cameras", type=Path, required=True, help="folder of the registration that the training used")
     parser.add_argument("--voxels", type=int, default=256, help="voxels along the longest side of the object's box")
     parser.add_argument("--image-width-px", type=int, default=1000, help="width at which depth is rendered, at most that of the images")
@@ -47,12 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
-    surfels, sphere = read_splat_ply(args.splats)
+    surfels, sphere = read_splat_ply(args.model)
     views = read_mesh_views(args.cameras, sphere, args.image_width_px)
     depths = [render_depth(surfels, view) for view in views]
     mesh = fuse_depth_maps(depths, views, surfels, args.voxels, args.min_views)
     if mesh is None:
-        raise StepError(f"{args.splats} has no surface that {args.min_views} views see; train longer or check masks and cameras")
+        raise StepError(f"{args.model} has no surface that {args.min_views} views see; train longer or check masks and cameras")
     voxel = np.ptp(mesh.vertices, axis=0).max() / args.voxels
     mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * voxel)
     write_raw_mesh(args.out, mesh, sphere, args.voxels, offset / voxel, start_s)

@@ -44,7 +44,7 @@ SEEN_STEPS = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--voxels-file", type=Path, required=True, help="voxels.npz of the training")
+    parser.add_argument("--model", type=Path, required=True, help="voxels.npz of the training")
     parser.add_argument("--cameras", type=Path, required=True, help="folder of the registration that the training used")
     parser.add_argument("--image-width-px", type=int, default=800, help="width at which depth is rendered, at most that of the images")
     parser.add_argument("--out", type=Path, required=True, help="raw mesh, PLY in the registration's frame")
@@ -52,17 +52,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
-    voxels, sphere = read_voxels(args.voxels_file)
+    voxels, sphere = read_voxels(args.model)
     views = read_mesh_views(args.cameras, sphere, args.image_width_px)
     grid = DensityGrid.from_octree(voxels.octree, voxels.densities.numpy(), border=2)
     depths = [render_depth(voxels, view) for view in views]
     mesh = extract_surface(grid, views, depths)
     if mesh is None:
-        raise StepError(f"{args.voxels_file} has no surface; train longer or check masks and cameras")
+        raise StepError(f"{args.model} has no surface; train longer or check masks and cameras")
     mesh, offset = fit_to_masks(mesh, views, limit=OFFSET_VOXELS * grid.step)
     mesh = keep_seen(mesh, views, depths, SEEN_STEPS * grid.step)
     if len(mesh.faces) == 0:
-        raise StepError(f"{args.voxels_file} has no surface that {MIN_VIEWS} views see; train longer or check masks and cameras")
+        raise StepError(f"{args.model} has no surface that {MIN_VIEWS} views see; train longer or check masks and cameras")
     write_raw_mesh(args.out, mesh, sphere, len(voxels), offset / grid.step, start_s)
 
 

@@ -28,6 +28,19 @@ NEAREST_VIEWS = 5  # whose mean cosine is the score of an object
 LEAST_SCORE = 0.01  # less likely detections are not written
 MOST_IOU = 0.25  # of the boxes of two detections of one object; with more, the less confident one is dropped
 
+METHOD = {
+    "rank": 1,
+    "weights": (
+        "sam-vit-huge/model.safetensors",
+        "sam-vit-huge/config.json",
+        "dinov2-large/model.safetensors",
+        "dinov2-large/config.json",
+    ),
+    "mem_mb": 12000,
+    "runtime_min": 240,
+    "masks": "masks.json",
+}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -34,6 +34,8 @@ LEAST_CONFIDENCE = 0.01  # less likely detections are not written
 MOST_IOU = 0.25  # of the masks of two detections of one object; with more, the less confident one is dropped
 MOST_CANDIDATES = 40  # regions of an object in an image that are considered, before that suppression
 
+METHOD = {"rank": 0, "mem_mb": 3000, "runtime_min": 60, "threads": 1}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -7,12 +7,14 @@ are taken as they are, which is faster and less exact. What is found is checked 
 import argparse
 from pathlib import Path
 
-from zeroshop_steps.methods import REGISTRATIONS, WEIGHTS_FOLDER
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.record import add_common_arguments
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
+
+METHOD = {"rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--min-images", type=int, default=defaults.min_images, help="number of images needed (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=defaults.seed, help="seed of all RANSAC loops (default: %(default)s)")
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto", help="default: %(default)s")
-    default = WEIGHTS_FOLDER / REGISTRATIONS["vggt"].weights[0]
+    default = WEIGHTS_FOLDER / METHOD["weights"][0]
     parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
 
 

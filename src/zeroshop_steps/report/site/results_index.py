@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from zeroshop_steps.methods import NVS
+from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, read_failure
 from zeroshop_steps.runtime.files import read_json
@@ -154,7 +154,7 @@ def find_table(path: Path) -> pd.DataFrame:
 
 
 def _is_cell(folder: Path) -> bool:
-    return folder.name in NVS or any((folder / name).exists() for name in CELL_FILES)
+    return folder.name in SURFACES or any((folder / name).exists() for name in CELL_FILES)
 
 
 def _find_failure(folder: Path) -> Failure | None:

@@ -16,6 +16,16 @@ CACHED = Cached(
     outputs=("training.csv", "training.json", "voxels.npz"),
 )
 
+METHOD = {
+    "rank": 1,
+    "model": "voxels/voxels.npz",
+    "mesh": "svraster_mesh",
+    "rules": ("train_svraster", "mesh_svraster"),
+    "options": ("train", "mesh"),
+    "mem_mb": 6000,
+    "runtime_min": 60,
+}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

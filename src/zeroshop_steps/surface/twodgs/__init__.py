@@ -17,6 +17,17 @@ CACHED = Cached(
     outputs=("training.csv", "training.json", "splats.ply"),
 )
 
+METHOD = {
+    "name": "2dgs",
+    "rank": 0,
+    "model": "splats/splats.ply",
+    "mesh": "fuse",
+    "rules": ("train_2dgs", "fuse_2dgs"),
+    "options": ("train", "fuse"),
+    "mem_mb": 6000,
+    "runtime_min": 60,
+}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""

@@ -1,4 +1,4 @@
-"""The list of config keys, config/KEYS.md, written from the schema and the defaults: `python -m zeroshop_steps.runtime.config_manual`.
+"""The list of config keys, config/KEYS.md, written from the schema and the defaults: `python -m zeroshop_steps.config_manual`.
 
 The schema is where a key is described: its type, its range or choices, and what it means. A test says when the list is stale.
 """
@@ -11,7 +11,10 @@ from typing import Any
 
 import yaml
 
-ROOT = Path(__file__).parents[3]
+from zeroshop_steps import methods
+from zeroshop_steps.runtime.settings import read_config_schema
+
+ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "config/config.yaml"
 SCHEMA = ROOT / "workflow/schemas/config.schema.yaml"
 KEYS = ROOT / "config/KEYS.md"
@@ -23,7 +26,7 @@ HEAD = """# Keys of the config
 
 Every key with its default, what it may be, and what it means. [The manual](README.md#keys) says when to change one.
 This list is made from `workflow/schemas/config.schema.yaml` and `config/config.yaml` by
-`python -m zeroshop_steps.runtime.config_manual`. Change those, not this page.
+`python -m zeroshop_steps.config_manual`. Change those, not this page.
 
 """
 
@@ -94,7 +97,7 @@ def render_manual(schema: Mapping[str, Any], config: Mapping[str, Any]) -> str:
 
 def read_sources() -> tuple[dict[str, Any], dict[str, Any]]:
     """The schema and the defaults of this checkout."""
-    return yaml.safe_load(SCHEMA.read_text()), yaml.safe_load(CONFIG.read_text())
+    return read_config_schema(SCHEMA, methods.CHOICES, {}), yaml.safe_load(CONFIG.read_text())
 
 
 def _walk(path: tuple[str, ...], node: Mapping[str, Any], schema: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
