@@ -1,15 +1,15 @@
 """A method that cannot run here is left out of "all" and refused where it is named, with what it lacks."""
 
 import pytest
-import yaml
 
-from helpers.paths import REPOSITORY
 from zeroshop_steps import methods
 from zeroshop_steps.methods import Method, lacks, left_out, refusal
+from zeroshop_steps.runtime.cli import stage_methods
+from zeroshop_steps.runtime.errors import StepError
 
 
 def test_a_method_without_needs_can_run():
-    assert lacks(methods.REGISTRATIONS["colmap"]) == [] and lacks(methods.NVS["2dgs"]) == []
+    assert lacks(methods.REGISTRATIONS["colmap"]) == [] and lacks(methods.SURFACES["2dgs"]) == []
     assert refusal("registration", "truth", methods.REGISTRATIONS) is None
 
 
@@ -18,34 +18,50 @@ def test_what_is_missing_is_named(tmp_path):
     (tmp_path / "resources/weights").mkdir(parents=True)
     (tmp_path / "resources/weights/b.pth").touch()
     assert lacks(learned, tmp_path) == ["the weights resources/weights/a.pth", "the weights resources/weights/c.pth"]
-    table = {"colmap": Method("register.colmap"), "learned": learned, "later": Method("register.no_such_step")}
+    table = {"colmap": Method("register.colmap"), "learned": learned}
     assert refusal("registration", "learned", table, tmp_path) == (
         "registration learned cannot run here, it lacks the weights resources/weights/a.pth and the weights resources/weights/c.pth."
         " Those that can: colmap."
     )
-    assert "no_such_step, which this version does not have" in refusal("registration", "later", table, tmp_path)
     line = left_out(table, root=tmp_path)
-    assert line.startswith("Left out of tables: learned lacks the weights") and "; later lacks" in line and "\n" not in line
+    assert line.startswith("Left out of tables: learned lacks the weights") and "\n" not in line
     (tmp_path / "resources/weights/a.pth").touch()
     (tmp_path / "resources/weights/c.pth").touch()
     assert lacks(learned, tmp_path) == []
     assert left_out({"learned": learned}, root=tmp_path) is None
 
 
-def test_the_table_of_photos_may_name_every_height_method():
-    schema = yaml.safe_load((REPOSITORY / "workflow/schemas/objects.schema.yaml").read_text())
-    assert sorted(schema["properties"]["height_method"]["enum"]) == sorted(["", *methods.HEIGHTS])
+def test_the_stages_have_their_methods():
+    assert list(methods.REGISTRATIONS) == ["colmap", "truth", "mast3r", "vggt"] and list(methods.SURFACES) == ["2dgs", "svraster"]
+    assert list(methods.SEGMENTATIONS) == ["grounded_sam", "support_plane"] and list(methods.DETECTORS) == ["contour", "cnos"]
+    assert set(methods.HEIGHTS) == {"known", "marker", "depth_camera", "mast3r", "none"} and list(methods.ESTIMATORS) == ["render_compare"]
+
+
+def test_every_method_is_a_step_of_its_stage():
+    tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.SURFACES, methods.HEIGHTS, methods.DETECTORS, methods.ESTIMATORS)
+    for method in (method for table in tables for method in table.values()):
+        stage, _, module = method.step.partition(".")
+        known = stage_methods(f"zeroshop_steps.{stage}")
+        assert module in known and (method.mesh is None or method.mesh in known)
 
 
 @pytest.mark.parametrize(
-    ("table", "key"),
+    ("declared", "fault"),
     [
-        (methods.REGISTRATIONS, "virtual_registration"),
-        (methods.NVS, "nvs_method"),
-        (methods.DETECTORS, "detector"),
-        (methods.ESTIMATORS, "estimator"),
+        ("{'weight': ()}", "METHOD must be a dictionary"),
+        ("dict(rank=1)", "METHOD must be a dictionary"),
+        ("{'name': 'other'}", "two methods of .* are called other"),
     ],
 )
-def test_the_config_may_name_every_method(table, key):
-    schema = yaml.safe_load((REPOSITORY / "workflow/schemas/config.schema.yaml").read_text())
-    assert schema["$defs"][key]["enum"] == list(table)
+def test_a_wrong_declaration_is_named(tmp_path, declared, fault):
+    (tmp_path / "register").mkdir()
+    (tmp_path / "register/other.py").write_text("\nMETHOD = {}\n")
+    (tmp_path / "register/mine.py").write_text(f"\nMETHOD = {declared}\n")
+    with pytest.raises(StepError, match=fault):
+        methods.find_methods("register", tmp_path)
+
+
+def test_networks_that_the_config_names_are_looked_for():
+    small = methods.SEGMENTATIONS["grounded_sam"].with_options({"detector": "grounding-dino-tiny", "tracker": "sam2.1-hiera-large"})
+    assert "grounding-dino-tiny/model.safetensors" in small.files and "sam2.1-hiera-large/config.json" in small.files
+    assert methods.REGISTRATIONS["mast3r"].with_options({"weights": "mine.pth"}).files == ()

@@ -33,7 +33,7 @@ def published(tmp_path, monkeypatch):
 
 def test_the_table_is_whole_and_names_all_that_methods_need():
     table = read_table()
-    tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.HEIGHTS, methods.NVS)
+    tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.HEIGHTS, methods.SURFACES)
     assert {name for methods_table in tables for method in methods_table.values() for name in method.weights} <= set(table)
     for row in table.values():
         assert row.url.startswith("https://") and row.licence and row.purpose and row.without

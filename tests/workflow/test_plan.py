@@ -164,7 +164,7 @@ def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_s
     run = snakemake("-n", "results/demo/tables/bop.csv")
     assert run.returncode == 0, run.stdout
     assert "cnos lacks" in run.stdout and "foundationpose lacks" in run.stdout
-    jobs, sets, detectors = planned(run.stdout), 1 + able(methods.NVS), able(methods.DETECTORS)
+    jobs, sets, detectors = planned(run.stdout), 1 + able(methods.SURFACES), able(methods.DETECTORS)
     assert (jobs["contour"], jobs["score_detections"]) == (sets, sets * detectors)
     assert jobs["estimate_poses"] == jobs["score_poses"] == sets * able(methods.ESTIMATORS) * (1 + detectors)
     assert jobs["test_set"] == jobs["true_models"] == jobs["bop_table"] == 1
@@ -207,10 +207,10 @@ def able(table):
     ("target", "objects", "columns"),
     [
         ("results/demo/mug/su_l/truth/2dgs/cell.csv", 1, 1),
-        ("results/demo/mug/cells.csv", 1, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
+        ("results/demo/mug/cells.csv", 1, 3 * able(methods.REGISTRATIONS) * able(methods.SURFACES)),
         ("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1),
-        ("results/demo/tables/reconstruction.csv", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
-        ("results/demo/tables/reconstruction.md", 11, 3 * able(methods.REGISTRATIONS) * able(methods.NVS)),
+        ("results/demo/tables/reconstruction.csv", 11, 3 * able(methods.REGISTRATIONS) * able(methods.SURFACES)),
+        ("results/demo/tables/reconstruction.md", 11, 3 * able(methods.REGISTRATIONS) * able(methods.SURFACES)),
     ],
 )
 def test_a_slice_of_the_matrix_plans_exactly_its_cells(snakemake, target, objects, columns):

@@ -66,10 +66,12 @@ for method in methods.DETECTORS.values():
             mem_mb=per_attempt(method.mem_mb),
             runtime=per_attempt(method.runtime_min),
             gpu=int(bool(method.files)),
+        params:
+            method=method.name,
         message:
             f"Looking for the {{wildcards.models}} of {{wildcards.dataset}} by {method.name}"
         shell:
-            f"python -m zeroshop_steps.detect --method {method.name} --models {{input.models}} --templates {{input.templates}}"
+            "python -m zeroshop_steps.detect --method {params.method} --models {input.models} --templates {input.templates}"
             " --scenes {input.scenes} --targets {input.targets} --out {output.detections} > {log} 2>&1"
 
 

@@ -49,7 +49,6 @@ rule stereo:
 
 for method in methods.SURFACES.values():
     inputs = surface_inputs(method)
-    words = " ".join(f"--{name} {{input.{name}}}" for name in inputs)
     folder = f"{RUN}/{method.name}"
     made = [f"{folder}/raw_mesh.ply", f"{folder}/raw_mesh.json"]
     if method.model:
@@ -75,6 +74,8 @@ for method in methods.SURFACES.values():
             runtime=per_attempt(method.runtime_min),
             gpu=int(bool(method.files)),
         params:
+            method=method.step.partition(".")[2],
+            inputs=lambda wildcards, input: " ".join(f"--{name} {path}" for name, path in input.items()),
             out=str(Path(made[0]).parent) if method.model else made[0],
             options=surface_options(method, 0),
             resume="--resume" if method.model else "",
@@ -83,7 +84,8 @@ for method in methods.SURFACES.values():
         message:
             f"Training {method.name} on {{wildcards.object}}, scene {{wildcards.scene}}; follow it in {{log}}"
         shell:
-            f"python -m zeroshop_steps.surface --method {method.step.partition('.')[2]} {words}"
+            # Snakemake reads this when the job runs, so it names nothing of the loop.
+            "python -m zeroshop_steps.surface --method {params.method} {params.inputs}"
             " --out {params.out} {params.options} --seed {params.seed} --threads {threads} {params.resume}"
             " --record-failure {output} > {log} 2>&1"
 
@@ -106,9 +108,10 @@ for method in methods.SURFACES.values():
                 mem_mb=per_attempt(4000),
                 runtime=per_attempt(15),
             params:
+                method=method.mesh,
                 options=surface_options(method, 1),
             message:
                 f"Taking the surface of {{wildcards.object}}, scene {{wildcards.scene}}, from {method.name}"
             shell:
-                f"python -m zeroshop_steps.surface --method {method.mesh} --model {{input.model}} --cameras {{input.cameras}}"
+                "python -m zeroshop_steps.surface --method {params.method} --model {input.model} --cameras {input.cameras}"
                 " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"

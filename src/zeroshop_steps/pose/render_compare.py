@@ -46,6 +46,7 @@ class PoseEstimate:
     margin: float
     points: int
 
+
 METHOD = {"mem_mb": 3000, "runtime_min": 120, "threads": 2}
 
 

@@ -48,6 +48,7 @@ class ColmapOptions:
     max_dropped: int = 6
     limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
 
+
 METHOD = {"rank": 0}
 
 

@@ -59,6 +59,7 @@ class Mast3rOptions:
     focal_px: float | None = None
     structure: StructureOptions = field(default_factory=StructureOptions)
 
+
 METHOD = {
     "rank": 2,
     "weights": ("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",),

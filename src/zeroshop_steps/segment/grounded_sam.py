@@ -64,6 +64,7 @@ class ImageSequence:
         """(H, W, 3) uint8 RGB."""
         return read_image(self.paths[index])
 
+
 METHOD = {
     "rank": 0,
     "models": {
@@ -90,7 +91,9 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the prompt and of the networks."""
     parser.add_argument("--prompt", default=PROMPT, help='what to look for, in English (default: "%(default)s")')
     parser.add_argument("--min-score", type=float, default=MIN_SCORE, help="least score of a box (default: %(default)s)")
-    parser.add_argument("--detector", default=MODELS["detector"][0], help="folder of Grounding DINO below resources/weights (default: %(default)s)")
+    parser.add_argument(
+        "--detector", default=MODELS["detector"][0], help="folder of Grounding DINO below resources/weights (default: %(default)s)"
+    )
     parser.add_argument("--tracker", default=MODELS["tracker"][0], help="folder of SAM 2 below resources/weights (default: %(default)s)")
     parser.add_argument(
         "--device", choices=("auto", "cpu", "cuda"), default="auto", help="auto is cuda where there is one (default: %(default)s)"

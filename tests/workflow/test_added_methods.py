@@ -1,0 +1,148 @@
+"""A method is a file and a line of config: a new registration and two new surface methods, added as a user would, run in cells."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from helpers.paths import REPOSITORY
+from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.runtime.files import read_json
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+COPIED = '''"""Cameras copied from the renderer: a registration in ten lines."""
+
+from zeroshop_steps.register import truth
+
+METHOD = {"true_cameras": True, "runtime_min": 5}
+
+
+def add_arguments(parser):
+    truth.add_arguments(parser)
+    parser.add_argument("--greeting", default="hello")
+    parser.add_argument("--seed", type=int)
+
+
+def run(args):
+    print(args.greeting)
+    truth.run(args)
+'''
+HULL = '''"""The visual hull: a surface that needs no stereo and no training."""
+
+from pathlib import Path
+
+import numpy as np
+from skimage.measure import marching_cubes
+
+from zeroshop_steps.geometry.crops import fit_object_sphere
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import read_object_masks, read_views
+from zeroshop_steps.geometry.visual_hull import VisualHull
+from zeroshop_steps.runtime.files import write_json
+
+METHOD = {"stereo": False}
+
+
+def add_arguments(parser):
+    parser.add_argument("--cameras", type=Path, required=True)
+    parser.add_argument("--voxels", type=int, default=32)
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--threads", type=int)
+    parser.add_argument("--out", type=Path, required=True)
+
+
+def run(args):
+    views, model = read_views(args.cameras)
+    masks = read_object_masks(views)
+    sphere = fit_object_sphere(model.cameras, masks)
+    hull = VisualHull.carve([sphere.normalized(view.camera) for view in views], masks, 1.0, args.voxels)
+    vertices, faces, _, _ = marching_cubes(np.pad(hull.occupied, 1).astype(np.float32), 0.5)
+    points = (vertices - 0.5) / args.voxels * 2 - 1
+    write_ply(args.out, Mesh(sphere.centre + sphere.radius * points, faces[:, ::-1].astype(np.int64)))
+    write_json(args.out.with_suffix(".json"), {"seconds": 0.0})
+'''
+GUESS = '''"""A ball as large as the first mask: a surface that needs no cameras."""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.runtime.files import write_json
+
+METHOD = {"stereo": False, "registration": False}
+
+
+def add_arguments(parser):
+    parser.add_argument("--capture", type=Path, required=True)
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--threads", type=int)
+    parser.add_argument("--out", type=Path, required=True)
+
+
+def run(args):
+    ball = trimesh.creation.icosphere(2, float(np.sqrt(read_mask(sorted((args.capture / "masks").iterdir())[0]).sum())))
+    write_ply(args.out, Mesh(np.array(ball.vertices), np.array(ball.faces)))
+    write_json(args.out.with_suffix(".json"), {"seconds": 0.0})
+'''
+CONFIG = """
+capture: {image_width_px: 320, image_height_px: 240}
+finish: {texture_size_px: 256, clean: {max_faces: 3000}}
+register: {copied: {greeting: welcome}}
+nvs: {hull: {voxels: 40}}
+tables: {scenes: [su_h], registrations: [copied], nvs: [hull, guess]}
+"""
+CELL = "results/demo/tuna_can/su_h/copied/hull"
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A copy of the project with the three files and the lines of config, and a call of Snakemake there."""
+    folder = tmp_path_factory.mktemp("checkout")
+    for part in ("workflow", "config", "src"):
+        shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("*.egg-info"))
+    package = folder / "src/zeroshop_steps"
+    for name, text in {"register/copied.py": COPIED, "surface/hull.py": HULL, "surface/guess.py": GUESS}.items():
+        (package / name).write_text(text)
+    (folder / "mine.yaml").write_text(CONFIG)
+
+    def call(*words):
+        command = [sys.executable, "-m", "snakemake", "--cores", "2", "--configfile", "mine.yaml", "--", *words]
+        environment = {**os.environ, "PYTHONPATH": str(package.parent)}
+        return subprocess.run(
+            command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=500
+        )
+
+    return folder, call
+
+
+def test_a_cell_of_a_new_registration_and_a_new_surface_is_finished(checkout):
+    folder, call = checkout
+    run = call(f"{CELL}/mesh.ply", f"{CELL}/grade.json")
+    assert run.returncode == 0, run.stdout
+    mesh = read_ply(folder / CELL / "mesh.ply")
+    assert len(mesh.faces) > 100 and mesh.texture is not None
+    assert "welcome" in (folder / CELL).parent.joinpath("logs/register.log").read_text()
+    assert not (folder / CELL).parent.joinpath("stereo").exists(), "nobody asked for stereo"
+    assert read_json(folder / CELL / "grade.json")["grade"] in ("none", "sparse", "good")
+
+
+def test_a_surface_without_cameras_ends_with_its_raw_mesh(checkout):
+    folder, call = checkout
+    raw = "results/demo/tuna_can/su_h/none/guess/raw_mesh.ply"
+    run = call(raw)
+    assert run.returncode == 0, run.stdout
+    assert read_ply(folder / raw).as_trimesh().is_watertight
+    finished = call("results/demo/tuna_can/su_h/none/guess/mesh.ply")
+    assert finished.returncode != 0 and "a cell of registration none ends with its raw mesh" in finished.stdout
+
+
+def test_wrong_options_and_unknown_names_are_said(checkout):
+    _, call = checkout
+    unknown = call("results/demo/tuna_can/su_h/copied/nerf/mesh.ply")
+    assert unknown.returncode != 0 and "Known: 2dgs, svraster, guess, hull" in unknown.stdout
