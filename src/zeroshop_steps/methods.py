@@ -118,13 +118,14 @@ def find_methods(stage: str, sources: Path = SOURCES) -> dict[str, Method]:
 def _read_declaration(path: Path) -> dict[str, Any] | None:
     """The METHOD of a source file; None where it declares none."""
     text = path.read_text()
-    if "\nMETHOD = " not in text:
+    if "\nMETHOD" not in text:
         return None
     known = {entry.name for entry in fields(Method)} - {"step"}
     for node in ast.parse(text).body:
-        if isinstance(node, ast.Assign) and [getattr(target, "id", None) for target in node.targets] == ["METHOD"]:
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+        if [getattr(target, "id", None) for target in targets] == ["METHOD"]:
             try:
-                declared = ast.literal_eval(node.value)
+                declared = ast.literal_eval(node.value)  # type: ignore[attr-defined]
                 if isinstance(declared, dict) and set(declared) <= known:
                     return declared
             except ValueError:

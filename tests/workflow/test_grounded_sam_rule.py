@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from zeroshop_steps import methods
+
 TARGET = "results/photos/ball/video/colmap/cameras"
 
 
@@ -28,9 +30,7 @@ def test_what_auto_means_depends_on_the_weights(snakemake, tmp_path, photographe
     assert run.returncode == 0 and "--method support_plane" in run.stdout, run.stdout
     named = snakemake("-n", TARGET, *photographed, "segmentation=grounded_sam")
     assert named.returncode != 0 and "lacks the weights resources/weights/small-dino/model.safetensors" in named.stdout
-    from zeroshop_steps.methods import grounded_sam
-
-    for file in grounded_sam("small-dino", "small-sam").weights:
+    for file in methods.SEGMENTATIONS["grounded_sam"].with_options({"detector": "small-dino", "tracker": "small-sam"}).files:
         path = tmp_path / "resources/weights" / file
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()

@@ -65,7 +65,7 @@ class ImageSequence:
         return read_image(self.paths[index])
 
 
-METHOD = {
+METHOD: dict[str, Any] = {
     "rank": 0,
     "models": {
         "detector": (

@@ -6,6 +6,7 @@ are taken as they are, which is faster and less exact. What is found is checked 
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.record import add_common_arguments
@@ -14,7 +15,7 @@ from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
 
-METHOD = {"rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
+METHOD: dict[str, Any] = {"rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
