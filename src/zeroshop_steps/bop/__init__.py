@@ -1,1 +1,1 @@
-"""BOP: test scenes and results in the benchmark's files, pose errors and scores, alignment and export of models."""
+"""The BOP benchmark: its files, pose errors and scores; alignment of meshes with true models, and their export."""

@@ -1,9 +1,9 @@
-"""Align a reconstructed mesh with its true model: a similarity, found from shape and print alone.
+"""Align a reconstructed mesh with its true model by a similarity, found from shape and print alone.
 
-A search from all sides, then iterated closest points over the surface that was measured: a closed underside, turned upside down, would
-pass for a plain top, and a lid for the floor of its hollow. Where shape decides nothing (a can
-turned about its axis), print does; where the model is symmetric, the symmetry that turns the mesh least is taken. Writes
-the transform and how far the two surfaces then lie apart.
+A search from all sides is followed by iterated closest points. Only the measured surface is used: upside down, a closed underside
+looks like a plain top, and a lid like the floor of its hollow. Where shape decides nothing, as for the rotation of a can about its
+axis, print does. If the model is symmetric, the symmetry that turns the mesh least is chosen. Writes the transform and how far apart
+the two surfaces then are.
 """
 
 import argparse
@@ -25,18 +25,20 @@ from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
 
-SOURCE_SAMPLES, TARGET_SAMPLES = 8000, 40000
-WORST_MESH_DIAMETERS, WORST_TRUTH_DIAMETERS = 0.02, 0.1  # of half of the mesh, of half of the model
-METRES, PLAUSIBLE_SCALE = (500.0, 2000.0), (0.8, 1.25)
-DIGITS = 7
+SOURCE_SAMPLES, TARGET_SAMPLES = 8000, 40000  # of the mesh and of the model; the model's must lie closer than what is to be measured
+# Median distances in diameters beyond which a mesh is refused; the second is larger, since parts of the model may be missing in the mesh.
+WORST_MESH_DIAMETERS, WORST_TRUTH_DIAMETERS = 0.02, 0.1
+METRES = (500.0, 2000.0)  # scales that say that the mesh is in metres
+PLAUSIBLE_SCALE = (0.8, 1.25)  # scales that need no notice; a mesh with a measured height is within a few per cent
+DIGITS = 7  # of the transform in the JSON
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="reconstructed mesh.ply")
-    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, all of it counts")
-    parser.add_argument("--model", type=Path, required=True, help="true model.ply; model_info.json beside it gives its symmetries")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: %(default)s)")
+    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, all of the mesh is used")
+    parser.add_argument("--model", type=Path, required=True, help="true model.ply with model_info.json beside it, which has its symmetries")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the samples on the surfaces (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="aligned.json")
 
 
@@ -67,7 +69,14 @@ def run(args: argparse.Namespace) -> None:
 
 
 def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> SimilarityFit:
-    """The best similarity truth_from_mesh; `symmetries` are (S, 4, 4) of the truth."""
+    """Find the similarity truth_from_mesh.
+
+    Args:
+        mesh: the measured part of the reconstruction.
+        truth: the true model, mm.
+        symmetries: (S, 4, 4) of the true model.
+        seed: of the samples.
+    """
     rng = np.random.default_rng(seed)
     source, target = sample_surface_points(mesh, SOURCE_SAMPLES, rng), sample_surface_points(truth, TARGET_SAMPLES, rng)
     best = SimilarityRefiner(source, target).choose_best(search_similarities(source, target))[0]
@@ -77,7 +86,7 @@ def align(mesh: Mesh, truth: Mesh, symmetries: np.ndarray, seed: int = 0) -> Sim
 
 
 def measure_residuals(mesh: Mesh, truth: Mesh, fit: SimilarityFit, diameter_mm: float, seed: int) -> dict:
-    """What remains between the aligned mesh and the truth: figures for aligned.json; scale is that of truth_from_mesh."""
+    """Distances between the aligned mesh and the true model, and the scale of truth_from_mesh: the figures of aligned.json."""
     aligned = Mesh(transform_points(mesh.vertices, fit.transform), mesh.faces)
     rng = np.random.default_rng(seed)
     there = measure_distances(truth, sample_surface_points(aligned, SOURCE_SAMPLES, rng).points)
@@ -95,7 +104,7 @@ def measure_residuals(mesh: Mesh, truth: Mesh, fit: SimilarityFit, diameter_mm: 
 
 
 def describe_scale(scale: float) -> str | None:
-    """What a scale far from 1 means, in words; None where it is near."""
+    """What a scale far from 1 means; None if it is close to 1."""
     if METRES[0] <= scale <= METRES[1]:
         return f"it had to grow {scale:.0f} times: it is in metres, where millimetres are expected"
     if not PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:

@@ -1,4 +1,4 @@
-"""Masks, boxes and visibility of the objects in a rendered image: what BOP keeps in mask/, mask_visib/ and scene_gt_info.json."""
+"""Masks, boxes and visibility of objects in a rendered image, as in BOP's mask/, mask_visib/ and scene_gt_info.json."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
 
-SAME_SURFACE_MM = 0.5
+SAME_SURFACE_MM = 0.5  # of depth: an object this far behind the rendered scene is visible; the two renderings differ by rounding only
 
 
 @dataclass(frozen=True)
@@ -15,8 +15,8 @@ class Annotation:
 
     Attributes:
         silhouette: (height, width) bool, all of its pixels, hidden or not.
-        visible: (height, width) bool, those where nothing is before it.
-        info: the entry of scene_gt_info.json; pixels beyond the image's border count in px_count_all and bbox_obj.
+        visible: (height, width) bool, those that nothing hides.
+        info: its entry of scene_gt_info.json. px_count_all and bbox_obj include pixels beyond the image's border.
     """
 
     silhouette: np.ndarray
@@ -33,8 +33,8 @@ def annotate(
         renderer: of its model.
         camera_from_model: (4, 4) its pose, mm.
         intrinsics: (3, 3) BOP's K.
-        scene_mm: (height, width) exact depth of the whole scene, 0 where there is nothing.
-        measured_mm: (height, width) depth as the sensor gives it, 0 where it gives none.
+        scene_mm: (height, width) exact depth of the whole scene, 0 where nothing is.
+        measured_mm: (height, width) depth of the sensor, 0 where it gives none.
     """
     height, width = scene_mm.shape
     shifted = intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
@@ -56,7 +56,7 @@ def annotate(
 
 
 def _bounding_box(mask: np.ndarray) -> list[int]:
-    """[x, y, width, height] as BOP counts it: from the first to the last pixel; -1 for an empty mask."""
+    """[x, y, width, height] as BOP defines it: width and height are last minus first pixel; -1 for an empty mask."""
     if not mask.any():
         return [-1, -1, -1, -1]
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))

@@ -1,4 +1,4 @@
-"""Detections as BOP's COCO JSON (the challenges of 2022 and later): boxes and masks of objects in images."""
+"""Detections in BOP's COCO JSON (since the challenge of 2022): boxes and masks of objects in images."""
 
 import json
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
-SAME_TIME_S = 1e-3
+SAME_TIME_S = 1e-3  # times of an image that differ by less are the same, rounded differently
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class Detection:
 
     Attributes:
         scene_id, image_id, object_id: BOP's numbers.
-        score: confidence, higher is surer.
+        score: confidence; higher is more confident.
         box_px: (x, y, width, height), or None.
         mask: COCO's compressed run lengths {"size": [height, width], "counts": bytes}, or None.
-        seconds: time spent on the image, equal within an image; -1 where unknown.
+        seconds: time spent on the image, the same for all of its detections; -1 if unknown.
     """
 
     scene_id: int
@@ -52,16 +52,16 @@ def decode_mask(encoded: dict) -> np.ndarray:
 
 
 def mask_to_box(mask: np.ndarray) -> tuple[int, int, int, int]:
-    """(x, y, width, height) in px of the pixels of a bool mask, which must not be empty; COCO's: one pixel has width 1."""
+    """(x, y, width, height) in px around a bool mask that is not empty; as in COCO, one pixel has width 1."""
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
     return int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)
 
 
 def read_detections(path: Path) -> list[Detection]:
-    """Read a COCO result file, plain or gzipped; an empty list is one without detections.
+    """Read a COCO result file, plain or gzipped. An empty list has no detections.
 
     Raises:
-        StepError: an entry of the wrong form, a mask whose run lengths do not fill its size, different times within an image.
+        StepError: an entry has the wrong form, the run lengths of a mask do not fit its size, or times differ within an image.
     """
     found: list[Detection] = []
     seconds: dict[tuple[int, int], float] = {}
@@ -87,7 +87,7 @@ def read_detections(path: Path) -> list[Detection]:
 
 
 def write_detections(path: Path, detections: list[Detection]) -> None:
-    """Write detections as COCO JSON with uncompressed run lengths, as BOP's tools expect them."""
+    """Write detections as COCO JSON with uncompressed run lengths, which BOP's tools expect."""
     entries = []
     for detection in detections:
         entry = {
@@ -105,7 +105,7 @@ def write_detections(path: Path, detections: list[Detection]) -> None:
 
 
 def _to_run_lengths(mask: dict) -> dict:
-    """Uncompressed run lengths, column by column, that begin with those of the background."""
+    """Uncompressed run lengths, column by column; the first one is of the background."""
     pixels = decode_mask(mask).ravel(order="F")
     ends = np.flatnonzero(np.diff(pixels)) + 1
     counts = np.diff(np.concatenate([[0], ends, [len(pixels)]])).tolist()
@@ -113,6 +113,7 @@ def _to_run_lengths(mask: dict) -> dict:
 
 
 def _compress(path: Path, index: int, mask: dict) -> dict:
+    """Compressed run lengths of a mask in entry `index` of the file. Raises StepError if they do not fit its size."""
     if "size" not in mask or "counts" not in mask:
         raise StepError(f"{path}: entry {index}: segmentation lacks size or counts; expected run lengths")
     height, width = mask["size"]
@@ -130,7 +131,11 @@ def _compress(path: Path, index: int, mask: dict) -> dict:
 
 
 def _decode_counts(text: str) -> list[int]:
-    """The run lengths in COCO's text: five bits a character, from the third on less the last but one. Raises IndexError where it is cut."""
+    """Decode COCO's text of run lengths: five bits per character; from the third on, differences to the last but one.
+
+    Raises:
+        IndexError: the text ends within a number.
+    """
     counts: list[int] = []
     place = 0
     while place < len(text):

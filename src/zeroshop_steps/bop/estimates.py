@@ -1,4 +1,4 @@
-"""Estimated poses as BOP's result CSV: scene_id,im_id,obj_id,score,R,t,time, one row an estimate."""
+"""Estimated poses in BOP's result CSV: scene_id,im_id,obj_id,score,R,t,time; one row per estimate."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +10,9 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time"
-NUMBERS = 17  # in a row: three identifiers, the score, nine of R, three of t, the time
-BLOCK_BYTES = 1 << 25
-SAME_TIME_S = 1e-3
+NUMBERS = 17  # per row: three identifiers, the score, nine of R, three of t, the time
+BLOCK_BYTES = 1 << 25  # read at a time: 32 MB, so that files of any size need little memory
+SAME_TIME_S = 1e-3  # times of an image that differ by less are the same, rounded differently
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,10 @@ class Estimates:
 
     Attributes:
         scene_ids, image_ids, object_ids: (N,) int64.
-        scores: (N,) confidence, higher is surer.
+        scores: (N,) confidence; higher is more confident.
         rotations: (N, 3, 3) of camera_from_model.
         translations_mm: (N, 3) of camera_from_model.
-        seconds: (N,) time spent on the image, equal within an image; -1 where unknown.
+        seconds: (N,) time spent on the image, the same for all of its estimates; -1 if unknown.
     """
 
     scene_ids: np.ndarray
@@ -39,7 +39,7 @@ class Estimates:
         return len(self.scores)
 
     def seconds_per_image(self) -> float:
-        """Mean time of an image; -1 where a time is unknown or there is no estimate."""
+        """Mean time per image; -1 if a time is unknown or there is no estimate."""
         if len(self) == 0 or (self.seconds < 0).any():
             return -1.0
         _, first = np.unique(np.stack([self.scene_ids, self.image_ids]), axis=1, return_index=True)
@@ -47,11 +47,11 @@ class Estimates:
 
 
 def read_estimates(path: Path) -> Estimates:
-    """Read a result CSV of any size in blocks; the header may be absent, an empty file holds no estimates.
+    """Read a result CSV of any size in blocks. The header may be missing; an empty file has no estimates.
 
     Raises:
-        StepError: a row of another form, numbers that are not finite, R that is no rotation, t in metres, one pose twice,
-            different times within an image.
+        StepError: a row has another form, a number is not finite, an R is no rotation, t is in metres, a pose is repeated, or times
+            differ within an image.
     """
     path = Path(path)
     if not path.is_file():
@@ -71,7 +71,7 @@ def read_estimates(path: Path) -> Estimates:
 
 
 def write_estimates(path: Path, estimates: Estimates) -> None:
-    """Write a result CSV; every number as short as reads back exactly."""
+    """Write a result CSV. Numbers have as many digits as are needed to read them back exactly."""
     with atomic_write(path) as temporary, temporary.open("w", newline="\n") as file:
         file.write(HEADER + "\n")
         for index in range(len(estimates)):
@@ -83,7 +83,7 @@ def write_estimates(path: Path, estimates: Estimates) -> None:
 
 
 def _parse(path: Path, lines: list[bytes], first_line: int) -> np.ndarray:
-    """(N, 17) numbers of N lines."""
+    """(N, 17) numbers of N lines, of which the first has the number `first_line`."""
     words: list[bytes] = []
     for offset, line in enumerate(lines):
         fields = line.split(b",")
@@ -103,7 +103,7 @@ def _parse(path: Path, lines: list[bytes], first_line: int) -> np.ndarray:
 
 
 def _raise_for_line(path: Path, line: bytes, number: int) -> None:
-    """Raise what is wrong with a line, if anything is."""
+    """Raise StepError if something is wrong with a line."""
     for field, name, count in zip(line.split(b","), HEADER.split(","), (1, 1, 1, 1, 9, 3, 1), strict=True):
         words = field.split()
         if len(words) != count:
@@ -116,8 +116,7 @@ def _raise_for_line(path: Path, line: bytes, number: int) -> None:
 
 
 def _from_rows(rows: np.ndarray) -> Estimates:
-    numbers = np.nan_to_num(rows[:, :3], nan=-1, posinf=-1, neginf=-1).astype(np.int64)
-    scenes, images, objects = numbers.T
+    scenes, images, objects = np.nan_to_num(rows[:, :3], nan=-1, posinf=-1, neginf=-1).astype(np.int64).T
     return Estimates(scenes, images, objects, rows[:, 3], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16], rows[:, 16])
 
 
@@ -165,7 +164,7 @@ def _check_times(path: Path, estimates: Estimates, where: "_Lines") -> None:
 
 
 class _Lines:
-    """Names of rows for messages, made when one is asked for."""
+    """Names of rows for messages, computed when needed."""
 
     def __init__(self, first_line: int) -> None:
         self.first_line = first_line

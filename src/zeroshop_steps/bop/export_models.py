@@ -1,9 +1,9 @@
-"""Gather models of a dataset into a folder in BOP's layout: obj_000001.ply, its texture, ..., and models_info.json.
+"""Export the models of a dataset to a folder in BOP's layout: obj_000001.ply and its texture, ..., and models_info.json.
 
-The parts are true models (folders with model.ply and model_info.json) or alignments (aligned.json with mesh.ply beside it),
-whose meshes are brought into the frames of their true models. Any BOP method takes such a folder as its models. Where
-evidence.npz lies beside an alignment, the vertices have it as `quality`: 1 measured, 0.5 assumed, 0 never seen. Objects
-whose part records a failure are left out, with a warning.
+The parts are true models (folders with model.ply and model_info.json) or alignments (aligned.json with mesh.ply beside it), whose
+meshes are transformed to the frames of their true models. Any BOP method can use the folder as its models. If evidence.npz lies beside
+an alignment, the vertices have it as `quality`: 1 measured, 0.5 assumed, 0 never seen. Objects whose part records a failure are left
+out with a warning.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def read_part(part: Path) -> tuple[Mesh, dict]:
-    """A mesh in the frame of its true model, mm, and that model's entry of models_info.json."""
+    """A mesh in the frame of its true model in mm, and that model's entry of models_info.json."""
     if part.is_dir():
         return read_ply(part / "model.ply"), read_json(part / "model_info.json")
     aligned = read_json(part)
@@ -64,10 +64,10 @@ def read_part(part: Path) -> tuple[Mesh, dict]:
 
 
 def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:
-    """Write one model and its texture; returns its entry of models_info.json, measured on the mesh, with the true symmetries.
+    """Write one model and its texture. Returns its entry of models_info.json: sizes of this mesh, symmetries of the true model.
 
     Raises:
-        StepError: the mesh cannot be in millimetres.
+        StepError: the mesh is not in millimetres.
     """
     path = model_path(folder, info["obj_id"])
     texture = path.with_suffix(".png") if mesh.texture is not None else None

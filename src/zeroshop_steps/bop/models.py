@@ -13,7 +13,9 @@ from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.runtime.errors import StepError
 
-PLAUSIBLE_DIAMETER_MM = (10.0, 3000.0)
+PLAUSIBLE_DIAMETER_MM = (10.0, 3000.0)  # outside, a model is not in millimetres
+SAME_DIAMETER = (0.95, 1.05)  # ratio to models_info.json; simplified meshes (models_eval) differ by less
+MOST_CORNERS = 4000  # of the convex hull that are compared in pairs, 64 MB of distances
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class ObjectModel:
     Attributes:
         object_id: its number.
         mesh: in mm.
-        diameter_mm: as models_info.json says.
+        diameter_mm: from models_info.json.
         symmetries: (S, 4, 4) model_from_model, the identity first.
         info: its entry of models_info.json.
     """
@@ -36,12 +38,12 @@ class ObjectModel:
 
 
 def model_path(folder: Path, object_id: int) -> Path:
-    """Where BOP keeps a model."""
+    """The path of a model in BOP's layout."""
     return Path(folder) / f"obj_{object_id:06d}.ply"
 
 
 def list_objects(folder: Path) -> list[int]:
-    """The objects that have a model and an entry in models_info.json."""
+    """The objects that have a model and an entry in models_info.json, in order."""
     listed = read_validated(Path(folder) / "models_info.json", "models_info")
     return sorted(int(key) for key in listed if model_path(folder, int(key)).is_file())
 
@@ -50,7 +52,7 @@ def read_models(folder: Path, object_ids: Iterable[int]) -> dict[int, ObjectMode
     """Read the models of these objects.
 
     Raises:
-        StepError: an object has no model or no entry in models_info.json, a mesh is damaged or not in mm.
+        StepError: an object has no model or no entry in models_info.json, or a mesh is damaged or not in mm.
     """
     folder = Path(folder)
     listed = read_validated(folder / "models_info.json", "models_info")
@@ -67,10 +69,15 @@ def read_models(folder: Path, object_ids: Iterable[int]) -> dict[int, ObjectMode
 
 
 def check_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
-    """The diameter of the mesh in the file `path`, once it is plausible in mm and agrees with that in models_info.json, if any.
+    """The diameter of the mesh in the file `path`.
+
+    Args:
+        path: for messages.
+        mesh: its content.
+        listed_mm: the diameter in models_info.json, if there is one.
 
     Raises:
-        StepError: a mesh in another unit, or a models_info.json of other models.
+        StepError: the mesh has another unit, or models_info.json belongs to other models.
     """
     measured_mm = measure_diameter_mm(mesh.vertices)
     smallest, largest = PLAUSIBLE_DIAMETER_MM
@@ -78,7 +85,7 @@ def check_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
         raise StepError(
             f"model {path} measures {measured_mm:.4g} across; expected {smallest:g} to {largest:g} mm. Convert it to millimetres."
         )
-    if listed_mm is not None and not 0.95 < measured_mm / listed_mm < 1.05:
+    if listed_mm is not None and not SAME_DIAMETER[0] < measured_mm / listed_mm < SAME_DIAMETER[1]:
         raise StepError(
             f"model {path} measures {measured_mm:.4g} mm across, but {path.with_name('models_info.json')} says {listed_mm:.4g};"
             " the two do not belong together"
@@ -87,11 +94,11 @@ def check_diameter_mm(path: Path, mesh: Mesh, listed_mm: float | None) -> float:
 
 
 def measure_diameter_mm(vertices: np.ndarray) -> float:
-    """Largest distance between two of the (V, 3) vertices."""
+    """Largest distance between two of (V, 3) vertices."""
     try:
         corners = vertices[ConvexHull(vertices).vertices]
     except QhullError:
         corners = np.unique(vertices, axis=0)
-    if len(corners) > 4000:
-        corners = corners[np.linspace(0, len(corners) - 1, 4000).astype(int)]
+    if len(corners) > MOST_CORNERS:
+        corners = corners[np.linspace(0, len(corners) - 1, MOST_CORNERS).astype(int)]
     return float(pdist(corners).max())

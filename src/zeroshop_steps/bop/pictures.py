@@ -1,8 +1,8 @@
-"""Draw detections and estimated poses over the images, and the worst estimates beside the truth, for people to look at.
+"""Draw detections and estimated poses over the images, and the worst estimates.
 
-One picture an image: on the left the detected masks, on the right the outlines of the models in their estimated poses with
-the axes of their frames (x red, y green, z blue). worst.png: the estimates with the largest MSSD, the true outline in green and
-the estimated one in red.
+One picture per image: on the left the detected masks, on the right the outlines of the models in their estimated poses, with the axes
+of their frames (x red, y green, z blue). worst.png has the estimates with the largest MSSD: the true outline in green, the estimated
+one in red.
 """
 
 import argparse
@@ -25,22 +25,25 @@ from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory
 
-WORST = 10
-IN_A_ROW = 5
+WORST = 10  # estimates in worst.png
+IN_A_ROW = 5  # tiles
 TILE_PX, CAPTION_PX = 320, 44
+TILE_MARGIN, LEAST_MARGIN_PX = 1.3, 16  # side of a tile: 1.3 times the longer side of the masks, and so many pixels
 TRUE_COLOR, ESTIMATED_COLOR = (40, 220, 40), (255, 40, 40)
-AXIS_DIAMETERS = 0.3
+AXIS_DIAMETERS = 0.3  # length of the drawn axes
+NEAREST_MM = 1.0  # axes with an end closer to the camera plane are not drawn
+HUE_STEP = 67  # between the colours of consecutive objects, of OpenCV's 180; neighbours differ clearly
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
-    parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json: which images and objects are drawn")
-    parser.add_argument("--models", type=Path, required=True, help="folder of the models that the poses are of")
+    parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json: the images and objects to draw")
+    parser.add_argument("--models", type=Path, required=True, help="folder of the models whose poses were estimated")
     parser.add_argument("--detections", type=Path, help="BOP COCO result file")
     parser.add_argument("--estimates", type=Path, help="BOP result CSV")
-    parser.add_argument("--errors", type=Path, help="errors of these estimates, as score_poses writes them: draws the worst")
+    parser.add_argument("--errors", type=Path, help="errors of these estimates, written by score_poses; the worst are drawn")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
 
 
@@ -49,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     if args.detections is None and args.estimates is None:
         raise StepError("there is nothing to draw: give --detections, --estimates or both")
     if args.errors and args.estimates is None:
-        raise StepError("--errors needs the --estimates that it is about")
+        raise StepError("--errors needs the --estimates that it belongs to")
     targets = read_targets(args.targets)
     frames = read_target_frames(args.scenes, targets, args.targets, truth_needed=args.errors is not None)
     wanted = {target.obj_id for target in targets} & set(list_objects(args.models))
@@ -73,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def select_surest_detections(detections: Sequence[Detection], targets: Sequence[Target]) -> list[Detection]:
-    """As many of the surest with a mask as each target has instances."""
+    """The most confident detections with a mask, as many as each target has instances; the most confident last."""
     chosen = []
     for target in targets:
         key = target.scene_id, target.im_id, target.obj_id
@@ -85,7 +88,7 @@ def select_surest_detections(detections: Sequence[Detection], targets: Sequence[
 def select_surest_estimates(
     estimates: Estimates, targets: Sequence[Target], models: dict[int, ObjectModel]
 ) -> list[tuple[int, float, np.ndarray]]:
-    """(object, score, (4, 4) camera_from_model) of as many of the surest as each target has instances."""
+    """(object, score, (4, 4) camera_from_model) of the most confident estimates, as many as each target has instances."""
     poses, chosen = make_transform(estimates.rotations, estimates.translations_mm), []
     for target in targets:
         of_image = (estimates.scene_ids == target.scene_id) & (estimates.image_ids == target.im_id)
@@ -96,7 +99,7 @@ def select_surest_estimates(
 
 
 def draw_detections(photo: np.ndarray, detections: Sequence[Detection]) -> np.ndarray:
-    """The photo with masks in the colours of their objects, the surest on top."""
+    """The photo with masks in the colours of their objects, the most confident on top."""
     image, labels = photo.copy(), []
     for one in detections:
         mask, color = decode_mask(one.require_mask()), choose_color(one.object_id)
@@ -115,7 +118,7 @@ def draw_poses(
     photo: np.ndarray, frame: Frame, poses: Sequence[tuple[int, float, np.ndarray]], models: dict[int, ObjectModel],
     renderers: dict[int, DepthRenderer],
 ) -> np.ndarray:  # fmt: skip
-    """The photo with the outlines and the frames of posed models."""
+    """The photo with the outlines and the axes of models in their poses."""
     image = photo.copy()
     height, width = photo.shape[:2]
     for number, score, pose in poses:
@@ -124,7 +127,7 @@ def draw_poses(
         )
         ends = np.concatenate([np.zeros((1, 3)), np.eye(3)]) * AXIS_DIAMETERS * models[number].diameter_mm
         projected = transform_points(ends, pose) @ frame.intrinsics.T
-        if (projected[:, 2] <= 1.0).any():
+        if (projected[:, 2] <= NEAREST_MM).any():
             continue
         start, *tips = np.rint(projected[:, :2] / projected[:, 2:]).astype(int).tolist()
         for tip, color in zip(tips, ((255, 60, 60), (60, 220, 60), (80, 80, 255)), strict=True):
@@ -141,9 +144,9 @@ def draw_worst(
     renderers: dict[int, DepthRenderer],
     count: int = WORST,
 ) -> np.ndarray | None:
-    """Tiles of the estimates with the largest MSSD: cut out, the true outline green, the estimated one red, the errors below.
+    """Tiles of the estimates with the largest MSSD: the true outline green, the estimated one red, the errors below.
 
-    None where no object was estimated.
+    None if no object was estimated.
     """
     table = pd.read_csv(errors)
     if "mssd" not in table:
@@ -177,8 +180,8 @@ def draw_worst(
 
 
 def choose_color(number: int) -> tuple[int, int, int]:
-    """A bright colour of an object's own."""
-    hue = np.array([[[(number * 67) % 180, 200, 255]]], np.uint8)
+    """A bright colour for an object."""
+    hue = np.array([[[(number * HUE_STEP) % 180, 200, 255]]], np.uint8)
     red, green, blue = cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0].tolist()
     return red, green, blue
 
@@ -194,11 +197,11 @@ def _draw_text(image: np.ndarray, text: str, place: Sequence[int]) -> None:
 
 
 def _cut_tile(image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
-    """A square tile of the image around the mask, and how much it was enlarged; grey beyond the image."""
+    """A square tile of the image around the mask, and its magnification; black beyond the image."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     if not len(rows):
         rows, columns = np.arange(mask.shape[0]), np.arange(mask.shape[1])
-    side = int(1.3 * max(rows[-1] - rows[0], columns[-1] - columns[0])) + 16
+    side = int(TILE_MARGIN * max(rows[-1] - rows[0], columns[-1] - columns[0])) + LEAST_MARGIN_PX
     top, left = int(rows[0] + rows[-1] - side) // 2, int(columns[0] + columns[-1] - side) // 2
     cut = cv2.copyMakeBorder(image, side, side, side, side, cv2.BORDER_CONSTANT, value=(0, 0, 0))
     cut = cut[top + side : top + 2 * side, left + side : left + 2 * side]

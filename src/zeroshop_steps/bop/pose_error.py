@@ -1,7 +1,7 @@
-"""The three pose errors of the BOP Challenge 2019 and later (Hodan et al., BOP Challenge 2020, section 2.2).
+"""The three pose errors of the BOP Challenge since 2019 (Hodan et al., BOP Challenge 2020, section 2.2).
 
-MSSD: maximum symmetry-aware surface distance. MSPD: maximum symmetry-aware projection distance. VSD: visible surface
-discrepancy. Poses are camera_from_model in mm; BOP's camera matrices have pixel centres at whole numbers.
+MSSD is the maximum symmetry-aware surface distance, MSPD the maximum symmetry-aware projection distance, VSD the visible surface
+discrepancy. Poses are camera_from_model in mm. In BOP's camera matrices, pixel centres are whole numbers.
 """
 
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ from scipy.spatial import ConvexHull, QhullError
 from zeroshop_steps.bop.depth_render import DepthPatch
 
 VSD_TAUS = np.arange(0.05, 0.51, 0.05)
-"""Misalignment tolerances in diameters: ten steps of 0.05."""
+"""Misalignment tolerances in diameters, as BOP defines them: 0.05 to 0.5."""
 
 
 @dataclass(frozen=True)
 class ModelPoints:
-    """The vertices of a model, arranged for the errors.
+    """The vertices of a model in the order in which the errors need them.
 
     Attributes:
-        hull: (H, 3) those of the convex hull: the distance between two poses of a point is convex in the point, so it is
-            largest at one of them.
-        spread: (V, 3) all, those farthest from the middle first.
+        hull: (H, 3) vertices of the convex hull. The distance between two poses of a point is convex in the point, so it is largest at
+            one of them.
+        spread: (V, 3) all vertices, those farthest from the centre first.
     """
 
     hull: np.ndarray
@@ -42,12 +42,12 @@ class ModelPoints:
 
 
 def mssd(estimated: np.ndarray, true: np.ndarray, points: ModelPoints, symmetries: np.ndarray) -> np.ndarray:
-    """(N,) mm between N estimated (N, 4, 4) and true (N, 4, 4) poses: the largest distance of a vertex, least over the symmetries."""
+    """(N,) mm: largest distance of a vertex between (N, 4, 4) estimated and true poses; the least over the symmetries."""
     return _mssd(_top_rows(estimated), _top_rows(true), _top_rows(symmetries), np.ascontiguousarray(points.hull))
 
 
 def mspd(estimated: np.ndarray, true: np.ndarray, intrinsics: np.ndarray, points: ModelPoints, symmetries: np.ndarray) -> np.ndarray:
-    """(N,) px: the largest distance of a projected vertex, least over the symmetries; `intrinsics` are (N, 3, 3)."""
+    """(N,) px: largest distance of a projected vertex; the least over the symmetries. `intrinsics` are (N, 3, 3)."""
     matrices = np.ascontiguousarray(intrinsics, float)
     return _mspd(matrices @ _top_rows(estimated), matrices, _top_rows(true), _top_rows(symmetries), np.ascontiguousarray(points.spread))
 
@@ -61,14 +61,14 @@ def vsd(
     delta_mm: float,
     taus: np.ndarray = VSD_TAUS,
 ) -> np.ndarray:
-    """(T,) visible surface discrepancy at each tolerance in `taus`, 0..1.
+    """(T,) visible surface discrepancy, 0..1, at each tolerance in `taus`.
 
     Args:
-        measured_mm: (height, width) depth of the scene, 0 where nothing was measured (there the object counts as visible).
+        measured_mm: (height, width) depth of the scene; where it is 0, nothing was measured and the object counts as visible.
         estimated, true: the model's depth in the two poses.
         intrinsics: (3, 3) BOP's K.
         diameter_mm: of the model; distances are divided by it.
-        delta_mm: how far behind the measured surface the model still counts as visible.
+        delta_mm: how far behind the measured surface the model is still visible.
     """
     height, width = measured_mm.shape
     left, top = min(estimated.left, true.left), min(estimated.top, true.top)
@@ -87,7 +87,7 @@ def _top_rows(transforms: np.ndarray) -> np.ndarray:
 
 
 @numba.njit(cache=True)
-def _compose(true, symmetry, out):
+def _compose(true: np.ndarray, symmetry: np.ndarray, out: np.ndarray) -> None:
     """out = true @ symmetry of (3, 4) transforms."""
     for row in range(3):
         for column in range(4):
@@ -98,8 +98,8 @@ def _compose(true, symmetry, out):
 
 
 @numba.njit(cache=True, parallel=True)
-def _mssd(estimated, true, symmetries, points):
-    """Symmetries that are already worse than the best one at some point are given up."""
+def _mssd(estimated: np.ndarray, true: np.ndarray, symmetries: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """`mssd` of (N, 3, 4) poses. A symmetry is given up at the first point where it is worse than the best one."""
     errors = np.empty(len(estimated))
     for pair in numba.prange(len(estimated)):
         turned = np.empty((3, 4))
@@ -124,7 +124,8 @@ def _mssd(estimated, true, symmetries, points):
 
 
 @numba.njit(cache=True)
-def _project(matrix, point):
+def _project(matrix: np.ndarray, point: np.ndarray) -> tuple[float, float]:
+    """Pixel of a point by a (3, 4) projection; infinite in the camera plane."""
     x = matrix[0, 0] * point[0] + matrix[0, 1] * point[1] + matrix[0, 2] * point[2] + matrix[0, 3]
     y = matrix[1, 0] * point[0] + matrix[1, 1] * point[1] + matrix[1, 2] * point[2] + matrix[1, 3]
     z = matrix[2, 0] * point[0] + matrix[2, 1] * point[1] + matrix[2, 2] * point[2] + matrix[2, 3]
@@ -134,8 +135,8 @@ def _project(matrix, point):
 
 
 @numba.njit(cache=True, parallel=True)
-def _mspd(projections, intrinsics, true, symmetries, points):
-    """Symmetries that are already worse than the best one at some point are given up."""
+def _mspd(projections: np.ndarray, intrinsics: np.ndarray, true: np.ndarray, symmetries: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """`mspd` of (N, 3, 4) projections. A symmetry is given up at the first point where it is worse than the best one."""
     errors = np.empty(len(projections))
     for pair in numba.prange(len(projections)):
         turned, matrix = np.empty((3, 4)), np.empty((3, 4))
@@ -165,14 +166,23 @@ def _mspd(projections, intrinsics, true, symmetries, points):
 
 
 @numba.njit(cache=True)
-def _distance(x, y, depth):
-    """From the camera's centre, mm."""
+def _distance(x: float, y: float, depth: float) -> float:
+    """Distance from the camera's centre, mm."""
     return np.sqrt((x * depth) ** 2 + (y * depth) ** 2 + np.float64(depth) ** 2)
 
 
 @numba.njit(cache=True)
-def _vsd(measured, estimated, true, x, y, diameter, delta, taus):
-    """Visibility is decided in single precision, as the benchmark's own evaluation does."""
+def _vsd(
+    measured: np.ndarray,
+    estimated: np.ndarray,
+    true: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    diameter: float,
+    delta: np.float32,
+    taus: np.ndarray,
+) -> np.ndarray:
+    """`vsd` in a box. Visibility is decided in single precision, as in the benchmark's own evaluation."""
     union, alone = 0, 0
     misaligned = np.zeros(len(taus), np.int64)
     for row in range(measured.shape[0]):

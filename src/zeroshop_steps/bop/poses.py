@@ -1,34 +1,30 @@
-"""Checks that every pose in BOP's files has to pass: proper rotations, finite millimetres."""
+"""Checks of the poses in BOP's files: proper rotations, finite millimetres."""
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from zeroshop_steps.runtime.errors import StepError
 
-ROTATION_TOLERANCE = 1e-2
-NEAREST_MM = 10.0
+ROTATION_TOLERANCE = 1e-2  # by which R R^T may differ from the identity: published files round to few digits
+NEAREST_MM = 10.0  # median distance of the objects below which translations are taken for metres
 
 
-class RowNames(Protocol):
-    """What a row is called in messages: a list of names, or names that are made when one is asked for."""
+class Names(Protocol):
+    """Names of places in a file by their index."""
 
-    def __getitem__(self, index: int, /) -> Any:
-        """The name of a row."""
+    def __getitem__(self, index: int, /) -> str: ...
 
 
-def check_rotations(rotations: np.ndarray, where: RowNames, path: object) -> None:
-    """Raise StepError where one of (N, 3, 3) matrices is no rotation; `where` names the N places in the file `path`.
-
-    R R^T may differ from the identity by `ROTATION_TOLERANCE`: published files round.
-    """
+def check_rotations(rotations: np.ndarray, where: Names, path: object) -> None:
+    """Raise StepError if one of (N, 3, 3) matrices is no rotation; `where` names the N places in the file `path`."""
     finite = np.isfinite(rotations).all((1, 2))
     safe = np.where(finite[:, None, None], rotations, 0.0)
     off = np.abs(safe @ safe.transpose(0, 2, 1) - np.eye(3)).max((1, 2), initial=0.0)
     wrong = np.flatnonzero(~finite | (off > ROTATION_TOLERANCE) | (np.linalg.det(safe) < 0))
     if len(wrong):
         first = wrong[0]
-        said = (
+        fault = (
             "holds numbers that are not finite"
             if not finite[first]
             else "mirrors"
@@ -36,13 +32,13 @@ def check_rotations(rotations: np.ndarray, where: RowNames, path: object) -> Non
             else "is no rotation"
         )
         raise StepError(
-            f"{path}, {where[first]}: R {said} ({len(wrong)} of {len(rotations)} poses are wrong);"
+            f"{path}, {where[first]}: R {fault} ({len(wrong)} of {len(rotations)} poses are wrong);"
             " expected 9 numbers, row by row, with R R^T = 1 and det R = 1"
         )
 
 
-def check_translations(translations_mm: np.ndarray, where: RowNames, path: object) -> None:
-    """Raise StepError where one of (N, 3) translations is not finite, or where most are so short that they must be metres."""
+def check_translations(translations_mm: np.ndarray, where: Names, path: object) -> None:
+    """Raise StepError if one of (N, 3) translations is not finite, or if most are so short that they must be metres."""
     wrong = np.flatnonzero(~np.isfinite(translations_mm).all(1))
     if len(wrong):
         raise StepError(f"{path}, {where[wrong[0]]}: t holds numbers that are not finite ({len(wrong)} such poses); expected millimetres")
@@ -54,7 +50,7 @@ def check_translations(translations_mm: np.ndarray, where: RowNames, path: objec
 
 
 def make_transform(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
-    """(4, 4) transform, or (N, 4, 4) of (N, 3, 3) rotations and (N, 3) translations."""
+    """(4, 4) transform of a rotation and a translation; (N, 4, 4) of (N, 3, 3) and (N, 3)."""
     transform = np.zeros((*rotation.shape[:-2], 4, 4))
     transform[..., :3, :3], transform[..., :3, 3], transform[..., 3, 3] = rotation, translation_mm, 1.0
     return transform

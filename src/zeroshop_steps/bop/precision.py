@@ -1,7 +1,7 @@
-"""Average precision of detections as COCO defines it, by pycocotools: mean over IoU 0.5 to 0.95 and over objects.
+"""Average precision of detections as COCO defines it, by pycocotools: the mean over IoU 0.5 to 0.95 and over objects.
 
-As BOP evaluates since 2022: all objects of the target images are annotated; those with less than a tenth visible are ignored,
-found or not. Masks are those of the visible pixels; boxes are amodal (around the whole silhouette) or modal.
+As in BOP since 2022: all objects in the target images are annotated, and those of which less than a tenth is visible are ignored,
+detected or not. Masks are of the visible pixels. Boxes are amodal (around the whole silhouette) or modal (around the visible part).
 """
 
 import contextlib
@@ -17,12 +17,12 @@ from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box
 from zeroshop_steps.bop.targets import Frames
 from zeroshop_steps.runtime.errors import StepError
 
-LEAST_VISIBLE_SHARE = 0.1
+LEAST_VISIBLE_SHARE = 0.1  # by BOP
 MEASURES = ("ap", "ap_50", "ap_75")
 
 
 class _Evaluation(COCOeval):
-    """COCO's evaluation that ignores what is marked so; the original looks at `iscrowd` alone."""
+    """COCO's evaluation that ignores annotations marked `ignored`; the original ignores `iscrowd` only."""
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -32,7 +32,7 @@ class _Evaluation(COCOeval):
 
 
 def make_annotations(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
-    """What is to be found in the frames, as COCO's annotations; images are numbered in the order of the frames.
+    """COCO's annotations of the objects in the frames; images are numbered in the order of the frames.
 
     Raises:
         StepError: a mask or the visibility of an instance is missing.
@@ -67,17 +67,17 @@ def make_annotations(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
 
 
 def average_precision(detections: Sequence[Detection], frames: Frames, kind: str, amodal: bool, path: Path) -> dict[str, float]:
-    """AP, AP at IoU 0.5 and at 0.75 over all objects, and `ap_object_N` of each; all 0 without detections.
+    """AP, AP at IoU 0.5 and at 0.75 over all objects, and `ap_object_N` of each object; all are 0 without detections.
 
     Args:
-        detections: those in other images are left out.
+        detections: those in other images are ignored.
         frames: the target images.
         kind: `segm` for masks, `bbox` for boxes.
         amodal: whether true boxes are around the whole silhouette; masks are always of the visible part.
         path: of the detections, for messages.
 
     Raises:
-        StepError: detections lack what is to be evaluated, or a mask is not of its image's size.
+        StepError: a detection lacks its mask or box, or a mask has another size than its image.
     """
     truth = make_annotations(frames, amodal and kind == "bbox", kind == "segm")
     numbers = {key: number for number, key in enumerate(frames, start=1)}
@@ -109,7 +109,7 @@ def average_precision(detections: Sequence[Detection], frames: Frames, kind: str
 
 
 def _check_size(detection: Detection, image: dict, path: Path) -> None:
-    """pycocotools would count a mask of another size as a miss."""
+    """Raise StepError for a mask of another size than its image, which pycocotools would count as a miss."""
     height, width = detection.require_mask()["size"]
     if "height" in image and (height, width) != (image["height"], image["width"]):
         raise StepError(

@@ -1,8 +1,8 @@
-"""Average recall of the localization task: which targets were found, at every threshold of every pose error.
+"""Average recall of the localization task: which instances were found at every threshold of every pose error.
 
-As in the BOP Challenges since 2019: of an object's estimates in an image only as many of the surest count as there are
-instances to find, and of its instances as many of the most visible. Estimates choose in the order of their scores, each the
-nearest instance that is still free and nearer than the threshold.
+As in the BOP Challenges since 2019: of an object's estimates in an image, the most confident ones count, as many as there are
+instances to find, and of its instances as many of the most visible ones. In the order of their scores, each estimate is matched with
+the nearest instance that is still free, if its error is below the threshold.
 """
 
 from collections.abc import Sequence
@@ -22,23 +22,23 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
 THRESHOLDS = np.arange(0.05, 0.51, 0.05)
-"""Of VSD, and of MSSD in diameters."""
+"""Of VSD, and of MSSD in diameters, as BOP defines them."""
 THRESHOLDS_PX = np.arange(5.0, 51.0, 5.0)
-"""Of MSPD in an image that is 640 px wide."""
+"""Of MSPD in an image that is 640 px wide, as BOP defines them."""
 ERRORS = ("vsd", "mssd", "mspd")
 REFERENCE_WIDTH_PX = 640.0
 
 
 @dataclass(frozen=True)
 class PosePairs:
-    """Every estimate that counts with every instance that it may be meant for, target by target, estimates in order of score.
+    """Pairs of every estimate that counts with every instance of its target, target by target, estimates in order of their scores.
 
     Attributes:
         target: (P,) index of the target.
-        estimate: (P,) row of the estimates.
+        estimate: (P,) row of the estimate.
         instance: (P,) index in the image's annotations.
-        first: (T + 1,) where each target's pairs begin.
-        instances: (T,) how many instances each target has; its pairs are that many columns of rows of estimates.
+        first: (T + 1,) index of each target's first pair.
+        instances: (T,) number of instances of each target; its pairs are a table with a row per estimate and a column per instance.
     """
 
     target: np.ndarray
@@ -49,7 +49,7 @@ class PosePairs:
 
 
 def pair_up(estimates: Estimates, targets: Sequence[Target], frames: Frames) -> PosePairs:
-    """The pairs to compare. Raises StepError where visibility decides which instances count and scene_gt_info.json is silent."""
+    """The pairs to compare. Raises StepError if visibility decides which instances count and scene_gt_info.json lacks it."""
     order = np.lexsort((np.arange(len(estimates)), -estimates.scores))
     rows: dict[tuple[int, int, int], list[int]] = {}
     for row in order:
@@ -73,12 +73,13 @@ def select_most_visible(frame: Frame, target: Target) -> list[int]:
     found = [index for index, instance in enumerate(frame.instances) if instance.object_id == target.obj_id]
     if len(found) == target.inst_count:
         return found
-    if any(frame.instances[index].visible_share is None for index in found):
+    visible = {index: share for index in found if (share := frame.instances[index].visible_share) is not None}
+    if len(visible) < len(found):
         raise StepError(
             f"{frame.folder / 'scene_gt_info.json'} has no visib_fract for object {target.obj_id} of image {frame.image_id};"
             f" it decides which {target.inst_count} of {len(found)} instances count"
         )
-    best = sorted(found, key=lambda index: -(frame.instances[index].visible_share or 0.0))[: target.inst_count]
+    best = sorted(found, key=lambda index: -visible[index])[: target.inst_count]
     return sorted(best)
 
 
@@ -95,8 +96,8 @@ def measure_pose_errors(
     """The errors of all pairs.
 
     Returns:
-        `mssd` (P, 1) in diameters, `mspd` (P, 1) in px of a 640 px wide image, `vsd` (P, 10), one column a tolerance; of
-        `kinds` those that are wanted.
+        those in `kinds`: `mssd` (P, 1) in diameters, `mspd` (P, 1) in px of an image 640 px wide, `vsd` (P, 10) with a column per
+        tolerance.
     """
     estimated = make_transform(estimates.rotations, estimates.translations_mm)[pairs.estimate]
     frame_of = [frames[targets[index].scene_id, targets[index].im_id] for index in pairs.target]
@@ -127,7 +128,7 @@ def _measure_vsd(
     models: dict[int, ObjectModel],
     delta_mm: float,
 ) -> np.ndarray:
-    """(P, 10) VSD, image by image: the measured depth is read once, and each pose rendered once however many pairs it is in."""
+    """(P, 10) VSD, image by image. The measured depth is read once, and each pose is rendered once however many pairs it is in."""
     errors = np.ones((len(objects), len(VSD_TAUS)))
     renderers = {int(object_id): DepthRenderer(models[int(object_id)].mesh) for object_id in np.unique(objects)}
     images: dict[tuple[int, int], list[int]] = {}
@@ -156,12 +157,13 @@ def _width_px(frame: Frame, width_px: int | None) -> float:
 
 
 def count_found_instances(pairs: PosePairs, errors: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
-    """(T, D) how many instances of each of T targets are found at each threshold, from (P,) errors."""
+    """(T, D) number of found instances of each of T targets at each of D thresholds, from (P,) errors."""
     return _match_instances(pairs.first, pairs.instances, np.ascontiguousarray(errors), thresholds)
 
 
 @numba.njit(cache=True)
-def _match_instances(first, instances, errors, thresholds):
+def _match_instances(first: np.ndarray, instances: np.ndarray, errors: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+    """`count_found_instances`; `first` and `instances` as in `PosePairs`."""
     found = np.zeros((len(instances), len(thresholds)), np.int64)
     for target in range(len(instances)):
         columns = instances[target]
@@ -187,9 +189,9 @@ class AverageRecall:
     """Average recalls over the thresholds.
 
     Attributes:
-        overall: by error, and `ar`, their mean, where all three are there.
-        by_object: the same by object.
-        targets: how many instances were to be found, by object.
+        overall: of each error, and `ar`, their mean, if all three are there.
+        by_object: the same for each object.
+        targets: number of instances to find, for each object.
     """
 
     overall: dict[str, float]
@@ -198,7 +200,7 @@ class AverageRecall:
 
 
 def average_recall(pairs: PosePairs, errors: dict[str, np.ndarray], targets: Sequence[Target]) -> AverageRecall:
-    """AR of each error and AR_D, their mean: the share of the instances found, averaged over thresholds (and tolerances of VSD)."""
+    """AR of each error and their mean, AR_D: the share of found instances, averaged over thresholds (and tolerances of VSD)."""
     objects = np.array([target.obj_id for target in targets])
     shares: dict[str, np.ndarray] = {}
     for kind, values in errors.items():

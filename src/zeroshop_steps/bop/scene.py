@@ -1,6 +1,7 @@
-"""A folder of BOP test images: cameras, true poses, visibility, and where the pictures lie.
+"""Scenes in BOP's layout: cameras, true poses, visibility, and the paths of the images.
 
-Camera matrices are BOP's here: pixel (0, 0)'s centre is at (0, 0). `Frame.camera` gives the project's own camera.
+Camera matrices are BOP's here: the centre of pixel (0, 0) is at (0, 0). `Frame.camera` gives the project's own camera, in which it is
+at (0.5, 0.5).
 """
 
 import os
@@ -18,6 +19,9 @@ from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
+HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+"""The project's intrinsics minus BOP's: the project counts pixels from their corners, BOP from their centres."""
+
 
 @dataclass(frozen=True)
 class Instance:
@@ -26,7 +30,7 @@ class Instance:
     Attributes:
         object_id: its model.
         camera_from_model: (4, 4) true pose, mm.
-        visible_share: share of its silhouette that is visible, 0..1; None where the dataset does not say.
+        visible_share: visible share of its silhouette, 0..1; None if the dataset does not say.
         info: its entry of scene_gt_info.json.
     """
 
@@ -42,8 +46,8 @@ class Frame:
 
     Attributes:
         scene_id, image_id: BOP's numbers.
-        intrinsics: (3, 3) BOP's K, pixel centres at whole numbers.
-        depth_scale: millimetres of one step of the depth image; None where there is none.
+        intrinsics: (3, 3) BOP's K; pixel centres are whole numbers.
+        depth_scale: millimetres per step of the depth image; None if there is none.
         camera_from_world: (4, 4) in mm, or None.
         instances: in the order of scene_gt.json.
         folder: the scene's folder.
@@ -59,27 +63,27 @@ class Frame:
 
     @property
     def name(self) -> str:
-        """How messages call it."""
+        """Its name in messages."""
         return f"scene {self.scene_id}, image {self.image_id}"
 
     def image_path(self, kind: str, instance: int | None = None) -> Path | None:
-        """The path of its `rgb`, `gray`, `depth`, or of an instance's `mask` or `mask_visib`; None where there is no such file."""
+        """The path of its `rgb`, `gray` or `depth`, or of an instance's `mask` or `mask_visib`; None if there is no such file."""
         stem = f"{self.image_id:06d}" + ("" if instance is None else f"_{instance:06d}")
         found = (self.folder / kind / f"{stem}{suffix}" for suffix in (".png", ".jpg", ".tif"))
         return next((path for path in found if path.is_file()), None)
 
     def photo_path(self) -> Path:
-        """The path of its colour image, or of the gray one. Raises StepError where there is neither."""
+        """The path of its colour image, otherwise of its gray one. Raises StepError if there is neither."""
         path = self.image_path("rgb") or self.image_path("gray")
         if path is None:
             raise StepError(f"{self.folder} has no picture {self.image_id:06d} ({self.name}) in rgb or gray")
         return path
 
     def depth_mm(self) -> np.ndarray:
-        """(height, width) float32 measured depth along the optical axis in mm, 0 where nothing was measured.
+        """(height, width) float32 measured depth along the optical axis in mm, 0 where there is none.
 
         Raises:
-            StepError: no depth image, one that cannot be read, or no depth scale.
+            StepError: the depth image is missing or cannot be read, or there is no depth scale.
         """
         path = self.image_path("depth")
         if path is None:
@@ -95,14 +99,14 @@ class Frame:
         return raw.astype(np.float32) * np.float32(self.depth_scale)
 
     def mask(self, instance: int, kind: str = "mask_visib") -> np.ndarray:
-        """(height, width) bool, one instance's visible pixels, or with `mask` its whole silhouette. Raises StepError without the file."""
+        """(height, width) bool: an instance's visible pixels, or with `mask` its whole silhouette. Raises StepError without the file."""
         path = self.image_path(kind, instance)
         if path is None:
             raise StepError(f"{self.folder / kind} has no {self.image_id:06d}_{instance:06d}.png, the mask of an instance in scene_gt.json")
         return read_mask(path)
 
     def size_px(self) -> tuple[int, int] | None:
-        """(width, height) as its pictures say, None without any."""
+        """(width, height) of its images; None if there are none."""
         for kind in ("depth", "rgb", "gray"):
             path = self.image_path(kind)
             if path is not None:
@@ -113,23 +117,23 @@ class Frame:
         return None
 
     def camera(self, width_px: int, height_px: int) -> Camera:
-        """The project's camera of this image; its world is the model frame of the pose it is combined with: the camera's own."""
-        shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+        """The project's camera of this image; its world frame is the camera's own."""
+        shift = np.eye(3) + HALF_PX
         return Camera(f"{self.image_id:06d}.png", width_px, height_px, shift @ self.intrinsics, np.eye(4))
 
 
 def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
-    """Read scene_camera.json, scene_gt.json and, where it is there, scene_gt_info.json of a scene's folder.
+    """Read scene_camera.json, scene_gt.json and, if it exists, scene_gt_info.json from a scene's folder.
 
     Args:
         folder: named by the scene's number.
-        truth_needed: otherwise scene_gt.json may be missing, as in images that nobody has annotated.
+        truth_needed: if False, scene_gt.json may be missing, as for images without annotations.
 
     Returns:
-        the images that have true poses, by number; where there is no truth at all, all images, without instances.
+        The images with true poses, by number. Without scene_gt.json, all images, without instances.
 
     Raises:
-        StepError: a file is missing or of the wrong form, a depth scale is not positive, a pose is no pose in millimetres.
+        StepError: a file is missing or has the wrong form, a depth scale is not positive, or a pose is no pose in millimetres.
     """
     folder = Path(folder)
     if not folder.name.isdigit():
@@ -156,7 +160,7 @@ def read_scene(folder: Path, truth_needed: bool = True) -> dict[int, Frame]:
 
 
 def write_scene(folder: Path, frames: list[Frame]) -> None:
-    """Write the three JSON files of a scene; the pictures are written by the caller."""
+    """Write the three JSON files of a scene; the caller writes the images."""
     cameras: dict[str, dict[str, Any]] = {}
     truth, info = {}, {}
     for frame in frames:
@@ -182,7 +186,7 @@ def write_scene(folder: Path, frames: list[Frame]) -> None:
 
 
 def list_scenes(split: Path) -> dict[int, Path]:
-    """The scenes of a split, such as `test/`, by number. Raises StepError where there is none."""
+    """The folders of a split's scenes, such as `test/000001`, by number. Raises StepError if there are none."""
     split = Path(split)
     names = sorted(os.listdir(split)) if split.is_dir() else []
     folders = {int(name): split / name for name in names if name.isdigit() and (split / name / "scene_camera.json").is_file()}

@@ -1,4 +1,4 @@
-"""Checked reading of BOP's JSON files: what has the wrong form is named with its place in the file."""
+"""Read BOP's JSON files and check them against schemas; errors name the place in the file."""
 
 import functools
 import gzip
@@ -14,7 +14,7 @@ from zeroshop_steps.runtime.files import read_json
 
 
 def read_validated(path: Path, kind: str) -> Any:
-    """Read a JSON file (gzipped where its name ends in .gz) and check it against the schema `kind` in schemas.json.
+    """Read a JSON file, gzipped if its name ends in .gz, and check it against the schema `kind` in schemas.json.
 
     Raises:
         StepError: the file is missing or damaged, an entry has the wrong form, or a number is not finite.
@@ -39,7 +39,7 @@ def _place(error: jsonschema.ValidationError) -> str:
 
 
 def _check_finite(path: Path, content: Any, where: tuple[str, ...]) -> None:
-    """Raise where a number is NaN or infinite: Python's parser takes them, JSON has none."""
+    """Raise StepError if a number is NaN or infinite; JSON has no such numbers, but Python's parser reads them."""
     if isinstance(content, float) and not math.isfinite(content):
         raise StepError(f"{path}: at {' / '.join(where)}: {content} is not a finite number; remove or repair the entry")
     if isinstance(content, dict | list):

@@ -1,4 +1,4 @@
-"""Score detections as BOP does: COCO's average precision over IoU 0.5 to 0.95, of masks (`ap`) and of boxes (`box_ap`).
+"""Score detections as BOP does: COCO's average precision over IoU 0.5 to 0.95 of masks (`ap`) and of boxes (`box_ap`).
 
 Reads a BOP COCO result file (.json or .json.gz), the targets and the scenes with their masks. Writes a tidy CSV.
 """
@@ -13,7 +13,7 @@ from zeroshop_steps.bop.targets import read_target_frames, read_targets
 from zeroshop_steps.runtime.tables import write_table
 
 KINDS = {"masks": ("segm", ""), "boxes": ("bbox", "box_")}
-"""COCO's name of what is compared, and what its measures begin with."""
+"""COCO's name of what is compared, and the prefix of its measures."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json")
     parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
     parser.add_argument("--of", choices=KINDS, nargs="+", default=["masks"], help="what is compared (default: masks)")
-    parser.add_argument("--modal-boxes", action="store_true", help="true boxes around the visible part, not the whole silhouette")
+    parser.add_argument("--modal-boxes", action="store_true", help="true boxes around the visible part instead of the whole silhouette")
     parser.add_argument("--out", type=Path, required=True, help="CSV of the scores")
 
 
@@ -30,15 +30,16 @@ def run(args: argparse.Namespace) -> None:
     """Score one result file."""
     frames = read_target_frames(args.scenes, targets := read_targets(args.targets), args.targets)
     detections = read_detections(args.detections)
-    rows, said = [], []
+    rows: list[dict] = []
+    summary = []
     for kind in args.of:
         coco_name, prefix = KINDS[kind]
         scores = average_precision(detections, frames, coco_name, not args.modal_boxes, args.detections)
         for name, value in scores.items():
             measure, _, number = name.partition("_object_")
             rows.append({"measure": prefix + measure, "object": number, "value": value})
-        said += [f"{prefix}{name} {scores[name]:.4f}" for name in ("ap", "ap_50", "ap_75")]
+        summary += [f"{prefix}{name} {scores[name]:.4f}" for name in ("ap", "ap_50", "ap_75")]
     rows.append({"measure": "instances", "object": "", "value": sum(target.inst_count for target in targets)})
     rows.append({"measure": "detections", "object": "", "value": len(detections)})
     write_table(args.out, rows, ROW)
-    print(", ".join(said))
+    print(", ".join(summary))

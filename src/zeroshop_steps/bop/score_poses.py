@@ -1,7 +1,7 @@
 """Score estimated poses as the BOP Challenge does: average recall of VSD, MSSD and MSPD, and their mean AR_D.
 
-Reads a BOP result CSV, the targets, the scenes with their truth, and the true models (BOP: models_eval). Writes a tidy CSV,
-one row a measure, over all and by object; with --errors-out also the errors of every estimate.
+Reads a BOP result CSV, the targets, the scenes with their truth, and the true models (BOP's models_eval). Writes a tidy CSV with one
+row per measure, over all objects and for each; with --errors-out also the errors of every estimate.
 """
 
 import argparse
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
     parser.add_argument("--models", type=Path, required=True, help="folder of the true models with models_info.json")
     parser.add_argument("--errors", nargs="+", choices=ERRORS, default=list(ERRORS), help="pose errors (default: all)")
-    parser.add_argument("--delta-mm", type=float, default=15.0, help="tolerance of visibility in VSD (default: %(default)s)")
-    parser.add_argument("--image-width", type=int, help="width of the images in px where there are no pictures to tell")
+    parser.add_argument("--delta-mm", type=float, default=15.0, help="tolerance of visibility in VSD (default: %(default)s, as in BOP)")
+    parser.add_argument("--image-width", type=int, help="width of the images in px, if the scenes have no images")
     parser.add_argument("--errors-out", type=Path, help="CSV of the errors of every estimate")
     parser.add_argument("--out", type=Path, required=True, help="CSV of the scores")
 
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def check_objects(estimates: Estimates, args: argparse.Namespace) -> None:
-    """Raise StepError where an estimate names an object that has no model."""
+    """Raise StepError if an estimate names an object that has no model."""
     strange = sorted(set(estimates.object_ids.tolist()) - set(there := list_objects(args.models)))
     if strange:
         raise StepError(
@@ -68,7 +68,7 @@ def check_objects(estimates: Estimates, args: argparse.Namespace) -> None:
 
 
 def make_error_rows(pairs: PosePairs, errors: dict, estimates: Estimates, targets: Sequence[Target]) -> list[dict]:
-    """One row for every pair of an estimate and an instance; MSSD in diameters, MSPD in px at a width of 640, VSD's mean."""
+    """One row per pair of an estimate and an instance: MSSD in diameters, MSPD in px at a width of 640, mean VSD."""
     rows = []
     for index, (target, row) in enumerate(zip(pairs.target, pairs.estimate, strict=True)):
         found = targets[target]

@@ -1,4 +1,4 @@
-"""From a coarse alignment to the exact one: point-to-plane ICP with scale, and where shape decides nothing, print does."""
+"""The exact alignment of two surfaces: point-to-plane ICP with scale, and print where shape decides nothing."""
 
 from dataclasses import dataclass
 
@@ -9,15 +9,18 @@ from zeroshop_steps.bop.similarity_search import SimilarityCandidates, apply_ste
 from zeroshop_steps.geometry.surface_points import SurfacePoints
 from zeroshop_steps.geometry.transforms import transform_points
 
-SAMPLES = 4000
-STEPS = 40
-NEAR_SHARE = 0.9
-FAR_MEDIANS = 3.0  # samples that are so many times farther off than half of them are no part of the object: a lid, for one
-ALIKE_DIAMETERS = 0.003  # candidates whose residuals differ by less fit the shape equally well
-TRIED = 6
-PRINT_DIAMETERS = 0.01  # so much worse may a shape fit that makes up for print without any likeness
-NEIGHBOURS = 12
-PRINT_WEIGHT = 0.1
+SAMPLES = 4000  # of the source, that are aligned
+STEPS = 40  # of ICP
+NEAR_SHARE = 0.9  # of the samples, the nearest, that a step uses and whose mean distance counts
+FAR_MEDIANS = 3.0  # samples farther away than so many median distances are not on the object, such as those of a lid
+ALIKE_DIAMETERS = 0.003  # candidates whose residuals differ by less fit the shape equally well, and print decides
+TRIED = 6  # candidates that are refined
+PRINT_DIAMETERS = 0.01  # cost of print without any correlation, in distance of the shapes; a mean distance of 1 % outweighs it
+NEIGHBOURS = 12  # samples from which the gradient of brightness is computed
+PRINT_WEIGHT, PRINT_SCALE = 0.1, 0.1  # of brightness in a step: one standard deviation counts like a distance of 1 % of the size
+CLIPPED_DEVIATIONS = 1.5  # larger differences of brightness count like this one; they are highlights or holes in the print
+NORMAL_DAMPING = 1e-3  # of the brightness gradients, against directions in which the neighbours do not spread
+LUMA = (0.299, 0.587, 0.114)  # brightness of RGB (ITU-R BT.601)
 
 
 @dataclass(frozen=True)
@@ -26,8 +29,8 @@ class SimilarityFit:
 
     Attributes:
         transform: (4, 4) similarity target_from_source.
-        distance: mean distance of the nearer `NEAR_SHARE` of the source's samples to the target's surface.
-        likeness: correlation of the brightness of the two surfaces, -1..1; 0 where one has no print.
+        distance: mean distance of the nearest `NEAR_SHARE` of the source's samples to the target's surface.
+        likeness: -1..1, correlation of the colours of the two surfaces; 0 if one has none.
     """
 
     transform: np.ndarray
@@ -36,7 +39,7 @@ class SimilarityFit:
 
 
 class SimilarityRefiner:
-    """Refines candidates against one target."""
+    """Refines alignments of one pair of surfaces."""
 
     def __init__(self, source: SurfacePoints, target: SurfacePoints) -> None:
         self._source, self._target = source.part(SAMPLES), target
@@ -49,7 +52,7 @@ class SimilarityRefiner:
             self._slopes = _brightness_gradients(target, self._tree)
 
     def choose_best(self, candidates: SimilarityCandidates) -> list[SimilarityFit]:
-        """Refined alignments, the best first, by shape and print; only those that begin with about the best shape are tried."""
+        """Refine the candidates that fit the shape about as well as the best; returns them by shape and print, the best first."""
         limit = candidates.residuals[0] + ALIKE_DIAMETERS * self._size
         alike = candidates.transforms[candidates.residuals <= limit]
         costs = np.array([self._cost(self.measure(transform)) for transform in alike])
@@ -57,7 +60,7 @@ class SimilarityRefiner:
         return sorted((self.refine(transform) for transform in tried), key=self._cost)
 
     def _cost(self, fit: SimilarityFit) -> float:
-        """By which fits are compared: shape and print."""
+        """The cost of an alignment by shape and print, in sizes of the target."""
         return fit.distance / self._size + PRINT_DIAMETERS * (1.0 - fit.likeness)
 
     def refine(self, transform: np.ndarray) -> SimilarityFit:
@@ -67,18 +70,18 @@ class SimilarityRefiner:
         return self.measure(transform)
 
     def measure(self, transform: np.ndarray) -> SimilarityFit:
-        """How well an alignment fits."""
+        """Measure how well an alignment fits."""
         moved, nearest, gaps, weights = self._match(transform)
         within = self._target.points[nearest] - moved
         planes = np.abs(np.einsum("ni,ni->n", within, self._target.normals[nearest]))
         distance = float(np.sort(planes)[: int(NEAR_SHARE * len(planes))].mean())
-        if not self._printed:
+        ours, theirs = self._source.colors, self._target.colors
+        if ours is None or theirs is None:
             return SimilarityFit(transform, distance, 0.0)
-        assert self._source.colors is not None and self._target.colors is not None
-        ours, theirs = self._source.colors[weights > 0], self._target.colors[nearest][weights > 0]
-        return SimilarityFit(transform, distance, correlate_colors(ours, theirs))
+        return SimilarityFit(transform, distance, correlate_colors(ours[weights > 0], theirs[nearest][weights > 0]))
 
     def _match(self, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The moved samples, index and gap along the normal of the nearest sample of the target, and weights, 0 or 1."""
         moved = transform_points(self._source.points, transform)
         distance, nearest = self._tree.query(moved)
         normals = self._target.normals[nearest]
@@ -92,9 +95,8 @@ class SimilarityRefiner:
         """One Gauss-Newton step on shape and print together (Park et al., Colored Point Cloud Registration, 2017), with scale."""
         moved, nearest, gaps, weights = self._match(transform)
         offsets, normals = moved - self._middle, self._target.normals[nearest]
-        rows, gaps = _jacobian_rows(offsets, normals), gaps
-        if self._printed:
-            assert self._source.colors is not None and self._target.colors is not None
+        rows = _jacobian_rows(offsets, normals)
+        if self._source.colors is not None and self._target.colors is not None:
             ours, theirs = _brightness(self._source.colors), _brightness(self._target.colors)[nearest]
             used = weights > 0
             spread = max(theirs[used].std(), 1e-6)
@@ -102,33 +104,34 @@ class SimilarityRefiner:
             slopes = self._slopes[nearest]
             across = moved - self._target.points[nearest]
             here = theirs + np.einsum("ni,ni->n", slopes, across)
-            strength = PRINT_WEIGHT * self._size / spread * 0.1
+            strength = PRINT_WEIGHT * self._size / spread * PRINT_SCALE
             rows = np.concatenate([rows, strength * _jacobian_rows(offsets, slopes)])
-            error = np.clip(ours - here, -1.5 * spread, 1.5 * spread)
+            error = np.clip(ours - here, -CLIPPED_DEVIATIONS * spread, CLIPPED_DEVIATIONS * spread)
             gaps, weights = np.concatenate([gaps, strength * error]), np.concatenate([weights, weights])
         change = solve_steps(rows[None], gaps[None], weights[None])
         return apply_steps(transform[None], change, self._middle)[0]
 
 
 def _jacobian_rows(offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(N, 7) how a turn, a move and a growth shift points along directions."""
+    """(N, 7) derivatives of the positions along `directions` by rotation, translation and growth."""
     return np.concatenate([np.cross(offsets, directions), directions, np.einsum("ni,ni->n", offsets, directions)[:, None]], 1)
 
 
 def _brightness(colors: np.ndarray) -> np.ndarray:
-    return colors @ [0.299, 0.587, 0.114]
+    """(N,) brightness of (N, 3) colours."""
+    return colors @ LUMA
 
 
 def correlate_colors(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Correlation, -1..1, of two (N, 3) lists of colours: in brightness, red-green and yellow-blue, as far as each varies."""
-    axes = np.array([[0.299, 0.587, 0.114], [0.7, -0.7, 0.0], [0.5, 0.5, -1.0]]).T
+    """Correlation, -1..1, of two (N, 3) lists of colours in brightness, red-green and yellow-blue; what varies more weighs more."""
+    axes = np.array([LUMA, [0.7, -0.7, 0.0], [0.5, 0.5, -1.0]]).T
     a, b = ours @ axes, theirs @ axes
     a, b = a - a.mean(0), b - b.mean(0)
     return float((a * b).sum() / np.sqrt(max((a**2).sum() * (b**2).sum(), 1e-12)))
 
 
 def _brightness_gradients(target: SurfacePoints, tree: cKDTree) -> np.ndarray:
-    """(N, 3) change of brightness along the surface at each sample, by least squares over its neighbours."""
+    """(N, 3) gradient of brightness along the surface at each sample, by least squares over its neighbours."""
     _, near = tree.query(target.points, NEIGHBOURS)
     assert target.colors is not None
     brightness = _brightness(target.colors)
@@ -137,6 +140,6 @@ def _brightness_gradients(target: SurfacePoints, tree: cKDTree) -> np.ndarray:
     rises = brightness[near] - brightness[:, None]
     normal = np.einsum("nki,nkj->nij", offsets, offsets)
     scale = np.einsum("nii->n", normal)[:, None, None]
-    # along the normal nothing is known: the slope there is held at zero
-    normal += scale * (target.normals[:, :, None] * target.normals[:, None, :] + 1e-3 * np.eye(3)) + 1e-12 * np.eye(3)
+    # The neighbours say nothing about the direction of the normal, so the gradient there is held at zero.
+    normal += scale * (target.normals[:, :, None] * target.normals[:, None, :] + NORMAL_DAMPING * np.eye(3)) + 1e-12 * np.eye(3)
     return np.linalg.solve(normal, np.einsum("nki,nk->ni", offsets, rises)[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""Where to begin an alignment: iterated closest points with scale from rotations all over, many at once."""
+"""The coarse alignment of two surfaces: iterated closest points with scale from many rotations at once."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,16 @@ from zeroshop_steps.geometry.surface_points import SurfacePoints
 from zeroshop_steps.geometry.transforms import compute_scale
 from zeroshop_steps.geometry.viewpoints import spread_over_sphere
 
-DIRECTIONS, TURNS = 60, 12
-FIRST_STEPS, LAST_STEPS = 10, 16
-KEPT_SHARE = 0.25
-FIRST_SAMPLES, SAMPLES, TARGET_SAMPLES = 100, 250, 6000
-NEAR_SHARE, FAR_SHARE = 0.85, 0.7
-LEAST_SCALE_CHANGE = 0.75
+DIRECTIONS, TURNS = 60, 12  # of the starts: 720 rotations, about 30 degrees apart
+FIRST_STEPS, LAST_STEPS = 10, 16  # of ICP, with all starts and with the best
+KEPT_SHARE = 0.25  # of the starts, the best, for the second round
+FIRST_SAMPLES, SAMPLES, TARGET_SAMPLES = 100, 250, 6000  # of the source in both rounds, and of the target, which is searched
+NEAR_SHARE = 0.85  # of the source's samples, the nearest, that must fit; the others may be floaters or a lid
+FAR_SHARE = 0.7  # of the target's samples, the nearest, that must fit; no photo may have seen the others
+LEAST_SCALE_CHANGE = 0.75  # the scale stays between 3/4 and 4/3 of the first guess; otherwise a surface could shrink into the other
+LOW_PERCENT, SIZE_PERCENT = 1, 95  # percentiles of the positions that give centre and size of the first guess, against outliers
+DAMPING, TINY_DAMPING = 1e-4, 1e-9  # of the least squares, relative and absolute: what the surfaces do not fix stays as it is
+LARGEST_TURN, LARGEST_GROWTH = 0.5, 0.1  # radians about each axis, and logarithm of the scale, in one step; beyond, it is not linear
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class SimilarityCandidates:
 
     Attributes:
         transforms: (C, 4, 4) similarities target_from_source.
-        residuals: (C,) mean distance of the nearer samples, both ways, in the target's unit.
+        residuals: (C,) mean distance of the nearest samples, in both directions, in the target's unit.
     """
 
     transforms: np.ndarray
@@ -32,11 +36,7 @@ class SimilarityCandidates:
 
 
 def search_similarities(source: SurfacePoints, target: SurfacePoints) -> SimilarityCandidates:
-    """Align samples of a surface that may lack parts with those of the whole one, from every side.
-
-    The farther samples count for nothing: `NEAR_SHARE` of the source's must fit, and of the target's, part of which nobody
-    may have seen, `FAR_SHARE`.
-    """
+    """Align samples of a surface that may lack parts with those of the whole surface, starting from all rotations."""
     search_in = _PairedSurfaces(source, target)
     transforms = _start_transforms(source, target)
     scale = compute_scale(transforms[0])
@@ -52,7 +52,7 @@ def search_similarities(source: SurfacePoints, target: SurfacePoints) -> Similar
 
 
 class _PairedSurfaces:
-    """Two surfaces, ready to be asked for nearest samples."""
+    """Two surfaces with search trees for their nearest samples."""
 
     def __init__(self, source: SurfacePoints, target: SurfacePoints) -> None:
         self._source, self._target = source.part(TARGET_SAMPLES), target.part(TARGET_SAMPLES)
@@ -60,7 +60,7 @@ class _PairedSurfaces:
         self._middle = self._target.points.mean(0)
 
     def step(self, transforms: np.ndarray, samples: int, scale: float) -> np.ndarray:
-        """One step of point-to-plane ICP with scale for all transforms (Chen and Medioni 1991; Zinsser et al. 2005 for the scale)."""
+        """One step of point-to-plane ICP with scale for all transforms (Chen and Medioni 1991; scale: Zinsser et al. 2005)."""
         moved = _transform_points(transforms, self._source.points[:samples])
         distance, nearest = (found.reshape(moved.shape[:2]) for found in self._target_tree.query(moved.reshape(-1, 3)))
         turned = self._source.normals[:samples] @ transforms[:, :3, :3].transpose(0, 2, 1)
@@ -76,7 +76,7 @@ class _PairedSurfaces:
         return updated
 
     def residuals(self, transforms: np.ndarray, samples: int) -> np.ndarray:
-        """(C,) mean distance of the nearer samples, both ways, in the target's unit."""
+        """(C,) mean distance of the nearest samples, in both directions, in the target's unit."""
         moved = _transform_points(transforms, self._source.points[:samples])
         near = np.sort(self._target_tree.query(moved.reshape(-1, 3))[0].reshape(moved.shape[:2]), axis=1)
         back = _transform_points(np.linalg.inv(transforms), self._target.points[:samples])
@@ -86,14 +86,15 @@ class _PairedSurfaces:
 
 
 def _start_transforms(source: SurfacePoints, target: SurfacePoints) -> np.ndarray:
-    """(DIRECTIONS * TURNS, 4, 4): middles of the boxes on each other, sizes alike, rotations spread evenly (Fibonacci's sphere)."""
+    """(DIRECTIONS * TURNS, 4, 4) similarities that align centre and size, with evenly spread rotations."""
     polar, azimuth = spread_over_sphere(DIRECTIONS)
     tilts = Rotation.from_euler("zy", np.stack([azimuth, polar], 1))
     turns = Rotation.from_euler("z", np.arange(TURNS)[:, None] * 2 * np.pi / TURNS)
     rotations = np.concatenate([(tilt * turns).as_matrix() for tilt in tilts])
-    source_middle, target_middle = (np.percentile(part.points, (1, 99), axis=0).mean(0) for part in (source, target))
+    bounds = LOW_PERCENT, 100 - LOW_PERCENT
+    source_middle, target_middle = (np.percentile(part.points, bounds, axis=0).mean(0) for part in (source, target))
     source_size, target_size = (
-        np.percentile(np.linalg.norm(part.points - middle, axis=1), 95)
+        np.percentile(np.linalg.norm(part.points - middle, axis=1), SIZE_PERCENT)
         for part, middle in ((source, source_middle), (target, target_middle))
     )
     transforms = np.tile(np.eye(4), (len(rotations), 1, 1))
@@ -103,17 +104,17 @@ def _start_transforms(source: SurfacePoints, target: SurfacePoints) -> np.ndarra
 
 
 def solve_steps(rows: np.ndarray, gaps: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(C, 7) least-squares changes (turn, move, growth) from (C, N, 7) rows; slightly damped, so that what nothing fixes stays."""
+    """(C, 7) least-squares changes (rotation, translation, growth) from (C, N, 7) rows, slightly damped."""
     normal = np.einsum("cni,cnj,cn->cij", rows, rows, weights, optimize=True)
     right = np.einsum("cni,cn,cn->ci", rows, gaps, weights, optimize=True)
-    damping = 1e-4 * np.einsum("cii->ci", normal)[..., None] * np.eye(7) + 1e-9 * np.eye(7)
+    damping = DAMPING * np.einsum("cii->ci", normal)[..., None] * np.eye(7) + TINY_DAMPING * np.eye(7)
     return np.linalg.solve(normal + damping, right[..., None])[..., 0]
 
 
 def apply_steps(transforms: np.ndarray, changes: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """Apply (C, 7) small changes about a point to (C, 4, 4) similarities."""
-    turn = Rotation.from_rotvec(np.clip(changes[:, :3], -0.5, 0.5)).as_matrix()
-    grown = turn * np.exp(np.clip(changes[:, 6], -0.1, 0.1))[:, None, None]
+    turn = Rotation.from_rotvec(np.clip(changes[:, :3], -LARGEST_TURN, LARGEST_TURN)).as_matrix()
+    grown = turn * np.exp(np.clip(changes[:, 6], -LARGEST_GROWTH, LARGEST_GROWTH))[:, None, None]
     updated = transforms.copy()
     updated[:, :3, :3] = grown @ transforms[:, :3, :3]
     updated[:, :3, 3] = np.einsum("cij,cj->ci", grown, transforms[:, :3, 3] - middle) + middle + changes[:, 3:6]
@@ -121,5 +122,5 @@ def apply_steps(transforms: np.ndarray, changes: np.ndarray, middle: np.ndarray)
 
 
 def _transform_points(transforms: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(C, N, 3) of (C, 4, 4) and (N, 3)."""
+    """(C, N, 3): (N, 3) points under each of (C, 4, 4) similarities."""
     return points @ transforms[:, :3, :3].transpose(0, 2, 1) + transforms[:, None, :3, 3]

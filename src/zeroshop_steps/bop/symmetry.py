@@ -1,16 +1,16 @@
-"""Symmetries of a model as models_info.json gives them: turns and moves after which nobody can tell that it was moved."""
+"""Symmetries of a model from models_info.json: transforms after which it looks the same."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-STEP = 0.01  # how far the rim of a continuously symmetric object moves between two of the turns that stand for all, in diameters
+STEP = 0.01  # in diameters, by BOP: how far the rim of a continuously symmetric object moves between two sampled rotations
 
 
 def list_symmetry_transforms(info: dict, step: float = STEP) -> np.ndarray:
-    """(S, 4, 4) transforms model_from_model in mm, the identity first: all discrete ones, each with all continuous ones.
+    """(S, 4, 4) transforms model_from_model in mm, the identity first: each discrete one with each continuous one.
 
-    A turn about an axis is sampled so finely that no point on a circle of the model's diameter moves by more than `step`
-    diameters (BOP Challenge 2019: one hundredth), that is ceil(pi / step) times; several axes are sampled one by one.
+    Rotations about an axis are sampled ceil(pi / step) times, so that no point on a circle of the model's diameter moves by more than
+    `step` diameters from one to the next (BOP Challenge 2019: one hundredth). Several axes are sampled one by one.
     """
     discrete = [np.eye(4)] + [np.reshape(matrix, (4, 4)).astype(float) for matrix in info.get("symmetries_discrete", [])]
     turns = [_sample_turns(entry, step) for entry in info.get("symmetries_continuous", [])]
@@ -21,7 +21,7 @@ def list_symmetry_transforms(info: dict, step: float = STEP) -> np.ndarray:
 
 
 def _sample_turns(entry: dict, step: float) -> np.ndarray:
-    """(N, 4, 4) turns about the axis through `offset`, the identity first."""
+    """(N, 4, 4) rotations about the axis through `offset`, the identity first."""
     axis, offset = np.asarray(entry["axis"], float), np.asarray(entry["offset"], float)
     count = int(np.ceil(np.pi / step))
     angles = np.arange(count) * (2.0 * np.pi / count)

@@ -1,4 +1,4 @@
-"""What a method is asked to find: test_targets_bop19.json."""
+"""The targets of a test, test_targets_bop19.json: which objects to find in which images."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -10,12 +10,12 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
 Frames = dict[tuple[int, int], Frame]
-"""Images by (scene, image)."""
+"""Images by scene and image number."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """`inst_count` instances of an object in an image; named as in the file."""
+    """An object to find in an image, with its number of instances; fields are named as in the file."""
 
     scene_id: int
     im_id: int
@@ -24,7 +24,7 @@ class Target:
 
 
 def read_targets(path: Path) -> list[Target]:
-    """Read targets in the order of the file. Raises StepError for a wrong form, or an object that an image asks for twice."""
+    """Read targets in the order of the file. Raises StepError if the form is wrong or an image asks for an object twice."""
     targets = [Target(*(entry[key] for key in ("scene_id", "im_id", "obj_id", "inst_count"))) for entry in read_validated(path, "targets")]
     seen = set()
     for target in targets:
@@ -41,12 +41,16 @@ def write_targets(path: Path, targets: list[Target]) -> None:
 
 
 def read_target_frames(split: Path, targets: list[Target], targets_path: Path, truth_needed: bool = True) -> Frames:
-    """Read the scenes of a split that targets name; only their images are kept.
+    """Read the images that targets name.
 
-    Without `truth_needed`, scenes may lack scene_gt.json (`read_scene`).
+    Args:
+        split: folder of the scenes.
+        targets: as read.
+        targets_path: of the targets, for messages.
+        truth_needed: if False, scenes may lack scene_gt.json.
 
     Raises:
-        StepError: a target's scene, image or instances are not there.
+        StepError: a target's scene, image or instances are missing.
     """
     folders = list_scenes(split)
     scenes: dict[int, Mapping[int, Frame]] = {}

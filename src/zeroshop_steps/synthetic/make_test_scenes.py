@@ -17,7 +17,7 @@ import numpy as np
 from zeroshop_steps.bop.annotate import annotate
 from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.models import list_objects, read_models
-from zeroshop_steps.bop.scene import Frame, Instance, write_scene
+from zeroshop_steps.bop.scene import HALF_PX, Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, write_targets
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
@@ -155,7 +155,7 @@ def write_frame(
     name = f"{image:06d}"
     write_image(folder / "rgb" / f"{name}.png", picture.image)
     write_depth_mm(folder / "depth" / f"{name}.png", picture.measured_mm)
-    intrinsics = picture.camera.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    intrinsics = picture.camera.intrinsics - HALF_PX
     instances: list[Instance] = []
     for index, number in enumerate(chosen):
         camera_from_model = picture.camera.camera_from_world @ poses[index]

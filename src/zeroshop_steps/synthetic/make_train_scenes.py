@@ -11,7 +11,7 @@ import numpy as np
 
 from zeroshop_steps.bop.annotate import annotate
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.scene import Frame, Instance, write_scene
+from zeroshop_steps.bop.scene import HALF_PX, Frame, Instance, write_scene
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import read_depth_mm, read_image, write_depth_mm, write_image, write_mask
 from zeroshop_steps.geometry.meshes import read_ply
@@ -19,8 +19,6 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic.make_test_scenes import DEPTH_SCALE, make_camera_record
-
-HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # BOP counts pixels from their centres
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
