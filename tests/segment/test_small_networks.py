@@ -126,7 +126,7 @@ def test_published_weights_that_are_missing_say_where_to_get_them(workplace, cap
 
 
 def test_too_little_memory_is_said_before_anything_is_loaded(workplace, monkeypatch, capfd):
-    monkeypatch.setattr(grounded_sam, "free_bytes", lambda device: 100 * 2**20)
+    monkeypatch.setattr(grounded_sam, "measure_free_bytes", lambda device: 100 * 2**20)
     assert segment("--device", "cpu") == 1
     assert "MB of memory are needed on cpu, 100 MB are free; close other programs" in capfd.readouterr().err
 

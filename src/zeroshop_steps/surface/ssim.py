@@ -8,6 +8,8 @@ Gaussian window G, is
 so three more blurs give it exactly. `ssim_map` is what the tests hold `dssim` to.
 """
 
+from typing import Any
+
 import numba
 import numpy as np
 import torch
@@ -97,7 +99,7 @@ def _similarity(blurred, target_mean, target_square, weight, partials, row_sums)
 
 class _Dissimilarity(torch.autograd.Function):
     @staticmethod
-    def forward(context, image, target, weight):
+    def forward(context: Any, image: torch.Tensor, target: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
         x, t, w = image.detach().contiguous().numpy(), target.numpy(), weight.numpy()
         channels = len(x)
         # The target's own blurs are cheap beside the rest, and keeping them would tie this function to its caller's views.
@@ -110,7 +112,7 @@ class _Dissimilarity(torch.autograd.Function):
         return image.new_tensor(channels * float(w.sum(dtype=np.float64)) - float(row_sums.sum(dtype=np.float64)))
 
     @staticmethod
-    def backward(context, gradient):
+    def backward(context: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         x, t, partials, scratch, blurred = context.kept
         channels = len(x)
         _blur(partials, _WINDOW, scratch[: 3 * channels], blurred[: 3 * channels])

@@ -98,6 +98,7 @@ def _read_messages(python: Path, script: ModuleType, arguments: Sequence[str], w
     last: deque[str] = deque(maxlen=KEPT_LINES)
     command = [str(python), "-I", "-c", LAUNCH, str(SOURCES), script.__name__, *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+    assert process.stdout is not None, "it is a pipe"
     ready = False
     try:
         for line in process.stdout:

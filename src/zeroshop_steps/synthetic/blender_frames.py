@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -123,7 +124,7 @@ def _write_description(
             }
             for thing, mesh, texture in zip(things, meshes, textures, strict=True)
         ],
-        "code": [hashlib.sha256(Path(script.__file__).read_bytes()).hexdigest() for script in CODE],
+        "code": [hashlib.sha256(Path(str(script.__file__)).read_bytes()).hexdigest() for script in CODE],
     }
     description = folder / "scene.json"
     if description.is_file() and description.read_text() == json.dumps(scene, indent=2) + "\n":
@@ -137,7 +138,7 @@ def _write_description(
     write_json(description, scene)
 
 
-def _mesh_arrays(part: SceneMesh) -> dict[str, np.ndarray]:
+def _mesh_arrays(part: SceneMesh) -> dict[str, Any]:
     """Without faces that name a vertex twice, which Blender cannot hold."""
     faces = part.faces
     whole = find_triangles(faces)

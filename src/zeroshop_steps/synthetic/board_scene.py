@@ -6,6 +6,7 @@ no board. Both are for measuring how well a height is found.
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
         capture_empty(args.model, args.width, args.height, args.seed, args.out)
 
 
-def paint_board_beside(mesh: Mesh, bounds: ObjectBounds):
+def paint_board_beside(mesh: Mesh, bounds: ObjectBounds) -> Callable[[np.ndarray], None]:
     """What paints the board beside the object onto the surface's texture."""
     return lambda texture: paint_board(texture, BOARD, compute_surface_from_board(mesh, bounds, BOARD), bounds)
 
@@ -67,6 +68,7 @@ def capture_empty(model: Path, width_px: int, height_px: int, seed: int, out: Pa
     """
     mesh, bounds, _ = virtual_capture.read_object(model, width_px, height_px, seed)
     surface = make_surface_mesh(SCENE, bounds, seed, paint_board_beside(mesh, bounds))
+    assert surface is not None, "this scene has a surface"
     renderer = SceneRenderer([make_object_mesh(_make_hidden_object(bounds)), surface], bounds, seed)
     cameras = place_empty_cameras(mesh, bounds, width_px, height_px)
     with atomic_directory(out) as folder:

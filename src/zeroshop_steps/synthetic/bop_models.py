@@ -76,7 +76,9 @@ def copy_model(models: Path, dataset: str, name: str, out: Path) -> None:
     if mesh.normals is None:
         mesh = mesh.with_normals()
     info = make_model_info(path, mesh, dataset, models)
-    texture = path.parent / read_texture_name(path)
+    texture_name = read_texture_name(path)
+    assert texture_name is not None, "a mesh with a texture names it"
+    texture = path.parent / texture_name
     with atomic_directory(out) as folder:
         target = folder / f"model{texture.suffix.lower()}"
         shutil.copyfile(texture, target)

@@ -4,6 +4,7 @@ Fifty-millimetre lens on a 36 mm sensor, ten azimuths a ring, distance 3.2 times
 World frame: the model's, in mm, z up. Azimuth 0 looks at the object's front, azimuths turn counter-clockwise seen from above.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,7 +74,9 @@ def place_held_out_cameras(bounds: ObjectBounds, scene: str, width_px: int, heig
     return _place_cameras(bounds, HELD_OUT_AZIMUTHS_ELEVATIONS_DEG, scene, width_px, height_px)
 
 
-def _place_cameras(bounds: ObjectBounds, places, scene: str, width_px: int, height_px: int) -> tuple[Camera, ...]:
+def _place_cameras(
+    bounds: ObjectBounds, places: Iterable[tuple[float, float]], scene: str, width_px: int, height_px: int
+) -> tuple[Camera, ...]:
     return tuple(
         place_ring_camera(bounds, azimuth, elevation, width_px, height_px, f"{index:06d}.png", on_surface=scene != "se")
         for index, (azimuth, elevation) in enumerate(places)

@@ -52,7 +52,7 @@ def write_demo_object(name: str, out: Path) -> None:
     product = CATALOGUE[number]()
     mesh = make_textured_mesh(product)
     out = Path(out)
-    write_image(out / "model.png", mesh.texture)
+    write_image(out / "model.png", mesh.texture_image)
     write_ply(out / "model.ply", mesh, "model.png")
     write_json(out / "model_info.json", make_model_info(mesh, product, name, number + 1))
 

@@ -112,7 +112,7 @@ def _count_steps(hand: HandheldCamera, time_s: float, points_mm: np.ndarray) -> 
 def _open_video(path: Path, lens: Lens, frames_a_second: float) -> Iterator[cv2.VideoWriter]:
     # One thread: how a frame is cut into slices would depend on their number.
     os.environ.setdefault("OPENCV_FFMPEG_WRITER_OPTIONS", "threads;1")
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*CODEC), frames_a_second, (lens.width_px, lens.height_px))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*CODEC), frames_a_second, (lens.width_px, lens.height_px))
     if not writer.isOpened():
         raise StepError(f"{path} cannot be written: this OpenCV has no {CODEC} encoder; install opencv-python-headless")
     try:

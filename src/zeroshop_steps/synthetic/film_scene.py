@@ -100,6 +100,7 @@ class FilmRenderer:
 
         things = [table.mesh, *table.clutter] if with_object else table.clutter
         surface = make_surface_mesh(SCENE, table.bounds, table.seed, lay if with_board else None)
+        assert surface is not None, "this scene has a surface"
         self._renderer = SceneRenderer([make_object_mesh(merge_meshes(things)), surface], table.bounds, table.seed, table.lights, MERGED_MM)
         self._object_faces = len(table.mesh.faces) if with_object else 0
         self._vertices = table.mesh.vertices

@@ -109,7 +109,7 @@ def bake_light(
     cells = SURFACE_CELLS if len(parts) > 1 else 2
     side_mm = 2 * SURFACE_BAKED_IN_SIZES * bounds.largest_mm
     origin_mm = bounds.centre_mm[:2] - side_mm / 2
-    surface_light = np.ones((cells, cells, CHANNELS), np.float32)
+    surface_light: np.ndarray = np.ones((cells, cells, CHANNELS), np.float32)
     if len(parts) > 1:
         place = (np.arange(cells) + 0.5) / cells * side_mm
         x, y = np.meshgrid(place + origin_mm[0], place + origin_mm[1])
@@ -129,7 +129,9 @@ def _merge_samples(points: np.ndarray, normals: np.ndarray, merged_mm: float) ->
     return chosen, share.ravel()
 
 
-def _bake_points(scene, points: np.ndarray, normals: np.ndarray, lights: Lights, bounce: float, seed: int) -> np.ndarray:
+def _bake_points(
+    scene: o3d.t.geometry.RaycastingScene, points: np.ndarray, normals: np.ndarray, lights: Lights, bounce: float, seed: int
+) -> np.ndarray:
     """(S, 7) light at (S, 3) points with (S, 3) normals."""
     out = np.empty((len(points), CHANNELS), np.float32)
     for start in range(0, len(points), BAKE_CHUNK):

@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> None:
                 targets += [
                     Target(scene_id, image, instance.object_id, 1)
                     for instance in frame.instances
-                    if instance.visible_share >= LEAST_VISIBLE_SHARE
+                    if (instance.visible_share or 0.0) >= LEAST_VISIBLE_SHARE
                 ]
             write_scene(folder, frames)
     shutil.rmtree(frames_folder(args.out), ignore_errors=True)

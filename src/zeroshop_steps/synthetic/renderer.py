@@ -86,7 +86,7 @@ class SceneRenderer:
         mask = (object_share >= 0.5).reshape(height, width)
         return RenderedView(color.reshape(height, width, 3), mask, depth.reshape(height, width))
 
-    def _trace(self, camera: Camera, pixels: np.ndarray, footprint: float):
+    def _trace(self, camera: Camera, pixels: np.ndarray, footprint: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         world_from_camera = np.linalg.inv(camera.camera_from_world)
         rays = shading.make_camera_rays(pixels, camera.intrinsics, world_from_camera)
         hits = self.scene.cast_rays(o3d.core.Tensor(rays))

@@ -41,7 +41,7 @@ def make_object_mesh(mesh: Mesh) -> SceneMesh:
     """The object itself. Normals are those of the mesh, else smooth ones. Raises StepError without a texture."""
     if mesh.uv is None or mesh.texture is None:
         raise StepError("the model has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
-    normals = mesh.with_normals().normals if mesh.normals is None else mesh.normals
+    normals = mesh.vertex_normals
     inside = (mesh.uv > -1e-3).all() and (mesh.uv < 1 + 1e-3).all()
     height, width = mesh.texture.shape[:2]
     coverage = find_texture_coverage(mesh.uv, mesh.faces, width, height) if inside else None
@@ -75,7 +75,7 @@ def make_surface_mesh(scene: str, bounds: ObjectBounds, seed: int, paint: Callab
     right, up, both = corner + 1, corner + cells + 1, corner + cells + 2
     faces = np.concatenate([np.stack([corner, right, both], 1), np.stack([corner, both, up], 1)])
     uv = np.stack(np.meshgrid((grid + 1) / 2, (grid + 1) / 2), -1).reshape(-1, 2)
-    normals = Mesh(vertices, faces).with_normals().normals
+    normals = Mesh(vertices, faces).vertex_normals
     texture = make_plain_texture(rng) if scene == "su_l" else make_rich_texture(rng)
     if paint:
         paint(texture)
@@ -123,9 +123,10 @@ def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> Non
 
 def _make_noise(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
     """(texels, texels) float32 noise in 0..1: random grids of `coarsest`, twice, ... `finest` cells, amplitude `falling` each time."""
-    total, amplitude, cells, sum_amplitude = np.zeros((coarsest, coarsest), np.float32), 1.0, coarsest, 0.0
+    total: np.ndarray = np.zeros((coarsest, coarsest), np.float32)
+    amplitude, cells, sum_amplitude = 1.0, coarsest, 0.0
     while cells <= finest:
-        total = cv2.resize(total, (cells, cells), interpolation=cv2.INTER_CUBIC)
+        total = np.asarray(cv2.resize(total, (cells, cells), interpolation=cv2.INTER_CUBIC), np.float32)
         total += amplitude * rng.random((cells, cells), dtype=np.float32)
         sum_amplitude += amplitude
         amplitude, cells = amplitude * falling, cells * 2

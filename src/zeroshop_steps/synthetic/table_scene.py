@@ -62,7 +62,9 @@ class TableScene:
         self._middle = np.array([0.0, 0.0, (low[2] + high[2]) / 3])
         self.bounds = ObjectBounds((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
         self.seed = int(rng.integers(2**31))
-        self.table = make_surface_mesh("su_l" if plain else "su_h", self.bounds, self.seed)
+        table = make_surface_mesh("su_l" if plain else "su_h", self.bounds, self.seed)
+        assert table is not None, "these scenes have a surface"
+        self.table = table
         self.lights = vary_lights(self.bounds, rng)
         self._scene = ray_caster((self.world.vertices, self.world.faces), (self.table.vertices, self.table.faces))
 
@@ -110,8 +112,7 @@ def vary_lights(bounds: ObjectBounds, rng: np.random.Generator) -> Lights:
 
 def transform_mesh(mesh: Mesh, pose: np.ndarray) -> Mesh:
     """A mesh moved by a rigid (4, 4) transform."""
-    normals = mesh.with_normals().normals if mesh.normals is None else mesh.normals
-    return replace(mesh, vertices=transform_points(mesh.vertices, pose), normals=normals @ pose[:3, :3].T)
+    return replace(mesh, vertices=transform_points(mesh.vertices, pose), normals=mesh.vertex_normals @ pose[:3, :3].T)
 
 
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
@@ -123,10 +124,10 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     uvs = []
     for index, mesh in enumerate(meshes):
         row, column = divmod(index, columns)
-        tile = cv2.resize(mesh.texture, (inner, inner), interpolation=cv2.INTER_AREA)
-        tile = cv2.copyMakeBorder(tile, *4 * [MARGIN_PX], cv2.BORDER_REPLICATE)
+        tile = cv2.resize(mesh.texture_image, (inner, inner), interpolation=cv2.INTER_AREA)
+        tile = cv2.copyMakeBorder(tile, MARGIN_PX, MARGIN_PX, MARGIN_PX, MARGIN_PX, cv2.BORDER_REPLICATE)
         texture[row * TILE_PX : (row + 1) * TILE_PX, column * TILE_PX : (column + 1) * TILE_PX] = tile
-        inside = np.clip(mesh.uv, 0, 1) * inner + MARGIN_PX
+        inside = np.clip(mesh.texture_coordinates, 0, 1) * inner + MARGIN_PX
         uvs.append((inside + [column * TILE_PX, (rows - 1 - row) * TILE_PX]) / [columns * TILE_PX, rows * TILE_PX])
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts[:-1], strict=True)])

@@ -53,15 +53,16 @@ def build_pyramid(image: np.ndarray, coverage: np.ndarray | None = None, wrap: b
         wrap: whether texture coordinates repeat.
     """
     linear = LINEAR_OF_BYTE[image]
-    whole = coverage is None or bool(coverage.all())
-    sums = [linear if whole else linear * coverage[..., None]]
-    weights = [None if whole else coverage.astype(np.float32)]
+    share = None if coverage is None or coverage.all() else coverage
+    sums: list[np.ndarray] = [linear if share is None else linear * share[..., None]]
+    weights: list[np.ndarray] = [] if share is None else [share.astype(np.float32)]
     while max(sums[-1].shape[:2]) > 1:
         height, width = sums[-1].shape[:2]
         size = (max(width // 2, 1), max(height // 2, 1))
         sums.append(cv2.resize(sums[-1], size, interpolation=cv2.INTER_AREA))
-        weights.append(None if whole else cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
-    filled = list(sums) if whole else _fill_levels(sums, weights)
+        if share is not None:
+            weights.append(cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
+    filled = list(sums) if share is None else _fill_levels(sums, weights)
     encoded = [encode_srgb(level) for level in filled]
     sizes = np.array([[0, level.shape[1], level.shape[0]] for level in encoded], np.int64)
     sizes[1:, 0] = np.cumsum(sizes[:-1, 1] * sizes[:-1, 2])

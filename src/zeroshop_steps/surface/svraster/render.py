@@ -1,6 +1,7 @@
 """The renderer as one differentiable PyTorch operation over the CPU kernels."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -49,7 +50,7 @@ class RenderView:
         return RenderView.from_camera(view.camera, view.tile_active)
 
 
-PARTS = (slice(0, 3), 3, slice(4, 7), 7, 8, 9, 10)
+PARTS: tuple[int | slice, ...] = (slice(0, 3), 3, slice(4, 7), 7, 8, 9, 10)
 """Planes of the image that make up the parts of a `Rendering`, in its order."""
 
 
@@ -92,16 +93,18 @@ class VoxelStatistics:
 
 class _Blend(torch.autograd.Function):
     @staticmethod
-    def forward(context, densities, sh, octree, degree, view, statistics):
+    def forward(
+        context: Any, densities: torch.Tensor, sh: torch.Tensor, octree: Octree, degree: int, view: RenderView, statistics: VoxelStatistics
+    ) -> tuple[torch.Tensor, ...]:
         arrays = [tensor.detach().contiguous().numpy() for tensor in (densities, sh)]
-        drawn = _draw(*arrays, octree, degree, view)
+        drawn = _draw(arrays[0], arrays[1], octree, degree, view)
         context.kept = (arrays, octree, degree, view, statistics, *drawn)
         context.set_materialize_grads(False)
         planes = torch.from_numpy(drawn[3][:, : view.height_px, : view.width_px])
         return tuple(planes[part] for part in PARTS)
 
     @staticmethod
-    def backward(context, *gradients):
+    def backward(context: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         (densities, sh), octree, degree, view, statistics, rows, _, lists, image, blocks = context.kept
         gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
         for part, by_part in zip(PARTS, gradients, strict=True):
@@ -121,7 +124,7 @@ class _Blend(torch.autograd.Function):
         return torch.from_numpy(by_density), torch.from_numpy(by_sh), None, None, None, None
 
 
-def _draw(densities: np.ndarray, sh: np.ndarray, octree: Octree, degree: int, view: RenderView):
+def _draw(densities: np.ndarray, sh: np.ndarray, octree: Octree, degree: int, view: RenderView) -> tuple:
     """Voxel rows, boxes, pair lists, the padded (12, H, W) image of a view, and the blocks that each list entry is seen in."""
     workers = numba.get_num_threads()
     rows, boxes = np.empty((len(octree), project.ROW_WIDTH), np.float32), np.empty((len(octree), 4), np.int32)
@@ -151,4 +154,6 @@ def render(octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: in
         view: camera and tiles.
     """
     statistics = VoxelStatistics(len(octree))
-    return Rendering(*_Blend.apply(densities, sh, octree, degree, view, statistics), statistics)
+    parts = _Blend.apply(densities, sh, octree, degree, view, statistics)
+    color, depth, normal, alpha, median_depth, color_square, away = parts
+    return Rendering(color, depth, normal, alpha, median_depth, color_square, away, statistics)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -42,7 +43,7 @@ def write_voxels(path: Path, voxels: Voxels, sphere: ObjectSphere) -> None:
     sh = torch.cat([voxels.sh_constant, voxels.sh_rest], 1).detach().numpy()
     octree = voxels.octree
     arrays = (octree.origins.astype(np.int16), octree.levels.astype(np.int8), voxels.densities.detach().numpy(), sh)
-    content = dict(zip(FIELDS, (*arrays, sphere.centre, np.array(sphere.radius)), strict=True))
+    content: dict[str, Any] = dict(zip(FIELDS, (*arrays, sphere.centre, np.array(sphere.radius)), strict=True))
     with atomic_write(path) as temporary:
         np.savez_compressed(temporary, allow_pickle=False, **content)
 

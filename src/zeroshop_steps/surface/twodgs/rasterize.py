@@ -5,6 +5,8 @@ that light still reaches; the backward pass is told which. The loop over the pix
 the planes of a block lie one behind the other in one buffer, so that the compiler can prove loads and stores apart.
 """
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
 
@@ -38,7 +40,7 @@ def load_pixels(b, planes, tile_x, tile_y):
             b[i + 2 * LANES] = ONE
 
 
-def _splat_kernel(distortion: bool):
+def _splat_kernel(distortion: bool) -> Callable:
     """The kernel of one splat, with or without the distortion sum, which few losses need: decided when it is compiled."""
 
     @numba.njit(cache=True, fastmath=True, error_model="numpy")

@@ -8,6 +8,8 @@ and the sum over the splats behind is the total, known from the forward pass, le
 Gradients go to one row for each (tile, splat) pair, which are then summed in fixed order: same bytes every run.
 """
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
 
@@ -49,7 +51,7 @@ _T, _SUM, _TOTAL, _G, _ALPHA, _MEDIAN, _M1, _M2 = 2, 3, 4, 5, 15, 16, 17, 18
 _PLANES = 19
 
 
-def _splat_kernel(distortion: bool):
+def _splat_kernel(distortion: bool) -> Callable:
     """The kernel of one splat, with or without a gradient of the distortion sum: decided when it is compiled."""
 
     @numba.njit(cache=True, fastmath=True, error_model="numpy")

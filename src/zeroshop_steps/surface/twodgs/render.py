@@ -1,6 +1,8 @@
 """The renderer as one differentiable PyTorch operation over the CPU kernels."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -51,7 +53,7 @@ class RenderView:
         return RenderView.from_camera(view.camera, max(distance - 2.0, 0.05), distance + 2.0, view.tile_active)
 
 
-PARTS = (slice(0, 3), 3, slice(4, 7), 7, 8, 9)
+PARTS: tuple[int | slice, ...] = (slice(0, 3), 3, slice(4, 7), 7, 8, 9)
 """Planes of the image that make up the parts of a `Rendering`, in its order."""
 
 
@@ -92,7 +94,10 @@ class SurfelStatistics:
 
 class _Splat(torch.autograd.Function):
     @staticmethod
-    def forward(context, positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics):
+    def forward(
+        context: Any, positions: torch.Tensor, log_scales: torch.Tensor, quaternions: torch.Tensor, opacity_logits: torch.Tensor,
+        sh: torch.Tensor, degree: int, view: RenderView, distortion: bool, statistics: SurfelStatistics,
+    ) -> tuple[torch.Tensor, ...]:  # fmt: skip
         arrays = [tensor.detach().contiguous().numpy() for tensor in (positions, log_scales, quaternions, opacity_logits, sh)]
         splats, boxes, lists, image = _draw(arrays, degree, view, distortion)
         statistics.visible[lists.splat_of] = True
@@ -102,7 +107,7 @@ class _Splat(torch.autograd.Function):
         return tuple(planes[part] for part in PARTS)
 
     @staticmethod
-    def backward(context, *gradients):
+    def backward(context: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         arrays, degree, view, distortion, statistics, splats, boxes, lists, image = context.kept
         positions, log_scales, quaternions, opacity_logits, sh = arrays
         gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
@@ -125,7 +130,7 @@ class _Splat(torch.autograd.Function):
         return *(torch.from_numpy(output) for output in outputs), None, None, None, None
 
 
-def _draw(arrays, degree: int, view: RenderView, distortion: bool = False):
+def _draw(arrays: Sequence[np.ndarray], degree: int, view: RenderView, distortion: bool = False) -> tuple:
     """Splat rows, boxes, tile lists and the padded (12, H, W) image of a view."""
     count, workers = len(arrays[0]), project.numba.get_num_threads()
     splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.empty((count, 4), np.int32)
@@ -185,5 +190,7 @@ def render(
         distortion: whether the loss needs the depth distortion, which is zero otherwise.
     """
     statistics = SurfelStatistics(len(positions))
-    parts = _Splat.apply(positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics)
-    return Rendering(*parts, statistics)
+    color, depth, normal, alpha, median_depth, depth_distortion = _Splat.apply(
+        positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics
+    )
+    return Rendering(color, depth, normal, alpha, median_depth, depth_distortion, statistics)

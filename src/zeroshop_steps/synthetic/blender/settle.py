@@ -9,6 +9,7 @@ import os
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def settle(bproc: ModuleType, folder: Path) -> None:
     os.replace(partial, folder / "settled.json")
 
 
-def _hull(bproc: ModuleType, name: str, thing: dict):
+def _hull(bproc: ModuleType, name: str, thing: dict) -> Any:
     """A rigid body; its faces do not matter, its corners span the hull."""
     import bpy
 

@@ -32,14 +32,16 @@ class _SetupWithoutPip:
         if name != SETUP_MODULE:
             return None
         spec = importlib.machinery.PathFinder.find_spec(name, path)
-        loader = spec.loader
+        loader = spec.loader if spec else None
+        if loader is None:
+            return spec
         execute = loader.exec_module
 
         def exec_module(module: ModuleType) -> None:
             execute(module)
             module.SetupUtility.setup_pip = staticmethod(lambda *_, **__: self._packages)
 
-        loader.exec_module = exec_module
+        vars(loader).update(exec_module=exec_module)
         return spec
 
 
@@ -65,7 +67,7 @@ def start(scratch: Path) -> ModuleType:
     if found != BPY_VERSION:
         raise ImportError(f"bpy has version {found}, expected {BPY_VERSION}")
     spec = importlib.util.find_spec("blenderproc")
-    if spec is None:
+    if spec is None or spec.origin is None:
         raise ImportError("No module named 'blenderproc'")
     packages = str(Path(spec.origin).parents[1])
     sys.path.append(packages)  # BlenderProc removes the first mention
@@ -77,7 +79,7 @@ def start(scratch: Path) -> ModuleType:
     if blenderproc.__version__ != BLENDERPROC_VERSION:
         raise ImportError(f"blenderproc has version {blenderproc.__version__}, expected {BLENDERPROC_VERSION}")
     preferences = _Overlay(bpy.context.preferences, view=SimpleNamespace(language=LANGUAGE))
-    sys.modules[INITIALIZER_MODULE].bpy = _Overlay(bpy, context=_Overlay(bpy.context, preferences=preferences))
+    vars(sys.modules[INITIALIZER_MODULE]).update(bpy=_Overlay(bpy, context=_Overlay(bpy.context, preferences=preferences)))
     blenderproc.init()
     return blenderproc
 

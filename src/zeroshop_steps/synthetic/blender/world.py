@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ def metres(world_from_thing: list) -> np.ndarray:
     return transform
 
 
-def add_thing(bproc: ModuleType, folder: Path, name: str, thing: dict):
+def add_thing(bproc: ModuleType, folder: Path, name: str, thing: dict) -> Any:
     """A textured mesh from `NAME.npz` and `NAME.png`; returns BlenderProc's object."""
     import bpy
 
@@ -40,7 +41,7 @@ def add_thing(bproc: ModuleType, folder: Path, name: str, thing: dict):
     return added
 
 
-def _material(bproc: ModuleType, texture: Path, name: str, thing: dict):
+def _material(bproc: ModuleType, texture: Path, name: str, thing: dict) -> Any:
     """A dielectric (Principled BSDF, refractive index 1.5) with the texture as its diffuse colour."""
     import bpy
 

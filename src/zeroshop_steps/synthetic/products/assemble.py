@@ -42,8 +42,8 @@ def make_textured_mesh(product: Product, texture_px: int = TEXTURE_PX) -> Mesh:
         vertices = np.concatenate([patch.vertices for patch in solid])
         starts = np.cumsum([0] + [len(patch.vertices) for patch in solid])
         faces = np.concatenate([patch.faces + start for patch, start in zip(solid, starts[:-1], strict=True)])
-        uv = [map_to_texture(patch.uv_mm, panels[patch.panel], places[patch.panel], texture_px) for patch in solid]
-        parts.append((_round_to_grid(vertices), faces, np.concatenate(uv)))
+        uvs = [map_to_texture(patch.uv_mm, panels[patch.panel], places[patch.panel], texture_px) for patch in solid]
+        parts.append((_round_to_grid(vertices), faces, np.concatenate(uvs)))
     vertices, faces, uv = parts[0] if len(parts) == 1 else _unite(parts)
     vertices = vertices - (vertices.min(0) + vertices.max(0)) / 2
     vertices, faces, uv = _drop_slivers(_round_to_grid(vertices), faces, uv)

@@ -1,5 +1,7 @@
 """Tins with rolled rims, grooved lids and paper or printed labels: tomatoes and tuna."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from zeroshop_steps.synthetic.products.assemble import Product
@@ -16,6 +18,8 @@ from zeroshop_steps.synthetic.products.illustrations import (
 from zeroshop_steps.synthetic.products.printing import draw_badge, draw_barcode, draw_nutrition_table, draw_paragraph, draw_recycling_mark
 from zeroshop_steps.synthetic.products.profiles import arc_length, round_polyline
 from zeroshop_steps.synthetic.products.solids import ProfileBand, Solid, extrude, revolve, transform_solid
+
+Draw = Callable[[Canvas], None]
 
 STEEL, STEEL_DARK = "#c3c7cb", "#8d9298"
 BRASS, BRASS_DARK = "#d9c48a", "#a88f4e"
@@ -42,7 +46,9 @@ def tuna_can() -> Product:
     return Product([solid, transform_solid(tab, np.eye(3), (14.0, 0.0, 33.0 - 3.0 - 0.4))], panels)
 
 
-def _make_can(radius: float, height: float, label, lid, foot, metal: tuple[str, str], grooves: int) -> tuple[Solid, list[Panel]]:
+def _make_can(
+    radius: float, height: float, label: Draw, lid: Draw, foot: Draw, metal: tuple[str, str], grooves: int
+) -> tuple[Solid, list[Panel]]:
     """A tin whose rims stand out by 1.2 mm; `label`, `lid` and `foot` print their panels."""
     rim = radius + 1.2
     inner = radius - 1.6

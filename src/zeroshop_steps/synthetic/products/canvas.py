@@ -72,8 +72,8 @@ class Canvas:
             corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
         else:
             arc = np.linspace(0, np.pi / 2, 12)
-            centres = ((x + width - radius, y + height - radius), (x + radius, y + height - radius), (x + radius, y + radius))
-            centres += ((x + width - radius, y + radius),)
+            left, right, top, bottom = x + radius, x + width - radius, y + radius, y + height - radius
+            centres = ((right, bottom), (left, bottom), (left, top), (right, top))
             corners = [
                 (cx + radius * np.cos(a + quarter * np.pi / 2), cy + radius * np.sin(a + quarter * np.pi / 2))
                 for quarter, (cx, cy) in enumerate(centres)
@@ -146,7 +146,7 @@ class Canvas:
         """
         face = _font(font, max(round(cap_mm * self.px_per_mm / CAP_HEIGHT_PER_EM), 4))
         rim = int(round(edge_mm * self.px_per_mm)) + 1
-        left, top, right, bottom = face.getbbox(words, anchor="ls")
+        left, top, right, bottom = map(int, face.getbbox(words, anchor="ls"))
         left, top, right, bottom = left - rim, top - rim, right + rim, bottom + rim
         mask = Image.new("L", (max(right - left, 1), max(bottom - top, 1)))
         ImageDraw.Draw(mask).text((-left, -top), words, fill=255, font=face, anchor="ls")
@@ -154,9 +154,10 @@ class Canvas:
             stretch = min(stretch, max_width * self.px_per_mm / mask.width)
         if stretch != 1.0:
             mask = mask.resize((max(round(mask.width * stretch), 1), mask.height), Image.Resampling.LANCZOS)
-        coverage, baseline = np.asarray(mask), -top
+        baseline: float = -top
+        coverage = np.asarray(mask)
         if arch_mm:
-            coverage, baseline = _arch(coverage, baseline, arch_mm * self.px_per_mm)
+            coverage, baseline = _arch(coverage, -top, arch_mm * self.px_per_mm)
         anchor_x = {"left": rim * stretch, "middle": coverage.shape[1] / 2, "right": coverage.shape[1] - rim * stretch}[align]
         width_mm = coverage.shape[1] / self.px_per_mm
         if turn:

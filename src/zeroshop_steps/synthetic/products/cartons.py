@@ -14,7 +14,7 @@ Draw = Callable[[Canvas], None]
 
 def cracker_carton() -> Product:
     """A 160 x 62 x 214 mm carton of crackers."""
-    prints = {
+    prints: dict[str, Draw] = {
         "front": _cracker_front,
         "back": _cracker_back,
         "right": _cracker_nutrition,
@@ -27,7 +27,7 @@ def cracker_carton() -> Product:
 
 def gelatin_carton() -> Product:
     """An 89 x 30 x 74 mm carton of jelly powder."""
-    prints = {
+    prints: dict[str, Draw] = {
         "front": _jelly_front,
         "back": _jelly_back,
         "right": _jelly_side,

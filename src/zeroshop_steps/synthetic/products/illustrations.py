@@ -34,13 +34,13 @@ def draw_tomato_slice(canvas: Canvas, x: float, y: float, radius: float) -> None
     canvas.ellipse(x, y, radius * 0.93, radius * 0.93, RadialGradient("#ff8a66", "#e8402c", (0.5, 0.5), 1.0))
     for i in range(4):
         middle = rotate_points([(radius * 0.5, 0)], 45 + 90 * i)[0] + (x, y)
-        canvas.ellipse(*middle, radius * 0.3, radius * 0.24, "#c9281c", turn=45 + 90 * i)
+        canvas.ellipse(middle[0], middle[1], radius * 0.3, radius * 0.24, "#c9281c", turn=45 + 90 * i)
         for j in range(6):
             seed = rotate_points([(radius * 0.5 + radius * 0.17 * np.cos(j * 1.05), radius * 0.13 * np.sin(j * 1.05))], 45 + 90 * i)[0] + (
                 x,
                 y,
             )
-            canvas.ellipse(*seed, radius * 0.055, radius * 0.035, "#f6d27a", turn=60 * j)
+            canvas.ellipse(seed[0], seed[1], radius * 0.055, radius * 0.035, "#f6d27a", turn=60 * j)
 
 
 def draw_citrus_slice(
@@ -68,11 +68,11 @@ def draw_cracker(canvas: Canvas, x: float, y: float, size: float, turn: float, s
     for row in (-1, 0, 1):
         for column in (-1, 0, 1):
             hole = rotate_points([(column * size * 0.27, row * size * 0.27)], turn)[0] + (x, y)
-            canvas.ellipse(*hole, size * 0.026, size * 0.026, "#7a4310")
+            canvas.ellipse(hole[0], hole[1], size * 0.026, size * 0.026, "#7a4310")
     random = np.random.default_rng(seed)
     for place, tilt, kind in zip(random.uniform(-0.4, 0.4, (26, 2)) * size, random.uniform(0, 180, 26), random.random(26), strict=True):
         spot = rotate_points(place[None], turn)[0] + (x, y)
-        canvas.ellipse(*spot, size * 0.022, size * 0.012, "#4a2a10" if kind < 0.4 else "#fff2cf", turn=tilt)
+        canvas.ellipse(spot[0], spot[1], size * 0.022, size * 0.012, "#4a2a10" if kind < 0.4 else "#fff2cf", turn=tilt)
 
 
 def draw_wheat(canvas: Canvas, x: float, y: float, height: float, turn: float, colour: str = "#e9b949") -> None:
@@ -82,7 +82,7 @@ def draw_wheat(canvas: Canvas, x: float, y: float, height: float, turn: float, c
         at = -height * (0.42 + 0.08 * i)
         for side in (-1, 1):
             grain = rotate_points([(side * height * 0.055, at)], turn)[0] + (x, y)
-            canvas.ellipse(*grain, height * 0.028, height * 0.065, LinearGradient("#fff0b8", colour), turn=turn + side * 28)
+            canvas.ellipse(grain[0], grain[1], height * 0.028, height * 0.065, LinearGradient("#fff0b8", colour), turn=turn + side * 28)
             beard = [(side * height * 0.08, at - 0.04 * height), (side * height * 0.15, at - height * 0.2)]
             canvas.line(rotate_points(beard, turn) + (x, y), height * 0.007, colour)
 

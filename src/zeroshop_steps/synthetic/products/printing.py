@@ -117,11 +117,12 @@ def draw_recycling_mark(canvas: Canvas, x: float, y: float, size: float, number:
     for third in range(3):
         start = np.deg2rad(120 * third - 90 + 12)
         corners = [np.array([np.cos(start + a), np.sin(start + a)]) * size / 2 + (x, y) for a in np.deg2rad([0, 30, 60, 84])]
-        canvas.line(corners, size * 0.09, ink)
+        canvas.line(np.array(corners), size * 0.09, ink)
         direction = corners[-1] - corners[-2]
         direction /= np.linalg.norm(direction)
         side = np.array([-direction[1], direction[0]])
-        canvas.polygon([corners[-1] + direction * size * 0.17, corners[-1] + side * size * 0.14, corners[-1] - side * size * 0.14], ink)
+        tip = [corners[-1] + direction * size * 0.17, corners[-1] + side * size * 0.14, corners[-1] - side * size * 0.14]
+        canvas.polygon(np.array(tip), ink)
     canvas.text(x, y + size * 0.13, number, size * 0.26, ink, "bold")
 
 

@@ -175,7 +175,8 @@ def _print_mug(canvas: Canvas) -> None:
     t = np.linspace(0, 1, 500)
     ranges = (("#b56576", 62, (5, 2), 0.0), ("#6d597a", 70, (4, 7), 1.9), ("#355070", 78, (3, 5), 4.1))
     for colour, level, counts, phase in ranges:
-        ridge = level + sum(5.0 / (k + 1) * np.sin(2 * np.pi * count * t + phase * (k + 1)) for k, count in enumerate(counts))
+        waves = [5.0 / (k + 1) * np.sin(2 * np.pi * count * t + phase * (k + 1)) for k, count in enumerate(counts)]
+        ridge = level + sum(waves, np.zeros_like(t))
         canvas.polygon([*zip(t * width, ridge, strict=True), (width, height - 14), (0, height - 14)], colour)
     random = np.random.default_rng(7)
     for x, size in zip(np.linspace(3, width - 5, 30) + random.uniform(-2, 2, 30), random.uniform(5, 10, 30), strict=True):

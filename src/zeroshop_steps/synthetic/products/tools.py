@@ -49,7 +49,7 @@ def clamp() -> Product:
     lever += [(53, 13, 5), (44, 20, 10), (31, 23, 10), (12, 4, 6), (0, -9, 6), (-12, -4, 6), (-34, 4, 14), (-81, 22, 5)]
     grip = [(-86, 20, 6), (-80, 37, 6), (-36, 20.5, 5), (-38, 2.5, 5)]
     pad = [(54, 3, 2.5), (53.5, 13, 3), (69, 14, 3), (70, 3, 2.5)]
-    parts = {
+    parts: dict[str, tuple[Sequence[tuple[float, ...]], bool, tuple[float, float], float]] = {
         "lever_a": (lever, False, (5.0, 23.0), 1.5),
         "lever_b": (lever, True, (5.5, 22.5), 1.5),
         "grip_a": (grip, False, (1.0, 27.0), 2.5),
@@ -95,7 +95,7 @@ def _make_plate(
 def _make_hub() -> tuple[Solid, list[Panel]]:
     """The pivot: a steel drum with the turns of its spring, and a bolt on either side."""
     radius, turns = 11.0, 7
-    wall = [(9.0, 2.5)]
+    wall: list[tuple[float, ...]] = [(9.0, 2.5)]
     for i in range(turns):
         z = 2.5 + 23.0 * i / turns
         wall += [(radius, z + 0.8, 0.8), (radius, z + 2.3, 0.8), (radius - 1.0, z + 23.0 / turns, 0.3)]
