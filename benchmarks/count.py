@@ -10,7 +10,7 @@ from zeroshop_steps.surface.svraster import rasterize as voxel_rasterize
 from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
 from zeroshop_steps.surface.tiling import TILE_PX
-from zeroshop_steps.surface.twodgs import project as disks
+from zeroshop_steps.surface.twodgs import project as surfels
 from zeroshop_steps.surface.twodgs import render as surfel_render
 
 LIGHT_MIN = 1e-4
@@ -18,20 +18,20 @@ LIGHT_MIN = 1e-4
 
 
 def blended_samples(scene, view) -> int:
-    """Pairs of a pixel and a disk or voxel that adds to it, in one view of a scene."""
+    """Pairs of a pixel and a surfel or voxel that adds to it, in one view of a scene."""
     arrays = [tensor.detach().numpy() for tensor in scene.tensors]
     if scene.title == "2dgs":
         splats, boxes, lists, _ = surfel_render._draw(arrays, 0, view)
-        return _disks(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
+        return _count_surfels(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
     rows, boxes, lists, _, _ = voxel_render._draw(*arrays, scene.octree, 0, view)
     pairs = view.tile_octants
-    return _voxels(
+    return _count_voxels(
         rows, boxes, view.camera, pairs.tiles, pairs.octants, lists.pairs, lists.starts, lists.voxel_of, view.tile_shape[1]
     )  # fmt: skip
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _disks(splats, boxes, tiles, starts, splat_of, tiles_x):
+def _count_surfels(splats, boxes, tiles, starts, splat_of, tiles_x):
     blended = 0
     for tile in tiles:
         left, top = tile % tiles_x * TILE_PX, tile // tiles_x * TILE_PX
@@ -40,21 +40,21 @@ def _disks(splats, boxes, tiles, starts, splat_of, tiles_x):
             s, box = splats[splat_of[entry]], boxes[splat_of[entry]]
             for y in range(max(box[2], top), min(box[3], top + TILE_PX)):
                 for x in range(max(box[0], left), min(box[1], left + TILE_PX)):
-                    dx, dy = x + 0.5 - s[disks.CX], y + 0.5 - s[disks.CY]
-                    a = 1.0 + s[disks.A1] * dx + s[disks.A2] * dy
+                    dx, dy = x + 0.5 - s[surfels.CX], y + 0.5 - s[surfels.CY]
+                    a = 1.0 + s[surfels.A1] * dx + s[surfels.A2] * dy
                     rho = 2.0 * (dx * dx + dy * dy)
                     if a > 1e-6:
-                        u, v = (s[disks.U1] * dx + s[disks.U2] * dy) / a, (s[disks.V1] * dx + s[disks.V2] * dy) / a
+                        u, v = (s[surfels.U1] * dx + s[surfels.U2] * dy) / a, (s[surfels.V1] * dx + s[surfels.V2] * dy) / a
                         rho = min(rho, u * u + v * v)
-                    alpha = min(s[disks.OPACITY] * math.exp(-0.5 * rho), 0.99)
-                    if alpha >= disks.ALPHA_MIN and light[y - top, x - left] >= LIGHT_MIN:
+                    alpha = min(s[surfels.OPACITY] * math.exp(-0.5 * rho), 0.99)
+                    if alpha >= surfels.ALPHA_MIN and light[y - top, x - left] >= LIGHT_MIN:
                         light[y - top, x - left] *= 1.0 - alpha
                         blended += 1
     return blended
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _voxels(rows, boxes, camera, pair_tiles, pair_octants, pairs, starts, voxel_of, tiles_x):
+def _count_voxels(rows, boxes, camera, pair_tiles, pair_octants, pairs, starts, voxel_of, tiles_x):
     blended = 0
     for pair in pairs:
         left, top = pair_tiles[pair] % tiles_x * TILE_PX, pair_tiles[pair] // tiles_x * TILE_PX

@@ -72,11 +72,11 @@ def sizes(quick: bool) -> list[Scene]:
 def growth(quick: bool) -> list[tuple[str, Scene, Scene]]:
     if quick:
         return [("2dgs, 4 x views", ball_of_surfels("", 300, 24), ball_of_surfels("", 300, 24, views=4))]
-    disks, voxels = ball_of_surfels("", 20_000, 160), ball_of_voxels("", 6, 160)
+    surfels, voxels = ball_of_surfels("", 20_000, 160), ball_of_voxels("", 6, 160)
     return [
-        ("2dgs, 4 x disks", disks, ball_of_surfels("", 80_000, 160)),
-        ("2dgs, 4 x pixels", disks, ball_of_surfels("", 20_000, 320)),
-        ("2dgs, 4 x views", disks, ball_of_surfels("", 20_000, 160, views=4)),
+        ("2dgs, 4 x surfels", surfels, ball_of_surfels("", 80_000, 160)),
+        ("2dgs, 4 x pixels", surfels, ball_of_surfels("", 20_000, 320)),
+        ("2dgs, 4 x views", surfels, ball_of_surfels("", 20_000, 160, views=4)),
         ("svraster, 4 x voxels", voxels, ball_of_voxels("", 7, 160)),
         ("svraster, 4 x pixels", voxels, ball_of_voxels("", 6, 320)),
         ("svraster, 4 x views", voxels, ball_of_voxels("", 6, 160, views=4)),

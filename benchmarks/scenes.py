@@ -1,7 +1,7 @@
-"""The fixed, seeded scenes that the kernels are measured on: a bumpy ball of disks or of voxels, and a cloud of disks.
+"""The fixed, seeded scenes that the kernels are measured on: a bumpy ball of surfels or of voxels, and a cloud of surfels.
 
-The sizes and opacities of the disks, and the levels and densities of the voxels, are those of trained models: at the usual
-size, about 20,000 disks or 140,000 voxels, seen in a crop of 160 x 160 pixels in the first, coarse half of a training and
+The sizes and opacities of the surfels, and the levels and densities of the voxels, are those of trained models: at the usual
+size, about 20,000 surfels or 140,000 voxels, seen in a crop of 160 x 160 pixels in the first, coarse half of a training and
 in one of 320 x 320 in the second.
 """
 
@@ -24,7 +24,7 @@ SURFEL_DEGREE, VOXEL_DEGREE = 2, 1
 
 
 def look_at(azimuth: float, edge_px: int) -> Camera:
-    """A square view from one side, a little from above, that the ball nearly fills."""
+    """A square view from one side, a little from above, which the ball nearly fills."""
     centre = DISTANCE * np.array([np.cos(azimuth) * np.cos(0.5), np.sin(azimuth) * np.cos(0.5), np.sin(0.5)])
     forward = -centre / DISTANCE
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -44,7 +44,7 @@ def bumpy_radius(directions: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SurfelScene:
-    """Disks and views of them; `tensors` are the arguments of `render.render` before the degree."""
+    """Surfels and views of them; `tensors` are the arguments of `render.render` before the degree."""
 
     name: str
     tensors: list[torch.Tensor]
@@ -69,7 +69,7 @@ class SurfelScene:
 
 
 def ball_of_surfels(name: str, count: int, edge_px: int, views: int = 1) -> SurfelScene:
-    """Disks that lie about along the surface, several deep, half of them more than half opaque."""
+    """Surfels roughly along the surface, several layers deep, half of them more than half opaque."""
     rng = np.random.default_rng(count)
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -82,7 +82,7 @@ def ball_of_surfels(name: str, count: int, edge_px: int, views: int = 1) -> Surf
 
 
 def cloud_of_surfels(name: str, count: int, edge_px: int, views: int = 1) -> SurfelScene:
-    """Disks anywhere in the ball, turned at random."""
+    """Surfels anywhere in the ball, in random directions."""
     rng = np.random.default_rng(count)
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The density of an octree on one lattice, and how far its points are from the surface that depth maps show: what marching cubes needs."""
+"""What marching cubes needs: the density of an octree on one lattice, and signed distances to the surface that depth maps show."""
 
 from dataclasses import dataclass
 
@@ -15,8 +15,8 @@ class DensityGrid:
     """Values at the points of a box of the lattice of one level.
 
     Attributes:
-        values: (X, Y, Z) float32, mean of what the leaves at each point say, before activation.
-        covered: (X, Y, Z) bool, points of at least one leaf.
+        values: (X, Y, Z) float32 density before activation, the mean over the leaves that share a point.
+        covered: (X, Y, Z) bool, the points that belong to a leaf.
         first: (3,) lattice position of the first point.
         step: distance of two points in normalized units.
     """
@@ -30,8 +30,8 @@ class DensityGrid:
     def from_octree(octree: Octree, densities: np.ndarray, border: int) -> "DensityGrid":
         """On the lattice of the finest level that there is, `border` points wider than the leaves on every side.
 
-        Leaves of different levels share points on their common faces. There each says what its own corners interpolate to,
-        and the mean is taken: one value a point, so that a surface through the lattice has no cracks.
+        Leaves of different levels share points on their common faces, and interpolate different values there. The mean is
+        taken: with one value at each point, a surface through the lattice has no cracks.
         """
         unit = int(octree.cells.min())
         origins, cells = octree.origins // unit, octree.cells // unit
@@ -42,7 +42,7 @@ class DensityGrid:
         return DensityGrid(total / np.maximum(count, 1), count > 0, first, unit * 2.0 / CELLS)
 
     def points(self, index: np.ndarray) -> np.ndarray:
-        """(P, 3) normalized coordinates of (P, 3) places in `values`, whole or not."""
+        """(P, 3) normalized coordinates of (P, 3) indices into `values`, which need not be whole numbers."""
         return (index + self.first) * self.step - 1.0
 
 
@@ -62,7 +62,7 @@ def _add(origins, cells, corners, densities, total, count):
 
 
 def half_opacity_value(step: float) -> float:
-    """The value before activation at which a segment of length `step` has the opacity one half."""
+    """The density before activation at which a segment of length `step` has an opacity of one half."""
     density = np.log(2.0) / (DENSITY_SCALE * step)
     return float(density if density > LINEAR_FROM else LINEAR_FROM * (1.0 + np.log(density / LINEAR_FROM)))
 
@@ -72,8 +72,8 @@ def fuse_signed_distances(
 ) -> np.ndarray:
     """(P,) float32 distance of (P, 3) points to the surface that depth maps describe, along the rays, positive before it.
 
-    The mean over the views of what each says, at most `reach` (Curless & Levoy 1996). A view says nothing of what lies further
-    behind its surface; a point of which fewer than `min_views` say anything is hidden, and gets -reach.
+    The mean of the views' distances, each truncated to `reach` (Curless & Levoy 1996). A view has no distance for a point that
+    lies further than that behind its surface. A point for which fewer than `min_views` have one is hidden, and gets -reach.
 
     Args:
         depths: (H, W) float32 depth of the surface in each view, 0 where there is none.

@@ -1,4 +1,4 @@
-"""Where training starts: the cells of the visual hull, finer and dense along the surface that stereo and masks suggest."""
+"""The voxels that training starts from: cells of the visual hull, finer and dense along the surface that stereo and masks suggest."""
 
 import numpy as np
 import torch
@@ -16,18 +16,19 @@ from zeroshop_steps.surface.training_views import TrainingView
 REACH = 0.06
 """Reach of confirmed depths around the surface, in normalized units."""
 NEAR = 0.9
-"""Leaves whose centre is nearer to the suggested surface than this many of their edges are split: those that it may cross."""
+"""Leaves whose centre is nearer to the suggested surface than this many edge lengths are split: the surface may cross them."""
 DEEP = 0.05
-"""Leaves whose centre is deeper behind the suggested surface than this, in normalized units, are left out: no light gets there."""
+"""Leaves whose centre is deeper behind the suggested surface than this, in normalized units, are left out: no view sees them."""
 RISE = 5.0
 """Rise of the density, before activation, across one of the finest leaves, with the depth behind the suggested surface."""
 DENSITY_MIN, DENSITY_MAX = -4.0, 2.5
+"""Bounds of the initial density, before activation: nearly clear, and opaque within one leaf."""
 HALF_DENSITY = 0.8
-"""Density at the suggested surface: half of the light is stopped a fraction of a leaf behind it."""
+"""Density, before activation, at the suggested surface: transmittance falls to one half a fraction of a leaf behind it."""
 SMOOTH_CELLS = 1.5
 """Standard deviation of the smoothing, in edges of the finest leaves."""
 FILL_PX = 1.5
-"""A confirmed depth stands for the pixels around it as far as this: not every pixel has one."""
+"""A confirmed depth stands for the pixels within this distance, since not every pixel has one."""
 
 
 def initialize_voxels(initialization: Initialization, views: list[TrainingView], level: int, sh_degree: int) -> Voxels:

@@ -34,7 +34,7 @@ def exp(x):
 
 @numba.njit(inline="always", fastmath=True)
 def intersect_voxel(x, y, d0, d1, d2, r0, r1, r2, x0, y0, a0, a1, a2, b0, b1, b2, c0, c1, c2, tau_min):
-    """Where a ray meets a voxel: the point e at the depth of its centre, first tau, and the segment's length in tau, 0 for a miss."""
+    """Where a ray meets a voxel: the point e at the depth of its centre, the first tau, and the segment's length in tau, 0 for a miss."""
     dx, dy = x - x0, y - y0
     e0, e1, e2 = c0 + a0 * dx + b0 * dy, c1 + a1 * dx + b1 * dy, c2 + a2 * dx + b2 * dy
     m0, m1, m2 = -e0 * r0, -e1 * r1, -e2 * r2

@@ -1,7 +1,7 @@
 """The forward CPU kernel of sparse voxels: blend voxels front to back (Sun et al. 2025, sec. 3.1).
 
 Each pair, a tile of 16 x 16 pixels and an octant of ray directions, is drawn by one thread. Inside, a voxel visits the
-blocks of 4 x 4 pixels that its box meets and that light still reaches; the backward pass is told which. The loop over the
+blocks of 4 x 4 pixels that its box meets and that are not opaque yet, and notes them for the backward pass. The loop over the
 pixels of a block becomes vector instructions.
 
 A ray meets a voxel in a segment of length l; its optical thickness is x = l / K * sum_k sigma(v_k) over K samples of the

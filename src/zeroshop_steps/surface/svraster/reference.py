@@ -1,8 +1,8 @@
-"""Sparse voxels in forty lines of differentiable PyTorch: what the kernels must agree with.
+"""Sparse voxels in a few lines of differentiable PyTorch: what the kernels must agree with.
 
 It follows the paper rather than the kernels (Sun et al. 2025, sec. 3.1): every pixel's ray is cut with every voxel's box in
 world coordinates, corner values are interpolated with the eight trilinear weights, the segments are sorted by their
-depth, ray by ray, and autograd gives the gradients. Slow, for tests alone.
+depth, ray by ray, and autograd gives the gradients. It is slow, and for tests only.
 """
 
 import torch

@@ -1,4 +1,4 @@
-"""Pruning and subdivision: where the images ask for finer voxels, and which voxels no image needs (Sun et al. 2025, sec. 3.2)."""
+"""Subdivide voxels where the images ask for finer ones, and prune those that no image needs (Sun et al. 2025, sec. 3.2)."""
 
 import numpy as np
 import torch
@@ -9,7 +9,7 @@ from zeroshop_steps.surface.svraster.voxels import Voxels
 
 
 class VoxelMeter:
-    """What the images said of each voxel since the last change: its largest blending weight, and its priority for subdivision."""
+    """For each voxel, over the images since the last change: its largest blending weight, and its priority for subdivision."""
 
     def __init__(self, count: int) -> None:
         self.weight, self.priority = np.zeros(count, np.float32), np.zeros(count, np.float32)
@@ -23,7 +23,7 @@ class VoxelMeter:
 def prune_and_subdivide(
     voxels: Voxels, optimizer: ResizableAdam, keep: np.ndarray, priority: np.ndarray, max_level: int, count_max: int
 ) -> None:
-    """Drop leaves and split the most urgent ones into eight, which take over density, colour and the optimizer's moments.
+    """Drop leaves, and split those with the highest priority into eight, which take over density, colour and the optimizer's moments.
 
     Args:
         keep: (N,) bool.

@@ -1,4 +1,4 @@
-"""Which voxels touch which tile of the image, front to back.
+"""Which voxels each tile of the image shows, front to back.
 
 The order of voxels along a ray depends on the signs of its direction alone. A tile whose rays have several sign
 patterns is drawn once for each: an pair is a pair of a tile and an octant of directions.

@@ -1,4 +1,4 @@
-"""The trained quantities of sparse voxels, where they start, and the file they are kept in."""
+"""Voxels: what the training of sparse voxels trains, and the file that holds it (voxels.npz)."""
 
 from dataclasses import dataclass
 from pathlib import Path

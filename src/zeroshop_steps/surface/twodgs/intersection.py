@@ -1,4 +1,4 @@
-"""Where the ray of a pixel meets a splat, in single precision: inlined into the loops of every kernel that draws."""
+"""Where the ray of a pixel meets a surfel, in single precision. Inlined into the loops of every kernel that draws."""
 
 import numba
 import numpy as np
@@ -28,12 +28,13 @@ def exp_negative(x):
 
 @numba.njit(inline="always", fastmath=True)
 def intersect_surfel(dx, dy, u1, u2, v1, v2, a1, a2):
-    """Where the ray of a pixel, (dx, dy) from the projected centre, meets the disk, or its low-pass filter if that is nearer.
+    """Where the ray of a pixel, (dx, dy) from the projected centre, meets the surfel, or its low-pass filter where that is nearer.
 
     u1, u2, v1, v2: columns of the splat times HALF_SQRT.
 
     Returns:
-        on_disk: whether the disk counts; a and r = 1 / a, both 1 where it does not: the depth is r times that of the centre.
+        on_surfel: whether the surfel counts, not the filter.
+        a and r = 1 / a: both 1 where the filter counts; the depth is r times that of the centre.
         u, v: local coordinates times HALF_SQRT, and the sum of their squares; and the Gaussian's value.
     """
     a = _ONE + a1 * dx + a2 * dy
@@ -41,7 +42,7 @@ def intersect_surfel(dx, dy, u1, u2, v1, v2, a1, a2):
     r = _ONE / (a if ahead else _ONE)
     u = (u1 * dx + u2 * dy) * r
     v = (v1 * dx + v2 * dy) * r
-    at_disk = u * u + v * v if ahead else _FAR
+    at_surfel = u * u + v * v if ahead else _FAR
     at_pixel = dx * dx + dy * dy
-    on_disk = at_disk <= at_pixel
-    return on_disk, a if on_disk else _ONE, r if on_disk else _ONE, u, v, at_disk, exp_negative(min(at_disk, at_pixel))
+    on_surfel = at_surfel <= at_pixel
+    return on_surfel, a if on_surfel else _ONE, r if on_surfel else _ONE, u, v, at_surfel, exp_negative(min(at_surfel, at_pixel))

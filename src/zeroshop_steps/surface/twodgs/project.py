@@ -6,7 +6,7 @@ Written around the projected centre c = (c_x, c_y), with dx = x - c_x and dy = y
 
     a = 1 + a_1 dx + a_2 dy,   u = (u_1 dx + u_2 dy) / a,   v = (v_1 dx + v_2 dy) / a,   z = z_c / a
 
-so nine numbers describe the disk exactly, and nothing cancels far from the image's origin in single precision.
+so nine numbers describe the surfel exactly, and no precision is lost by cancellation far from the image's origin.
 Appearance is a real spherical-harmonics expansion up to degree 3 in the viewing direction (Kerbl et al. 2023).
 """
 
@@ -25,13 +25,13 @@ ALPHA_MIN = 1.0 / 255.0
 """Contributions below one grey level are skipped, and end a splat's footprint."""
 # Columns of an outline: the bounds of a splat's footprint on the image, all in pixels. The ellipse's centre relative to the
 # projected one, its half extents and their covariance, that is, half_x times where along y it reaches farthest to the right,
-# and the radius of the low-pass filter. HALF_X is infinite for a disk that reaches the camera plane: it may be seen anywhere.
+# and the radius of the low-pass filter. HALF_X is infinite for a surfel that reaches the camera plane: it may be seen anywhere.
 MID_X, MID_Y, HALF_X, HALF_Y, COVARIANCE, LOW_PASS = range(6)
 OUTLINE_WIDTH = 6
 MARGIN_PX = 0.02
-"""Footprints are this much larger, against rounding."""
+"""Footprints are enlarged by this, against rounding."""
 GRAZING_MIN = 1e-7
-"""Sine of the angle between ray and disk below which only the low-pass filter draws the disk."""
+"""Sine of the angle between ray and surfel below which only the low-pass filter draws the surfel."""
 
 
 # Divisions may become products with a reciprocal, and sums fused: all is in double precision. Infinity keeps its meaning.
@@ -172,7 +172,7 @@ def project_backward(
             if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
                 continue
             inverse, q = _in_camera(positions, quaternions, i, camera, p, rotation, tangents)
-            _disk_backward(log_scales, splats, splat_gradients, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients)
+            _geometry_backward(log_scales, splats, splat_gradients, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients)
             for c in range(3):
                 position_gradients[i, c] = camera[c] * gp[0] + camera[3 + c] * gp[1] + camera[6 + c] * gp[2]
                 for axis in range(3):
@@ -186,7 +186,7 @@ def project_backward(
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
-def _disk_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients):
+def _geometry_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients):
     """From row i of gradients g (N, 16) of the splats to gp (3,) of its centre and gt (3, 3) of its axes in the camera frame."""
     n0, n1, n2 = tangents[2, 0], tangents[2, 1], tangents[2, 2]
     g0, g1, g2 = g[i, CX] * fx / p[2], g[i, CY] * fy / p[2], g[i, ZC] - (g[i, CX] * fx * p[0] + g[i, CY] * fy * p[1]) / (p[2] * p[2])

@@ -1,7 +1,7 @@
 """The forward CPU kernel of 2D Gaussian Splatting: blend splats front to back.
 
 Each tile of 16 x 16 pixels is drawn by one thread. A splat visits the blocks of 4 x 4 pixels that its footprint meets and
-that light still reaches; the backward pass is told which. The loop over the pixels of a block becomes vector instructions;
+that are not opaque yet, and notes them for the backward pass. The loop over the pixels of a block becomes vector instructions;
 the planes of a block lie one behind the other in one buffer, so that the compiler can prove loads and stores apart.
 """
 

@@ -82,7 +82,7 @@ def _splat_kernel(distortion: bool) -> Callable:
                 i = first + lane
                 dx = b[i] - cx
                 dy = b[i + PLANE[1]] - cy
-                on_disk, a, r, u, v, at_disk, e = intersect_surfel(dx, dy, u1, u2, v1, v2, a1, a2)
+                on_surfel, a, r, u, v, at_surfel, e = intersect_surfel(dx, dy, u1, u2, v1, v2, a1, a2)
                 z = zc * r
                 full = opacity * e
                 alpha = min(full, ALPHA_MAX)
@@ -120,11 +120,11 @@ def _splat_kernel(distortion: bool) -> Callable:
                 d_zc = d_z * r
                 sums[lane + PLANE[ZC]] += d_zc
                 # Minus half the derivatives by the numerators of u and v, times sqrt(2), and by a, where the disk counts.
-                d_disk = d_log * r if on_disk else ZERO
-                d_u = d_disk * u
-                d_v = d_disk * v
-                d_a = (d_zc * HALF * z if on_disk else ZERO) - d_disk * at_disk
-                d_pixel = ZERO if on_disk else d_log
+                d_surfel = d_log * r if on_surfel else ZERO
+                d_u = d_surfel * u
+                d_v = d_surfel * v
+                d_a = (d_zc * HALF * z if on_surfel else ZERO) - d_surfel * at_surfel
+                d_pixel = ZERO if on_surfel else d_log
                 sums[lane + PLANE[U1]] += d_u * dx
                 sums[lane + PLANE[U2]] += d_u * dy
                 sums[lane + PLANE[V1]] += d_v * dx

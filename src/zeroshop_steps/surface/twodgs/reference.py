@@ -1,7 +1,7 @@
-"""2D Gaussian Splatting in thirty lines of differentiable PyTorch: what the kernels must agree with.
+"""2D Gaussian Splatting in a few lines of differentiable PyTorch: what the kernels must agree with.
 
 It follows the paper rather than the kernels: the ray-splat intersection is that of two homogeneous planes (Huang et
-al. 2024, eq. 8 to 10), every pixel looks at every surfel, and autograd gives the gradients. Slow, for tests alone.
+al. 2024, eq. 8 to 10), every pixel is compared with every surfel, and autograd gives the gradients. It is slow, and for tests only.
 """
 
 import torch
@@ -17,7 +17,7 @@ def render_reference(
 ) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
     """The ten planes colour (3), depth, normal (3), opacity, median depth and distortion as (10, height, width).
 
-    The second result, (height, width) bool, marks pixels where some decision (visible or not, disk or low-pass filter,
+    The second result, (height, width) bool, marks pixels where some decision (visible or not, surfel or low-pass filter,
     light spent or not) is so close that single precision may rightly decide otherwise.
 
     Arguments as in `project.project_forward`; depth_map is (k1, k2) of the distortion term's mapped depth k1 - k2 / z.
@@ -54,14 +54,14 @@ def render_reference(
         u, v = point[:, 0] / divisor, point[:, 1] / divisor
         z = u * row_w[i, 0] + v * row_w[i, 1] + row_w[i, 2]
         usable = usable & (z > 0) & (z < centres[i, 2] * 1e6)
-        rho_disk = torch.where(usable, u * u + v * v, torch.full_like(xs, 1e30))
+        rho_surfel = torch.where(usable, u * u + v * v, torch.full_like(xs, 1e30))
         centre_x, centre_y = fx * centres[i, 0] / centres[i, 2] + cx, fy * centres[i, 1] / centres[i, 2] + cy
         rho_pixel = 2.0 * ((xs - centre_x) ** 2 + (ys - centre_y) ** 2)
-        z = torch.where(rho_disk <= rho_pixel, z, centres[i, 2].expand_as(z))
-        full = opacity[i] * torch.exp(-0.5 * torch.minimum(rho_disk, rho_pixel))
+        z = torch.where(rho_surfel <= rho_pixel, z, centres[i, 2].expand_as(z))
+        full = opacity[i] * torch.exp(-0.5 * torch.minimum(rho_surfel, rho_pixel))
         alpha = full.clamp(max=0.99)
         visible = (alpha >= ALPHA_MIN) & (light >= 1e-4)
-        close = ((rho_disk - rho_pixel).abs() < 1e-3 * rho_pixel) | ((light - 0.5).abs() < 1e-5) | ((full - 0.99).abs() < 1e-5)
+        close = ((rho_surfel - rho_pixel).abs() < 1e-3 * rho_pixel) | ((light - 0.5).abs() < 1e-5) | ((full - 0.99).abs() < 1e-5)
         undecided |= (visible & close) | ((alpha / ALPHA_MIN - 1).abs() < 1e-3) | ((light / 1e-4 - 1).abs() < 1e-2)
         weight = torch.where(visible, light * alpha, torch.zeros_like(xs))
         values = [*colors[i], z, *normals[i], torch.ones_like(xs)]

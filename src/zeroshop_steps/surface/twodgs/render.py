@@ -159,7 +159,8 @@ def render_surface_depth(
     """Depth of the surface, (H, W) float32, 0 where nothing is hit, and the accumulated opacity, (H, W); not differentiable.
 
     Args:
-        reach: disks within this of a pixel's median depth are averaged. The others as in `render`.
+        reach: surfels within this of a pixel's median depth are averaged.
+        The other arguments are those of `render`.
     """
     tensors = (positions, log_scales, quaternions, opacity_logits, torch.zeros(len(positions), 16, 3))
     splats, _, lists, image = _draw([tensor.detach().contiguous().numpy() for tensor in tensors], 0, view)

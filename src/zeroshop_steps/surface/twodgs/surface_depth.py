@@ -1,6 +1,6 @@
-"""The depth of the surface that a pixel sees: the mean over the disks near the median one.
+"""The depth of the surface that a pixel sees: the mean over the surfels near the median depth.
 
-The median alone jumps from disk to disk; the mean of all mixes a surface with what lies behind it or hangs before it.
+The median alone jumps from surfel to surfel. The mean of all mixes a surface with what lies behind it or floats before it.
 """
 
 import numba
@@ -47,7 +47,7 @@ def _add_splat(splats, index, b, blocks, reach):
 def mean_near_median(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, workers, median, reach, depth):
     """Fill depth (height, width), which must hold zeros, where `median` (height, width) is positive.
 
-    Arguments as in `rasterize.blend_forward`, which has thinned the blocks; reach: disks within this of the median depth count, by
+    Arguments as in `rasterize.blend_forward`, which has thinned the blocks; reach: surfels within this of the median depth count, by
     their blending weights.
     """
     for worker in numba.prange(workers):

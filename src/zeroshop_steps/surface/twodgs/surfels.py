@@ -1,4 +1,4 @@
-"""The trained quantities of 2D Gaussian Splatting, where they start, and the files they are kept in."""
+"""Surfels: what 2D Gaussian Splatting trains, how it is initialized, and the file that holds it (splats.ply)."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -29,7 +29,7 @@ def rotation_matrices(quaternions: torch.Tensor) -> torch.Tensor:
 
 @dataclass
 class Surfels:
-    """N disks; the arguments of `render.render`, in normalized coordinates.
+    """N surfels; the arguments of `render.render`, in normalized coordinates.
 
     Attributes:
         positions: (N, 3). log_scales: (N, 2). quaternions: (N, 4), w first. opacity_logits: (N,).
@@ -61,7 +61,7 @@ def initialize_surfels(initialization: Initialization, seed: int) -> Surfels:
     distances, _ = cKDTree(points).query(points, k=4)
     spread = np.clip(np.sqrt((distances[:, 1:] ** 2).mean(1)), 1e-4, 0.1)
     quaternions = quaternions_towards(normals)
-    # Turned at random about the normal, so that no common direction of the disks' axes biases the result.
+    # Turned at random about the normal, so that no common direction of the surfels' axes biases the result.
     angle = np.random.default_rng(seed).uniform(0, np.pi, len(points))
     spin = np.stack([np.cos(angle), np.zeros_like(angle), np.zeros_like(angle), np.sin(angle)], 1)
     w, x, y, z = quaternions.T
@@ -92,7 +92,7 @@ def _ply_columns() -> list[str]:
 
 
 FLAT_LOG_SCALE = -14.0
-"""Third scale in the PLY, relative to the scene: common viewers draw 3D Gaussians, and a disk is one that is flat."""
+"""Third scale in the PLY, relative to the scene: common viewers draw 3D Gaussians, and a surfel is a flat one."""
 
 
 def write_splat_ply(path: Path, surfels: Surfels, sphere: ObjectSphere) -> None:

@@ -1,4 +1,4 @@
-"""Which splats touch which tile of the image, front to back, and which of its blocks.
+"""Which splats each tile of the image shows, front to back, and in which of its blocks.
 
 A tile of 16 x 16 pixels consists of 16 blocks of 4 x 4. A splat's footprint is an ellipse and a circle around its centre:
 in four rows of pixels at a time it reaches from its leftmost point in them to its rightmost one, which gives the blocks that it meets.
