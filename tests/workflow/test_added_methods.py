@@ -112,7 +112,7 @@ def checkout(tmp_path_factory):
     (folder / "mine.yaml").write_text(CONFIG)
 
     def call(*words):
-        command = [sys.executable, "-m", "snakemake", "--cores", "2", "--configfile", "mine.yaml", "--", *words]
+        command = [sys.executable, "-m", "snakemake", "--cores", "2", *words, "--configfile", "mine.yaml"]
         environment = {**os.environ, "PYTHONPATH": str(package.parent)}
         return subprocess.run(
             command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=500
@@ -146,3 +146,12 @@ def test_wrong_options_and_unknown_names_are_said(checkout):
     _, call = checkout
     unknown = call("results/demo/tuna_can/su_h/copied/nerf/mesh.ply")
     assert unknown.returncode != 0 and "Known: 2dgs, svraster, guess, hull" in unknown.stdout
+
+
+def test_tables_go_without_a_surface_that_needs_no_cameras(checkout):
+    _, call = checkout
+    plan = call("-n", "results/demo/mug/cells.csv", "--config", "tables={nvs: all}")
+    assert plan.returncode == 0, plan.stdout
+    assert "train_hull" in plan.stdout and "train_guess" not in plan.stdout
+    named = call("-n", "results/demo/mug/cells.csv")
+    assert named.returncode != 0 and "tables.nvs: cells of guess end with their raw mesh" in named.stdout

@@ -9,10 +9,14 @@ results/DATASET/bop/DETECTOR-MODELS/masks.json       the sure ones, without over
 MODELS = r"models(_[^/.]+)?"
 
 
-def detector_weights(method):
+def detector_weights(
+    method,
+):
     """An input function: the weights of a detector, or an error that says how to get them."""
 
-    def weights(wildcards):
+    def weights(
+        wildcards,
+    ):
         usable("detector", method.name, methods.DETECTORS, "The folder is named after the detector.")
         return [str(methods.WEIGHTS_FOLDER / file) for file in method.files]
 

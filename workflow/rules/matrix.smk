@@ -27,9 +27,17 @@ AXES = {
 def table_axis(
     axis,
 ):
-    """The names that the config wants on an axis of the tables."""
-    wanted = config["tables"][axis]
-    return [name for name, method in AXES[axis].items() if not methods.lacks(method)] if wanted == "all" else wanted
+    """The names that the config wants on an axis of the tables.
+
+    A surface method that needs no registration is on none: its cells end with their raw mesh, which nothing here can measure.
+    """
+    wanted, known = config["tables"][axis], AXES[axis]
+    if wanted == "all":
+        return [name for name, method in known.items() if method.registration and not methods.lacks(method)]
+    for name in wanted:
+        if not known[name].registration:
+            raise WorkflowError(f"tables.{axis}: cells of {name} end with their raw mesh, which tables cannot measure; leave it out")
+    return wanted
 
 
 @functools.cache

@@ -20,7 +20,9 @@ def mask_method(
     return usable("segmentation", name, SEGMENTATIONS, "")
 
 
-def mask_needs(wildcards):
+def mask_needs(
+    wildcards,
+):
     """What that method needs."""
     return methods.find_methods("segment")[mask_method(wildcards)]
 

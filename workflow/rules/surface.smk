@@ -5,19 +5,26 @@ Stereo comes first, once for all methods of a registration that read it. The rul
 """
 
 
-def surface_inputs(method):
+def surface_inputs(
+    method,
+):
     """What a surface method reads: cameras, or the capture alone, and confirmed depths."""
     cameras = {"cameras": f"{RUN}/cameras"} if method.registration else {"capture": f"{SCENE}/capture"}
     return cameras | ({"stereo": f"{RUN}/stereo/seeds.npz"} if method.stereo else {})
 
 
-def confirmed_depths(wildcards):
+def confirmed_depths(
+    wildcards,
+):
     """The depths that stereo confirmed, where the surface method of the path reads them: then others do, too."""
     method = methods.SURFACES.get(wildcards.nvs)
     return f"{RUN}/stereo/seeds.npz".format(**wildcards) if method is None or method.stereo else []
 
 
-def surface_options(method, step):
+def surface_options(
+    method,
+    step,
+):
     """The options that the config has for a step of a surface method."""
     options = config["nvs"].get(method.name) or {}
     return step_options(options.get(method.options[step], {}) if method.options else options)
@@ -51,21 +58,23 @@ for method in methods.SURFACES.values():
     inputs = surface_inputs(method)
     folder = f"{RUN}/{method.name}"
     made = [f"{folder}/raw_mesh.ply", f"{folder}/raw_mesh.json"]
+    names = method.rules or (f"train_{method.name}", f"mesh_{method.name}")
+    logs = [name.removesuffix(f"_{method.name}") for name in names]
     if method.model:
         record = f"{folder}/{Path(method.model).parent}/training"
         made = [f"{folder}/{method.model}", f"{record}.csv", f"{record}.json"]
 
     rule:
         name:
-            method.rules[0] if method.rules else f"train_{method.name}"
+            names[0]
         input:
             **inputs,
         output:
             made,
         log:
-            f"{folder}/logs/train.log",
+            f"{folder}/logs/{logs[0]}.log",
         benchmark:
-            f"{folder}/benchmarks/train.tsv"
+            f"{folder}/benchmarks/{logs[0]}.tsv"
         wildcard_constraints:
             registration="[^/]+" if method.registration else WITHOUT_CAMERAS,
         threads: method.threads
@@ -93,7 +102,7 @@ for method in methods.SURFACES.values():
 
         rule:
             name:
-                method.rules[1] if method.rules else f"mesh_{method.name}"
+                names[1]
             input:
                 cameras=f"{RUN}/cameras",
                 model=f"{folder}/{method.model}",
@@ -101,9 +110,9 @@ for method in methods.SURFACES.values():
                 mesh=f"{folder}/raw_mesh.ply",
                 facts=f"{folder}/raw_mesh.json",
             log:
-                f"{folder}/logs/mesh.log",
+                f"{folder}/logs/{logs[1]}.log",
             benchmark:
-                f"{folder}/benchmarks/mesh.tsv"
+                f"{folder}/benchmarks/{logs[1]}.tsv"
             resources:
                 mem_mb=per_attempt(4000),
                 runtime=per_attempt(15),
