@@ -1,1 +1,1 @@
-"""Report: scores of many cells in one tidy table."""
+"""Report: tables of many cells as CSV and Markdown, and the pages with 3D views, tables and plots of a dataset."""

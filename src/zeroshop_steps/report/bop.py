@@ -1,4 +1,4 @@
-"""The benchmark's table: what detectors and pose estimators reach with true and with reconstructed models.
+"""The table of the benchmark: scores of detectors and pose estimators with true and with reconstructed models.
 
 One row a measurement, and a page with one row a set of models: AP of the detectors' masks, AR of the estimators with true and
 with detected masks. The published figures of YCB-V, on its real images, are the diploma thesis's ("ZeroShOP: Zero-shot object
@@ -19,7 +19,7 @@ from zeroshop_steps.runtime.tables import read_table, write_table
 PUBLISHED = Path(__file__).with_name("published_bop.csv")
 THESIS = "thesis"
 RUN = ["source", "task", "method", "masks"]
-"""The columns that tell one run of a method from another."""
+"""The columns that identify the run of a method."""
 COLUMNS = ("dataset", "models", "task", "method", "masks", "measure", "object", "value", "source")
 TRUE_MODELS, TRUE_MASKS = "models", "truth"
 LOST = "lost with"
@@ -68,7 +68,7 @@ def read_published() -> pd.DataFrame:
 
 
 def render_page(table: pd.DataFrame) -> str:
-    """The whole Markdown text."""
+    """The page as Markdown."""
     head, *body = summarize_models(table)
     lines = [[title.replace("\n", "<br>") for title in head], ["---", *["--:"] * (len(head) - 1)]]
     lines += [[f"*{name}*" if name.startswith(LOST) else name, *values] for name, *values in body]
@@ -82,7 +82,7 @@ def render_page(table: pd.DataFrame) -> str:
 
 
 def summarize_models(table: pd.DataFrame) -> list[list[str]]:
-    """One row a set of models, one column a method and its masks, after a row of titles; below, what each set loses."""
+    """A row of titles, then a row per set of models with a column per method and masks; below, what each set loses."""
     shown = _select_shown(table[table.object == ""])
     models, runs = shown.models.unique(), _list_runs(shown)
     if not runs:
@@ -97,7 +97,7 @@ def summarize_models(table: pd.DataFrame) -> list[list[str]]:
 
 
 def summarize_objects(table: pd.DataFrame) -> list[list[str]]:
-    """One row an object of BOP's number, one column a set of models, a method and its masks, after a row of titles."""
+    """A row of titles, then a row per object with a column per set of models, method and masks."""
     shown = _select_shown(table[table.object != ""])
     columns = [(models, *run) for models in shown.models.unique() for run in _list_runs(shown)]
     if not columns:
@@ -108,12 +108,12 @@ def summarize_objects(table: pd.DataFrame) -> list[list[str]]:
 
 
 def _select_shown(table: pd.DataFrame) -> pd.DataFrame:
-    """The rows of the one measure that is shown of each task, their values as numbers."""
+    """The rows of the measure that is shown for each task, with their values as numbers."""
     return table[table.measure == table.task.map(SHOWN)].astype({"value": float})
 
 
 def _list_runs(shown: pd.DataFrame) -> list[tuple[str, str, str, str]]:
-    """The runs in the order of the columns: the thesis's last, detection before poses, true masks before found ones."""
+    """The runs in the order of the columns: the thesis's last, detection before poses, true masks before detected ones."""
     runs = shown[RUN].drop_duplicates().itertuples(index=False, name=None)
     return sorted(runs, key=lambda run: (run[0] == THESIS, run[1] == "pose", run[3] != TRUE_MASKS))
 

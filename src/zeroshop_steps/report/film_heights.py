@@ -1,4 +1,4 @@
-"""The table of heights measured in rendered films beside the true ones: one row a film, or why there is no height."""
+"""The table of heights measured in rendered films beside the true ones: one row per film, with the reason if there is no height."""
 
 import argparse
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""The start of the report: every object of a dataset, and its tables, for a browser without server or internet.
+"""The start page of the report: all objects of a dataset and its tables. It needs a browser, but no server and no internet.
 
-It opens from disk: pages, pictures and data lie beside each other, and 3D data is loaded when it is looked at.
+The report opens from disk. Pages, pictures and data lie beside each other, and 3D data is loaded when it is viewed.
 """
 
 import argparse
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write index.html and what all pages share; index.html comes last, so a whole one means a whole report."""
+    """Write index.html and the files that all pages share. index.html is written last: if it exists, the report is complete."""
     folder = args.out.parent
     cards = [make_gallery_card(read_json(page / "card.json")) for page in args.pages]
     copy_assets(folder / "assets")
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def make_gallery_card(card: dict) -> dict:
-    """What the gallery shows of an object's card.json: its chosen cells, how many others, and the best grade among the shown."""
+    """What the gallery shows of an object: the chosen cells, the number of others, and the best grade of the shown cells."""
     place = f"objects/{card['object']}"
     shown = [cell for cell in card["cells"] if cell["chosen"]] or card["cells"][:3]
     others = len(card["cells"]) - len(shown)
@@ -68,7 +68,7 @@ def make_gallery_card(card: dict) -> dict:
 
 
 def summarize_cards(cards: list[dict]) -> str:
-    """One line: how many objects, and how far their cells are."""
+    """The number of objects and of finished, failed and unfinished cells, in one line."""
     cells = [cell for card in cards for cell in card["cells"]]
     states = {state: sum(cell["state"] == state for cell in cells) for state in ("done", "failed", "unfinished")}
     words = [f"{len(cards)} object{'s' if len(cards) != 1 else ''}", f"{states['done']} finished cell{'s' if states['done'] != 1 else ''}"]

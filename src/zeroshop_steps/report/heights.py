@@ -1,4 +1,4 @@
-"""The table of measured heights beside the true ones and published ones, and the plot of error over height.
+"""The table of measured heights beside true and published ones, and a plot of the error over the height.
 
 The published heights are the diploma thesis's ("ZeroShOP: Zero-shot object pose estimation in unconstrained environments", TU
 Wien, January 2026, Tables 4.3 and 4.4), estimated by MASt3R from photos of real objects; they lie beside this file as
@@ -48,7 +48,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class PublishedHeight:
-    """A height that the thesis estimated; `ycbv_object` is empty for objects that YCB-V lacks."""
+    """A height that the thesis estimated; `ycbv_object` is empty for objects that are not in YCB-V."""
 
     table: str
     name: str
@@ -88,7 +88,7 @@ def read_published_heights() -> list[PublishedHeight]:
 
 
 def make_row(path: Path, root: Path, published: Sequence[PublishedHeight]) -> dict[str, str | float]:
-    """One row: a height measured in a cell and the true one, or why there is none; beside it what was published of the object.
+    """One row: the measured and the true height of a cell, or why there is none, and the published heights of the object.
 
     Raises:
         StepError: the file is missing, or the true height is not in it.
@@ -115,7 +115,7 @@ def make_row(path: Path, root: Path, published: Sequence[PublishedHeight]) -> di
 
 
 def list_unmatched(published: Sequence[PublishedHeight], rows: Sequence[dict[str, str | float]]) -> list[dict[str, str | float]]:
-    """A row for each published height of an object that no other row is about."""
+    """A row for each published height of an object that has no row yet."""
     named = {row.get("published_name") for row in rows}
     return [{"how": THESIS, **_published_columns(found)} for found in published if found.name not in named]
 
@@ -130,7 +130,7 @@ def _published_columns(found: PublishedHeight) -> dict[str, str | float]:
 
 
 def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[PublishedHeight]) -> Figure:
-    """Absolute error in per cent over the true height in metres; the thesis's with its trend."""
+    """Plot the absolute error in per cent over the true height in metres, ours and the thesis's, with straight trends."""
     figure = Figure(figsize=(7.0, 4.5), dpi=150, layout="constrained")
     axes = figure.add_subplot()
     points = {THESIS: np.array([(found.height_m, abs(found.difference_percent)) for found in published])}

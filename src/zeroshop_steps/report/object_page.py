@@ -1,6 +1,6 @@
-"""The page of one object: its meshes in 3D and the way from input to mesh, for a browser without server or internet.
+"""The page of one object: its meshes in 3D and every stage from input to mesh. It needs a browser, but no server and no internet.
 
-Whatever the run has left so far is shown; what is missing is shown as missing.
+The page shows what exists so far and marks what is missing.
 """
 
 import argparse
@@ -61,7 +61,7 @@ def format_changes(changes: list[str]) -> str:
 
 
 def read_model_info(folder: Path) -> dict:
-    """What the true model of an object says of itself; nothing where there is none, or where it is damaged."""
+    """The model_info.json of an object; empty if there is none or it is damaged."""
     info = folder / "model/model_info.json"
     try:
         return read_json(info) if info.is_file() else {}
@@ -71,18 +71,18 @@ def read_model_info(folder: Path) -> dict:
 
 
 def choose_name(folder: Path, info: dict) -> str:
-    """The name of an object for people: its model's, where that says more than the folder."""
+    """The displayed name of an object: that of its model, if it differs from the folder's."""
     name = str(info.get("name") or "")
     return f"{name} ({folder.name})" if name and name != folder.name else folder.name
 
 
 def sort_chosen_first(runs: list[Run], chosen: str) -> list[Run]:
-    """The runs with the one that the config chooses at the head."""
+    """The runs, the one that the config chooses first."""
     return sorted(runs, key=lambda run: f"{run.scene}/{run.registration}" != chosen)
 
 
 def make_cell_card(cell: Cell, chosen: bool) -> dict:
-    """What gallery and tables show of a cell."""
+    """What the gallery and the tables show of a cell."""
     return {
         "key": cell.key,
         "chosen": chosen,
@@ -100,7 +100,7 @@ def make_cell_card(cell: Cell, chosen: bool) -> dict:
 
 
 def write_thumbnail(runs: list[Run], truth: TrueModel | None, folder: Path) -> str | None:
-    """A picture of the first finished mesh, else of the true model; None where there is neither."""
+    """Write a picture of the first finished mesh, otherwise of the true model. Returns its name, or None if there is neither."""
     picture = render_thumbnail(runs, truth)
     if picture is None:
         return None

@@ -1,4 +1,4 @@
-"""Render the reconstruction table: a mark for every cell, with published marks beside them where there are any.
+"""Render the reconstruction table as Markdown: a mark for every cell, beside the published marks if there are any.
 
 The published grades of YCB-V are the diploma thesis's ("ZeroShOP: Zero-shot object pose estimation in unconstrained
 environments", TU Wien, January 2026, Tables 4.1 and 4.2), judged there by eye, from cameras of learned registrations and
@@ -19,9 +19,9 @@ from zeroshop_steps.runtime.tables import read_table
 MARKS = {"none": "×", "sparse": "○", "good": "●"}
 SCENES = ("su_l", "su_h", "se")
 PLACE = ["nvs", "registration", "scene", "object"]
-"""The columns that tell where a cell stands in the matrix."""
+"""The columns with the coordinates of a cell in the matrix."""
 GRADES = ["grade", "grade_by_photos", "grade_by_truth"]
-"""What the judgement is, and what either side alone says."""
+"""The grade of a cell, and the grades by photos and by truth."""
 PUBLISHED = Path(__file__).with_name("published_ycbv.csv")
 AVERAGED = {
     "f_score_1_percent": "F-score at 1 %",
@@ -79,7 +79,7 @@ def read_published_cells() -> pd.DataFrame:
 
 
 def render_page(cells: pd.DataFrame, published: pd.DataFrame | None = None) -> str:
-    """The whole Markdown text of our cells, with published ones beside them."""
+    """The page as Markdown: our cells beside the published ones."""
     title = "# Reconstruction\n\n" + ", ".join(f"{mark} {grade}" for grade, mark in MARKS.items()) + "; empty: not asked for."
     if published is not None:
         title += f'\n\nColumns that begin with "thesis" are published grades, judged by eye ({SOURCE}, Tables 4.1 and 4.2).'
@@ -94,7 +94,7 @@ def render_page(cells: pd.DataFrame, published: pd.DataFrame | None = None) -> s
 
 
 def render_marks(cells: pd.DataFrame, objects: Sequence[str]) -> str:
-    """One row an object, one column a registration and scene; below, how many of each grade, and mean figures."""
+    """A table with a row per object and a column per registration and scene; below, counts of the grades and mean figures."""
     registrations = cells.registration.unique().tolist()
     column = [cells.registration, cells.scene]
     order = sorted(
@@ -112,7 +112,7 @@ def render_marks(cells: pd.DataFrame, objects: Sequence[str]) -> str:
 
 
 def _compare_methods(cells: pd.DataFrame, methods: Sequence[str]) -> str:
-    """Mean and median figures over the images and cameras from which every method made a mesh."""
+    """Mean and median figures over the captures and cameras from which every method made a mesh."""
     meshes = cells[cells.measured]
     pictures = meshes.groupby(["object", "scene", "registration"])
     shared = meshes[pictures.nvs.transform("nunique") == len(methods)]
@@ -127,7 +127,7 @@ def _compare_methods(cells: pd.DataFrame, methods: Sequence[str]) -> str:
 
 
 def _list_shortcomings(cells: pd.DataFrame) -> list[str]:
-    """Each reason once with the methods that it stopped: a failed registration stops all of them."""
+    """Each reason once, with the methods that it concerns: a failed registration concerns all of them."""
     stopped = cells[cells.reason_of_grade != ""]
     methods = stopped.groupby(["grade", "object", "scene", "registration", "reason_of_grade"], sort=False).nvs.agg(" and ".join)
     return [f"{MARKS[grade]} {', '.join(place)}, {names}: {reason}" for (grade, *place, reason), names in methods.items()]
@@ -162,6 +162,6 @@ def _render_list(lines: Iterable[str]) -> str:
 
 
 def _average(average: Callable[[Iterable[float]], float], values: pd.Series) -> str:
-    """To three digits; of exact sums, so that the order of the cells does not matter."""
+    """An average with three digits, computed from exact sums, so that the order of the cells does not matter."""
     measured = values.dropna()
     return f"{average(measured):.3g}" if len(measured) else ""

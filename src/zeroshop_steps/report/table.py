@@ -1,7 +1,7 @@
 """Gather the tidy CSVs of many cells into one, with the coordinates of each cell as columns.
 
-The coordinates are read from the paths, which name the matrix: results/DATASET/OBJECT/SCENE/REGISTRATION[/NVS]/FILE. A
-cell that failed comes as the record of its failure; it becomes one row with grade `none` and the reason.
+The coordinates are read from the paths: results/DATASET/OBJECT/SCENE/REGISTRATION[/NVS]/FILE. For a failed cell, the record of its
+failure is given instead of its CSV; it becomes one row with grade `none` and the reason.
 """
 
 import argparse
@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def gather(measurements: Sequence[Path], root: Path) -> pd.DataFrame:
-    """The rows of all cells in the order of the files: the coordinates first, then every column that any file has.
+    """The rows of all cells in the order of the files: the coordinates first, then all columns of any file.
 
     Raises:
         StepError: a file that is missing, empty, or not below `root`.
@@ -54,7 +54,7 @@ def gather(measurements: Sequence[Path], root: Path) -> pd.DataFrame:
 
 
 def parse_cell(path: Path, root: Path) -> dict[str, str]:
-    """The matrix coordinates in a path below `root`; a registration's own files have no nvs."""
+    """The coordinates of a cell from a path below `root`; files of a registration have no nvs."""
     try:
         folders = path.relative_to(root).parent.parts
     except ValueError:

@@ -1,1 +1,1 @@
-"""What the report's pages are made of: what lies on disk, meshes for the viewer, pictures, plots, advice and HTML."""
+"""The parts of the report's pages: the index of the results, meshes for the viewer, pictures, plots, advice and HTML."""

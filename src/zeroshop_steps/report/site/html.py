@@ -18,7 +18,7 @@ SCENES = {"su_l": "plain ground", "su_h": "textured ground", "se": "no ground", 
 
 @functools.cache
 def make_environment() -> jinja2.Environment:
-    """The templates beside this package; whatever a page shows is escaped, and an unknown name is an error."""
+    """The Jinja2 environment of the templates. All values are escaped, and an unknown name is an error."""
     found = jinja2.Environment(
         loader=jinja2.FileSystemLoader(PACKAGE / "templates"),
         autoescape=True,
@@ -51,17 +51,17 @@ def quote_path(path: str) -> str:
 
 
 def make_link(page: str, place: str) -> str:
-    """A link to a place in a page."""
+    """A link to an element of a page by its id."""
     return f"{quote_path(page)}#{quote(place, safe='')}"
 
 
 def format_method(name: str) -> str:
-    """A method's name as it is written in papers."""
+    """The name of a method as papers write it."""
     return NAMES.get(name, name)
 
 
 def format_number(value: object, digits: int = 3) -> str:
-    """A figure with `digits` significant digits; a dash where there is none."""
+    """A number with `digits` significant digits; a dash for None."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return "–" if value is None else str(value)
     if isinstance(value, int) or abs(value) >= 10**digits:

@@ -1,4 +1,4 @@
-"""A mesh at the size that a web page can carry: fewer faces, textured where that is affordable, else coloured by vertex."""
+"""Reduce a mesh for a web page: fewer faces, with its texture or, if it is very large, with vertex colours."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ COLLAPSE = {
     "preservenormal": True,
     "planarquadric": False,
 }
-"""All of them, always: the filter takes what is left out from its last call in the same process."""
+"""All options, always: MeshLab would take missing ones from its last call in the same process."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ReducedMesh:
 
 
 def reduce_mesh(mesh: Mesh, max_faces: int, texture_px: int) -> ReducedMesh:
-    """`mesh` with about `max_faces` faces at most and a texture of `texture_px` pixels at most.
+    """The mesh with at most about `max_faces` faces and a texture of at most `texture_px` pixels.
 
     Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997) over the welded surface, so that no seam of the atlas tears open.
     """
@@ -55,7 +55,7 @@ def reduce_mesh(mesh: Mesh, max_faces: int, texture_px: int) -> ReducedMesh:
 
 
 def _weld(mesh: Mesh) -> tuple[Mesh, np.ndarray | None]:
-    """Vertices of equal place as one, and the (F, 3, 2) texture coordinates of the faces' corners."""
+    """The mesh with vertices at the same position joined, and (F, 3, 2) texture coordinates of the faces' corners."""
     vertices, index = np.unique(mesh.vertices.astype(np.float32), axis=0, return_inverse=True)
     faces = index.reshape(-1)[mesh.faces]
     sound = find_triangles(faces)
@@ -64,7 +64,7 @@ def _weld(mesh: Mesh) -> tuple[Mesh, np.ndarray | None]:
 
 
 def _cluster_vertices(mesh: Mesh) -> Mesh:
-    """Vertices in one cell of a grid as one (Rossignac and Borrel 1993): quick, and still finer than what the page shows."""
+    """The mesh with the vertices in each cell of a grid joined (Rossignac and Borrel 1993): fast, and finer than the page shows."""
     low = mesh.vertices.min(0)
     size = max(float(np.ptp(mesh.vertices, axis=0).max()), 1e-9) / GRID
     cells, index = np.unique(np.floor((mesh.vertices - low) / size).astype(np.int64) @ (1, GRID + 2, (GRID + 2) ** 2), return_inverse=True)
@@ -94,7 +94,7 @@ def _collapse_edges(mesh: Mesh, max_faces: int) -> tuple[Mesh, np.ndarray | None
 
 
 def _split_at_seams(mesh: Mesh, corner_uv: np.ndarray, texture: np.ndarray) -> Mesh:
-    """One vertex for each place and texture coordinate."""
+    """The mesh with one vertex for each position and texture coordinate."""
     corners = np.concatenate([mesh.faces.reshape(-1, 1), np.rint(corner_uv.reshape(-1, 2) * 65535)], 1).astype(np.int64)
     rows, index = np.unique(corners, axis=0, return_inverse=True)
     place = rows[:, 0]

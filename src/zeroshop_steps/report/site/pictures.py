@@ -1,4 +1,4 @@
-"""Pictures of the way from input to mesh, small enough for a page."""
+"""Small pictures for the pages, and the thumbnail of an object."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def write_webp(path: Path, image: np.ndarray, quality: int = 82) -> None:
 
 
 def place_camera(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = (1.0, -0.55, 0.45)) -> Camera:
-    """A square camera that sees the whole mesh from a direction in its own frame, z up."""
+    """A square camera that sees the whole mesh from a direction in the frame of the mesh, z up."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9)
     forward = -np.array(direction) / np.linalg.norm(direction)
@@ -41,7 +41,7 @@ def place_camera(mesh: Mesh, size_px: int, direction: tuple[float, float, float]
 
 
 def render_thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | None:
-    """(320, 320, 4) uint8 RGBA: the first finished mesh, else the true model; None where there is neither."""
+    """(320, 320, 4) uint8 RGBA of the first finished mesh, otherwise of the true model; None if there is neither."""
     mesh = _read_first_whole([cell.folder / "mesh.ply" for run in runs for cell in run.cells if cell.state == "done"])
     mesh = mesh or (truth.mesh if truth else None)
     if mesh is None:
@@ -60,7 +60,7 @@ def _read_first_whole(paths: list[Path]) -> Mesh | None:
 
 
 def fit_width(image: np.ndarray, width_px: int) -> np.ndarray:
-    """`image` at a width of `width_px` at most."""
+    """The image, shrunk to a width of at most `width_px`."""
     if image.shape[1] <= width_px:
         return image
     return cv2.resize(image, (width_px, max(1, round(image.shape[0] * width_px / image.shape[1]))), interpolation=cv2.INTER_AREA)

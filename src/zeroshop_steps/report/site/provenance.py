@@ -1,4 +1,4 @@
-"""What a cell cost and what it was made of: seconds and memory of its steps, measurements behind its grade, parameters and versions."""
+"""The costs and the origin of a cell: seconds and memory of its steps, measures of its grade, parameters and versions."""
 
 import json
 from pathlib import Path
@@ -14,11 +14,11 @@ ORDER = (
     *("capture", "segment", "register", "camera_error", "stereo", "train", "fuse", "mesh", "clean", "height", "underside", "frame"),
     *("unwrap", "texture", "export", "outcome", "preview", "quality", "grade", "cell"),
 )
-"""The steps behind a cell as they follow each other."""
+"""The steps of a cell in their order."""
 
 
 def list_costs(cell: Cell, run: Run) -> list[dict]:
-    """Seconds, CPU seconds and largest memory of every step behind a cell, as Snakemake measured them.
+    """Seconds, CPU seconds and peak memory of every step of a cell, as Snakemake measured them.
 
     A step that left no measurement comes with the seconds of its own record, if it has one.
     """
@@ -35,13 +35,13 @@ def list_costs(cell: Cell, run: Run) -> list[dict]:
 
 
 def read_tsv(path: Path) -> dict[str, str]:
-    """The last measurement in a benchmark; empty where it is damaged."""
+    """The last measurement in a benchmark file; empty if it is damaged."""
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     return dict(zip(lines[0].split("\t"), lines[-1].split("\t"), strict=False)) if len(lines) > 1 else {}
 
 
 def parse_number(record: dict[str, str], name: str) -> float | None:
-    """A figure of a benchmark; None where Snakemake could not measure it."""
+    """A figure of a benchmark file; None if Snakemake could not measure it."""
     try:
         return float(record[name])
     except (KeyError, ValueError):
@@ -49,7 +49,7 @@ def parse_number(record: dict[str, str], name: str) -> float | None:
 
 
 def list_measures(cell: Cell) -> list[dict]:
-    """The measurements behind a cell's grade with their limits and what each alone would allow."""
+    """The measures of a cell's grade, with their limits and the grade by each alone."""
     judged, limits = cell.facts["grade"], cell.facts["grade"].get("limits", {})
     rows = []
     for measure in MEASURES:
@@ -73,7 +73,7 @@ def read_training_curves(cell: Cell) -> dict[str, list[tuple[float, float]]]:
 
 
 def list_provenance(cell: Cell, run: Run) -> list[tuple[str, str]]:
-    """Named texts: parameters and records of every step behind a cell."""
+    """Names and texts of the parameters and records of a cell's steps."""
     mesh, training = cell.facts["mesh"], cell.facts["training"]
     records = {
         "versions": mesh.get("versions") or run.registered.get("versions"),

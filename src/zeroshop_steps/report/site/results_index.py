@@ -1,6 +1,6 @@
-"""What a run has left on disk of an object: its runs (scene and registration), their cells, and how far each has come.
+"""The index of an object's results: its runs (scene and registration), their cells, and which steps of each are done.
 
-Nothing here expects a finished run: a part that is missing is a part to be shown as missing.
+Results need not be complete; missing parts are listed as missing.
 """
 
 from collections.abc import Iterator
@@ -65,17 +65,17 @@ class Cell:
 
     @property
     def key(self) -> str:
-        """Its coordinates as one word."""
+        """Its coordinates in one word."""
         return f"{self.scene}-{self.registration}-{self.nvs}"
 
     @property
     def steps_done(self) -> int:
-        """How many steps behind it are done."""
+        """The number of its steps that are done."""
         return sum(done for _, done in self.steps)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is not good, one line a measure or the failed step's reason."""
+        """Why it is not good: one line per measure, or the reason of the failed step."""
         if self.failure:
             return (str(self.failure),)
         return tuple(self.facts["grade"].get("reasons", ()))
@@ -83,7 +83,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Run:
-    """A scene's pictures with one registration, and the cells that start from it."""
+    """A capture with one registration, and the cells that use it."""
 
     scene: str
     registration: str
@@ -108,13 +108,13 @@ class Run:
 
     @property
     def failed(self) -> str | None:
-        """Why no cameras were found, None where they were or are not looked for yet."""
+        """Why no cameras were found; None if they were found, or if the registration has not run."""
         failure = read_failure(self.folder / "cameras")
         return failure.reason if failure else None
 
 
 def find_runs(folder: Path) -> list[Run]:
-    """The runs of an object's folder, in the order of their names; none where the folder is missing."""
+    """The runs in an object's folder, sorted by name; none if the folder is missing."""
     runs = []
     for scene in _list_folders(folder, NO_SCENE):
         for registration in _list_folders(scene, NO_REGISTRATION):
@@ -126,7 +126,7 @@ def find_runs(folder: Path) -> list[Run]:
 
 
 def read_cell(folder: Path) -> Cell:
-    """What there is of one cell."""
+    """Read what exists of a cell."""
     failure = _find_failure(folder) or read_failure(folder.parent / "cameras")
     names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "underside")
     facts = {name: _read_facts(folder / f"{name}.json") for name in names}
@@ -144,7 +144,7 @@ def read_cell(folder: Path) -> Cell:
 
 
 def find_table(path: Path) -> pd.DataFrame:
-    """The rows of a CSV as text; none where it is missing, empty or records a failure."""
+    """The rows of a CSV as text; none if it is missing, empty or records a failure."""
     if not path.is_file() or read_failure(path):
         return pd.DataFrame()
     try:
@@ -167,7 +167,7 @@ def _is_made(path: Path) -> bool:
 
 
 def _read_facts(path: Path) -> dict[str, Any]:
-    """The JSON object in a file; empty where it is missing, damaged (a step is writing it elsewhere) or records a failure."""
+    """The JSON object in a file; empty if the file is missing, damaged or records a failure."""
     if not path.is_file() or read_failure(path):
         return {}
     try:

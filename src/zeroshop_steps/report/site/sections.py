@@ -1,4 +1,4 @@
-"""The sections of an object's page: for each run its pictures and cameras, for each of its cells the way to the mesh."""
+"""The sections of an object's page: pictures and cameras of each run, and every stage of each of its cells."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,7 @@ from zeroshop_steps.runtime.errors import StepError, warn
 
 
 def make_run_sections(runs: list[Run], folder: Path, changes: str = "") -> list[dict]:
-    """What the page's template needs of every run; pictures are written into `folder`.
+    """What the template of the page needs of every run; pictures are written to `folder`.
 
     Args:
         changes: the end of the command that makes the cells, which changes the config.
@@ -40,7 +40,7 @@ def make_run_sections(runs: list[Run], folder: Path, changes: str = "") -> list[
 
 
 def make_cell_section(cell: Cell, run: Run, folder: Path, changes: str) -> dict:
-    """What the page's template needs of a cell."""
+    """What the template of the page needs of a cell."""
     return {
         "cell": cell,
         "advice": advise(cell),
@@ -80,7 +80,7 @@ def _read_camera_errors(run: Run) -> dict[str, str]:
 
 
 def _skip_damaged(write: Callable[..., dict[str, str]], *arguments: Any) -> dict[str, str]:
-    """Pictures, or none with a warning where a file behind them is damaged or missing."""
+    """Write pictures; if a file that they need is damaged or missing, warn and write none."""
     try:
         return write(*arguments)
     except StepError as error:

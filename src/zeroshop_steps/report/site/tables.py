@@ -75,7 +75,7 @@ def write_tables(folder: Path, cards: Sequence[dict], dataset: str, tables: Path
 
 
 def make_grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
-    """For each surface method the rows (registration and scene, ours and published) with a cell an object, as in Tables 4.1 and 4.2."""
+    """The grades as in Tables 4.1 and 4.2: for each surface method a row per registration and scene, ours and published."""
     objects = [card["object"] for card in cards]
     ours = [(cell["nvs"], cell["registration"], cell["scene"], card, cell) for card in cards for cell in card["cells"]]
     found = []
@@ -96,7 +96,7 @@ def make_grade_tables(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
 
 
 def make_figure_rows(cards: Sequence[dict]) -> list[dict]:
-    """One row a cell."""
+    """The figures of every cell, one row per cell."""
     return [{"card": card, "cell": cell, "link": make_link(card["page"], cell["key"])} for card in cards for cell in card["cells"]]
 
 
@@ -107,7 +107,7 @@ def list_used_columns(cards: Sequence[dict]) -> list[tuple[str, str]]:
 
 
 def make_height_rows(measured: pd.DataFrame) -> list[dict]:
-    """The measured heights with published ones beside; the published ones alone where none were measured."""
+    """The measured heights beside the published ones; the published ones only if none were measured."""
     if len(measured):
         return measured.to_dict("records")
     columns = {"published_height_m": "height_m", "published_measured_height_m": "measured_height_m"}
@@ -120,7 +120,7 @@ def make_height_rows(measured: pd.DataFrame) -> list[dict]:
 
 
 def list_used_height_columns(measured: pd.DataFrame) -> list[tuple[str, str]]:
-    """The columns of the table of heights: our own only where something was measured."""
+    """The columns of the table of heights; our own only if something was measured."""
     own = [("height_m", "true height m"), ("measured_height_m", "measured m"), ("difference_percent", "difference %")]
     published = [("published_name", "published name"), ("published_height_m", "published height m")]
     published += [("published_measured_height_m", "published, MASt3R m"), ("published_difference_percent", "published difference %")]
@@ -137,7 +137,7 @@ def draw_height_plot(measured: pd.DataFrame) -> Markup:
 
 
 def draw_plots(cards: Sequence[dict]) -> list[dict]:
-    """What the tables suggest: how exact against how complete, and how alike against how exact."""
+    """Plots of the figures: completeness over accuracy, and PSNR over F-score."""
     wanted = (
         ("Exact and complete", "accuracy_mm", "completeness_mm", "accuracy in mm", "completeness in mm"),
         ("Shape and looks", "f_score_1_percent", "psnr_db", "F-score at 1 % of the diameter", "PSNR in dB"),
@@ -155,7 +155,7 @@ def draw_plots(cards: Sequence[dict]) -> list[dict]:
 
 
 def make_grade_csv(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
-    """Every grade, ours and published, in one tidy table."""
+    """All grades, ours and published, as a tidy table."""
     rows = [
         {"source": "this run", "object": card["object"], **{axis: cell[axis] for axis in ("scene", "registration", "nvs", "state")}}
         | {"grade": cell["grade"] or "", "reason": "; ".join(cell["reasons"])}
@@ -169,7 +169,7 @@ def make_grade_csv(cards: Sequence[dict], thesis: Sequence) -> list[dict]:
 
 
 def make_figure_csv(cards: Sequence[dict]) -> list[dict]:
-    """Every measurement, one row each."""
+    """All measurements as a tidy table."""
     return [
         {"object": card["object"], **{axis: cell[axis] for axis in ("scene", "registration", "nvs")}, "measure": name, "value": value}
         for card in cards

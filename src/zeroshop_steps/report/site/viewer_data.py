@@ -1,7 +1,7 @@
-"""Meshes, cameras and points as JavaScript files: a page opened from disk may load scripts, but may not fetch data.
+"""Meshes, cameras and points as JavaScript files, since a page that is opened from disk may load scripts but may not fetch data.
 
-Numbers travel quantised and in base64: positions as 16 bit over the bounding box (3 micrometres for an object of 200 mm), normals
-and distances as 8 bit.
+Numbers are quantised and written in base64: positions with 16 bits over the bounding box (3 micrometres for an object of 200 mm),
+normals and distances with 8 bits.
 """
 
 import base64
@@ -18,20 +18,20 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 UNSEEN = 255
-"""A distance that does not count: the underside that no photo shows."""
+"""The value of a distance that does not count, such as on the unseen underside."""
 LARGEST = 254
 POINTS = 6000
 
 
 def write_data(path: Path, content: dict) -> None:
-    """A script that hands `content` to the page, which knows it by its address."""
+    """Write a script that passes `content` to the page, which identifies it by its address."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     with atomic_write(path) as temporary:
         temporary.write_text(f"zeroshop.data({text});\n", encoding="ascii")
 
 
 def encode_mesh(reduced: ReducedMesh, distances: np.ndarray | None = None, limit_mm: float = 0.0) -> dict:
-    """A mesh as the viewer reads it.
+    """The content of a mesh file for the viewer.
 
     Args:
         reduced: the mesh, mm.
@@ -64,13 +64,13 @@ def encode_mesh(reduced: ReducedMesh, distances: np.ndarray | None = None, limit
 
 
 def quantize_distances(distances: np.ndarray, limit_mm: float) -> np.ndarray:
-    """(V,) uint8: 0 to 254 from no distance to the limit, 255 where it does not count."""
+    """(V,) uint8: 0 to 254 for distances from 0 to the limit, 255 where the distance does not count."""
     counted = np.clip(np.rint(np.nan_to_num(distances) / limit_mm * LARGEST), 0, LARGEST)
     return np.where(np.isfinite(distances), counted, UNSEEN).astype(np.uint8)
 
 
 def encode_scene(model: SparseModel, object_from_registration: np.ndarray) -> dict:
-    """Cameras as centre, right, down and forward in the object's frame (mm), and the sparse points with colours."""
+    """The content of a scene file: cameras (centre, right, down, forward in the object frame, mm) and the coloured sparse points."""
     cameras = []
     for camera in model.cameras:
         moved = transform_camera(camera, object_from_registration)
@@ -95,7 +95,7 @@ def encode_array(values: np.ndarray) -> str:
 
 
 def encode_texture(image: np.ndarray) -> str:
-    """(height, width, 3) uint8 RGB as a WebP picture inside a URL."""
+    """(height, width, 3) uint8 RGB as a WebP data URL."""
     made, data = cv2.imencode(".webp", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, 82])
     if not made:
         raise StepError(f"a texture of {image.shape[1]} x {image.shape[0]} px could not be written as WebP; OpenCV lacks it")

@@ -1,4 +1,4 @@
-"""The 3D content of an object's page: its meshes with their distances to the truth, the true model, cameras and points."""
+"""The 3D content of an object's page: its meshes with distances to the true model, the true model, cameras and points."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +18,11 @@ from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 LIMIT_DIAMETERS = 0.02
-"""End of the colour scale of distances: twice the F-score's threshold."""
+"""End of the colour scale of distances: twice the threshold of the F-score."""
 
 
 class TrueModel:
-    """The true model of an object; written once, seen from every run."""
+    """The true model of an object and its reduced copy, which all runs share."""
 
     def __init__(self, folder: Path, max_faces: int, texture_px: int) -> None:
         self.mesh = read_ply(folder / "model.ply")
@@ -31,12 +31,12 @@ class TrueModel:
 
     @property
     def limit_mm(self) -> float:
-        """Distance of the end of the colour scale."""
+        """The distance at the end of the colour scale."""
         return LIMIT_DIAMETERS * self.diameter_mm
 
 
 def read_true_model(folder: Path, max_faces: int, texture_px: int) -> TrueModel | None:
-    """The true model in `folder`; None where there is none, as for photos, or where it is damaged, which is said."""
+    """The true model in `folder`; None if there is none, as for photos, or, with a warning, if it is damaged."""
     if not (folder / "model.ply").is_file():
         return None
     try:
@@ -47,7 +47,7 @@ def read_true_model(folder: Path, max_faces: int, texture_px: int) -> TrueModel 
 
 
 def write_meshes(runs: list[Run], truth: TrueModel | None, out: Path, max_faces: int, texture_px: int) -> dict:
-    """Write the meshes of every finished cell, the truth, and each run's cameras; return what the viewer needs to know of them."""
+    """Write the meshes of all finished cells, the true model and the cameras of each run. Returns the manifest for the viewer."""
     manifest: dict = {"diameter_mm": truth.diameter_mm if truth else None, "runs": []}
     if truth:
         write_data(out / "truth.js", encode_mesh(truth.reduced))
@@ -67,7 +67,7 @@ def write_meshes(runs: list[Run], truth: TrueModel | None, out: Path, max_faces:
 
 
 def read_object_frame(cell: Cell) -> np.ndarray:
-    """(4, 4) object_from_registration of a finished cell. Raises StepError where mesh.json does not say it."""
+    """(4, 4) object_from_registration of a finished cell. Raises StepError if mesh.json lacks it."""
     try:
         return np.array(cell.facts["mesh"]["frame_facts"]["object_from_registration"], np.float64).reshape(4, 4)
     except (KeyError, TypeError, ValueError):
@@ -75,14 +75,14 @@ def read_object_frame(cell: Cell) -> np.ndarray:
 
 
 def compute_truth_from_object(cell: Cell, run: Run) -> np.ndarray:
-    """(4, 4) similarity from the product's frame to the true one, by the cameras."""
+    """(4, 4) similarity from the object frame to the true frame, by the cameras."""
     registered = read_sparse_model(run.folder / "cameras/sparse").cameras
     true_cameras = read_sparse_model(run.capture / "truth").cameras
     return align_to_truth(pair_with_truth(registered, true_cameras)) @ np.linalg.inv(read_object_frame(cell))
 
 
 def _write_scene(run: Run, panes: list[dict], frames: dict[str, np.ndarray], out: Path) -> str | None:
-    """Write a run's cameras and points in the frame of its first pane, and tell every pane how they lie in its own; returns the file."""
+    """Write the cameras and points of a run in the frame of its first pane, and add to each pane its transform; returns the file."""
     first = frames[panes[0]["key"]]
     try:
         write_data(out / f"scene-{run.key}.js", encode_scene(read_sparse_model(run.folder / "cameras/sparse"), first))
@@ -120,7 +120,7 @@ def _transform_mesh(mesh: Mesh, transform: np.ndarray) -> Mesh:
 
 
 def _invert_rigidly(similarity: np.ndarray) -> np.ndarray:
-    """The inverse without its scale: the true model stays as large as it is."""
+    """The inverse of a similarity without its scale, so that the true model keeps its size."""
     rotation = similarity[:3, :3] / compute_scale(similarity)
     inverse = np.eye(4)
     inverse[:3, :3], inverse[:3, 3] = rotation.T, -rotation.T @ similarity[:3, 3]

@@ -1,4 +1,4 @@
-"""Pictures of one run and of its cells: contact sheets, masks over photos, depth and normals, held-out photos beside their renders."""
+"""Pictures of a run and its cells: contact sheets, masks over photos, depth and normals, photos beside renderings."""
 
 from pathlib import Path
 
@@ -19,12 +19,12 @@ from zeroshop_steps.runtime.errors import StepError
 TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
 MOST_PHOTOS = 40
 GAIN = 4.0
-"""Differences are shown this much stronger."""
+"""Factor by which differences are amplified."""
 MISSING = (196, 60, 48)
 
 
 def write_sheets(run: Run, folder: Path) -> dict[str, str]:
-    """Contact sheets of a run's photos, plain and with what the masks leave out dimmed; photos without a camera have a red frame.
+    """Write contact sheets of a run's photos, plain and with the background dimmed; photos without a camera have a red frame.
 
     Returns the names of the written files by what they show; none where there are no photos yet.
     """
@@ -53,7 +53,7 @@ def write_sheets(run: Run, folder: Path) -> dict[str, str]:
 
 
 def dim_background(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """A photo with its background faded and the mask's border drawn."""
+    """A photo with a faded background and the outline of the mask."""
     small = cv2.resize(mask.astype(np.uint8), (tile.shape[1], tile.shape[0]), interpolation=cv2.INTER_AREA)
     faded = np.where(small[..., None] > 0, tile, (tile * 0.25 + 170).astype(np.uint8))
     outline = cv2.morphologyEx(small, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
@@ -62,7 +62,7 @@ def dim_background(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def make_contact_sheet(tiles: list[np.ndarray]) -> np.ndarray:
-    """Tiles of one width in rows of five, white between them."""
+    """Tiles of the same width in rows of five, with white gaps."""
     height = max(tile.shape[0] for tile in tiles)
     rows = -(-len(tiles) // SHEET_COLUMNS)
     columns = min(SHEET_COLUMNS, len(tiles))
@@ -75,7 +75,7 @@ def make_contact_sheet(tiles: list[np.ndarray]) -> np.ndarray:
 
 
 def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
-    """Pictures of a finished mesh: its depth and normals beside the first photo, photos beside renders, and the atlas."""
+    """Write pictures of a finished mesh: depth and normals beside the first photo, photos beside renderings, the atlas."""
     try:
         mesh = read_ply(cell.folder / "mesh.ply")
         views, _ = read_views(run.folder / "cameras")
@@ -97,7 +97,7 @@ def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
 
 
 def draw_shape_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
-    """A photo, the mesh's depth there (near is bright) and its normals (as colours: right, up, towards the camera)."""
+    """A photo beside the depth of the mesh (near is bright) and its normals (red right, green up, blue towards the camera)."""
     camera, photo, _ = cut_tile(view, frame)
     hits = renderer.cast_rays(camera)
     depth = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
@@ -114,7 +114,7 @@ def draw_shape_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> n
 
 
 def draw_comparison_strip(renderer: MeshRenderer, view: View, frame: np.ndarray) -> np.ndarray:
-    """A photo cut out by its mask, the textured mesh from the same camera, and their difference, four times as strong."""
+    """A photo, masked, beside the textured mesh from the same camera and their difference, amplified four times."""
     camera, photo, mask = cut_tile(view, frame)
     photo = np.where(mask[..., None], photo, 255)
     render = renderer.render_color(camera, (255, 255, 255), 2)
@@ -123,7 +123,7 @@ def draw_comparison_strip(renderer: MeshRenderer, view: View, frame: np.ndarray)
 
 
 def cut_tile(view: View, frame: np.ndarray) -> tuple[Camera, np.ndarray, np.ndarray]:
-    """A camera in the object's frame that sees a square around the object, its (300, 300, 3) photo and (300, 300) mask."""
+    """A square crop around the object: its camera in the object frame, (300, 300, 3) photo and (300, 300) mask."""
     mask = view.mask()
     camera, left, top = crop_to_mask(transform_camera(view.camera, frame), mask)
     rows = np.clip(np.arange(top, top + camera.height_px), 0, mask.shape[0] - 1)
