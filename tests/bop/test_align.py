@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.bop import align as align_method
 from zeroshop_steps.bop.align import align, describe_scale
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.symmetry import list_symmetry_transforms
@@ -25,6 +26,13 @@ def models(tmp_path_factory):
     for name in ("tomato_can", "mug"):
         write_demo_object(name, folder / name)
     return folder
+
+
+@pytest.fixture
+def few_samples(monkeypatch):
+    """A third of the points: what these tests show does not hang on their number."""
+    monkeypatch.setattr(align_method, "SOURCE_SAMPLES", 2500)
+    monkeypatch.setattr(align_method, "TARGET_SAMPLES", 12500)
 
 
 def damaged(mesh: Mesh, similarity: np.ndarray, seed: int = 0) -> Mesh:
@@ -64,7 +72,7 @@ def test_a_symmetric_object_is_turned_no_more_than_needed(models):
     assert np.degrees(Rotation.from_matrix(fit.transform[:3, :3]).magnitude()) < 3
 
 
-def test_a_lid_over_a_hollow_that_nobody_saw_does_not_spoil_the_size():
+def test_a_lid_over_a_hollow_that_nobody_saw_does_not_spoil_the_size(few_samples):
     outside = np.array([[0.0, 0], [50, 0], [75, 25], [80, 55]])
     inside = np.array([[76.0, 55], [71, 26], [48, 4], [0, 4]])
     bowl, lidded = (trimesh.creation.revolve(profile, sections=64) for profile in (np.vstack([outside, inside]), [*outside, [0, 55]]))
@@ -110,7 +118,7 @@ def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
     np.testing.assert_allclose(ours.mesh.vertices.max(0), true.mesh.vertices.max(0), atol=2.0)
 
 
-def test_what_was_not_measured_does_not_count(models, tmp_path):
+def test_what_was_not_measured_does_not_count(models, few_samples, tmp_path):
     """A plate across the can's top, which would spoil the alignment: a lid, or an underside that was closed without a photo."""
     truth = read_ply(models / "tomato_can" / "model.ply")
     plate = trimesh.creation.cylinder(60.0, 1.0)
@@ -129,7 +137,7 @@ def test_what_was_not_measured_does_not_count(models, tmp_path):
     assert found[1][1] > 5.0, "the plate would count"
 
 
-def test_what_cannot_be_aligned_is_refused(models, tmp_path, capsys):
+def test_what_cannot_be_aligned_is_refused(models, few_samples, tmp_path, capsys):
     plate = trimesh.creation.box((160, 60, 3))
     write_ply(tmp_path / "mesh.ply", Mesh(plate.vertices, plate.faces))
     words = ["--mesh", tmp_path / "mesh.ply", "--model", models / "mug/model.ply", "--out", tmp_path / "aligned.json"]
