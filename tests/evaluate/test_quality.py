@@ -98,7 +98,7 @@ def test_the_side_on_the_table_is_not_asked_for(carton, truth_side):
 
 
 def test_two_registered_cameras_cannot_be_aligned(carton, truth_side):
-    with pytest.raises(StepError, match="three are needed"):
+    with pytest.raises(StepError, match="3 are needed"):
         graded(carton, truth_side, carton.mesh, truth_side[0][:2])
 
 

@@ -69,7 +69,7 @@ def test_the_record_and_the_log_have_it(tmp_path, capsys):
         write_cameras(folder / "sparse", cameras(AROUND[:6], np.full(6, 30.0)))
         return {"method": "colmap"}
 
-    write_registration(tmp_path / "scene", False, register)
+    write_registration(tmp_path / "scene", register)
     record = read_json(tmp_path / "scene/registration.json")
     assert record["directions"]["largest_gap_deg"] == pytest.approx(210, abs=1) and len(record["advice"]) == 2
     assert capsys.readouterr().err.count("warning: too few directions") == 2

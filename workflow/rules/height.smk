@@ -55,7 +55,7 @@ def height_options(
     row = f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}"
     for column in method.required:
         if not photos_of(wildcards)[column]:
-            raise WorkflowError(f"{row}: height_method {method.name} needs a folder of images in the column {column}")
+            raise WorkflowError(f"{row}: height_method {method.name} needs the folder of {column} images in the column {column}")
     if method.original_photos and capture_method(wildcards) == "video":
         raise WorkflowError(f"{row}: {method.name} images belong to photos, images names a video; export the colour images as photos, too")
     if method.original_photos and wildcards.scene == OBJECT_SCENE and mask_needs(wildcards).in_scene:
