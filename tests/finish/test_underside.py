@@ -11,11 +11,9 @@ from helpers.carton_scene import SIZE_MM
 from zeroshop_steps.finish.texture import bake_texture
 from zeroshop_steps.finish.underside import close_underside, drop_underside, find_open_borders
 from zeroshop_steps.finish.unwrap import unwrap_mesh
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.surface_fields import weld
-from zeroshop_steps.runtime.cli import stage_main
-from zeroshop_steps.runtime.files import read_json, write_json
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -146,20 +144,3 @@ def test_the_underside_takes_its_colour_from_its_border(carton):
     wall = carton.mesh.texture.reshape(-1, 3).astype(float)
     assert (colors.mean(0) > wall.min(0)).all() and (colors.mean(0) < wall.max(0)).all()
     assert colors.std() < wall.std(), "smooth inside"
-
-
-@pytest.mark.parametrize(
-    ("wanted", "up_source", "state"),
-    [("closed", "support_plane", "closed"), ("open", "support_plane", "open"), ("closed", "camera_roll", "open")],
-)
-def test_the_step_says_what_it_did(tmp_path, wanted, up_source, state):
-    write_ply(tmp_path / "clean.ply", shapes()["ball"])
-    write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": 0.0, "up_source": up_source})
-    words = ["--method", "underside", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json"]
-    words += ["--underside", wanted, "--out", tmp_path / "underside.ply"]
-    assert stage_main("zeroshop_steps.finish", [str(word) for word in words]) == 0
-    facts = read_json(tmp_path / "underside.json")
-    notes, mesh = facts["underside"], read_ply(tmp_path / "underside.ply")
-    assert notes["state"] == state and notes["seen"] is False and facts["parameters"] == {"underside": wanted}
-    assert notes["first_face"] + notes["faces"] == len(mesh.faces)
-    assert notes["watertight"] == (state == "closed") == (not find_open_borders(mesh.faces))

@@ -12,7 +12,7 @@ from helpers.running import planned
 from zeroshop_steps import methods
 from zeroshop_steps.geometry.images import write_image
 
-FINISH = ["clean", "height", "underside", "frame", "unwrap", "texture", "evidence", "export", "grade", "preview", "publish"]
+FINISH = ["clean", "height", "close", "frame", "unwrap", "texture", "evidence", "export", "grade", "preview", "publish"]
 CELL = ["stereo", "train_2dgs", "fuse_2dgs", *FINISH]
 
 

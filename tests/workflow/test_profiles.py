@@ -27,7 +27,7 @@ def test_a_profile_changes_how_jobs_run_and_not_which(snakemake, profile):
         "fuse_2dgs",
         "clean",
         "height",
-        "underside",
+        "close",
         "frame",
         "unwrap",
         "texture",

@@ -10,7 +10,7 @@ from helpers.running import planned, run_snakemake
 CHOSEN, CELL, PHOTO = "results/demo/mug/2dgs.ply", "results/demo/mug/su_l/truth/2dgs/cell.csv", "results/photos/cup/2dgs.ply"
 TARGETS = (CHOSEN, CELL, PHOTO)
 VOXELS = CHOSEN.replace("2dgs", "svraster")
-STAGES = ["register", "stereo", "train_2dgs", "fuse_2dgs", "clean", "height", "underside", "frame", "unwrap", "texture"]
+STAGES = ["register", "stereo", "train_2dgs", "fuse_2dgs", "clean", "height", "close", "frame", "unwrap", "texture"]
 ENDS = {
     "chosen": ["evidence", "export", "preview", "quality", "grade", "publish"],
     # What comes after a stale outcome is not known before it.

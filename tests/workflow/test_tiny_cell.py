@@ -76,7 +76,7 @@ def test_sparse_voxels_go_the_same_way(cell):
     target = CELL.replace("2dgs", "svraster") + "/mesh.ply"
     run = again(cell, target)
     assert run.returncode == 0, run.stdout
-    rules = {"train_svraster", "mesh_svraster", "clean", "height", "underside", "frame", "unwrap", "texture", "export"}
+    rules = {"train_svraster", "mesh_svraster", "clean", "height", "close", "frame", "unwrap", "texture", "export"}
     assert set(planned(run.stdout)) == rules, "cameras and stereo are shared"
     size_mm, true_mm = (np.ptp(read_ply(cell / path).vertices, axis=0) for path in (target, "results/demo/mustard_bottle/model/model.ply"))
     assert abs(np.sort(size_mm) / np.sort(true_mm) - 1).max() < 0.1
@@ -94,7 +94,7 @@ def test_a_second_run_does_nothing(cell):
         ("finish={texture_size_px: 128}", {"unwrap", "texture", "evidence", "export", "preview", "quality", "grade", "publish"}),
         (
             "finish={clean: {smooth: 2}}",
-            {"clean", "height", "underside", "frame", "unwrap", "texture", "evidence", "export", "preview", "quality", "grade", "publish"},
+            {"clean", "height", "close", "frame", "unwrap", "texture", "evidence", "export", "preview", "quality", "grade", "publish"},
         ),
         ("finish={grade: {back_share: [0.03, 0.2]}}", {"grade", "publish"}),
         ("register={colmap: {max_features: 900}}", set()),

@@ -16,7 +16,7 @@ def stage_facts(
     method = methods.SURFACES[require_known("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method.")]
     stereo = [f"{RUN}/stereo/stereo.json"] if method.stereo else []
     training = [f"{CELL}/{Path(method.model).parent}/training.json"] if method.model else []
-    steps = ("raw_mesh", "clean", "height", "underside", "unwrapped", "texture")
+    steps = ("raw_mesh", "clean", "height", "closed", "unwrapped", "texture")
     return [path.format(**wildcards) for path in (*stereo, *training, *(f"{CELL}/{name}.json" for name in steps))]
 
 
@@ -75,32 +75,33 @@ rule clean:
         " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
 
 
-rule underside:
+rule close:
     input:
         mesh=f"{CELL}/clean.ply",
         height=f"{CELL}/height.json",
+        cameras=f"{RUN}/cameras",
     output:
-        mesh=f"{CELL}/underside.ply",
-        facts=f"{CELL}/underside.json",
+        mesh=f"{CELL}/closed.ply",
+        facts=f"{CELL}/closed.json",
     log:
-        f"{CELL}/logs/underside.log",
+        f"{CELL}/logs/close.log",
     benchmark:
-        f"{CELL}/benchmarks/underside.tsv"
+        f"{CELL}/benchmarks/close.tsv"
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
     params:
-        options=step_options({"underside": config["finish"]["underside"]}),
+        options=step_options({name: config["finish"][name] for name in ("underside", "holes")} | {"max_faces": config["finish"]["clean"]["max_faces"]}),
     message:
-        "Finishing the underside of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
+        "Closing the surface of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.finish --method underside --mesh {input.mesh} --height {input.height}"
+        "python -m zeroshop_steps.finish --method close --mesh {input.mesh} --height {input.height} --cameras {input.cameras}"
         " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
 
 
 rule frame:
     input:
-        mesh=f"{CELL}/underside.ply",
+        mesh=f"{CELL}/closed.ply",
         height=f"{CELL}/height.json",
         cameras=f"{RUN}/cameras",
         capture=f"{SCENE}/capture",
@@ -122,7 +123,7 @@ rule frame:
 
 rule unwrap:
     input:
-        mesh=f"{CELL}/underside.ply",
+        mesh=f"{CELL}/closed.ply",
     output:
         mesh=f"{CELL}/unwrapped.ply",
         facts=f"{CELL}/unwrapped.json",

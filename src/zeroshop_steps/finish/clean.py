@@ -105,16 +105,7 @@ def clean_mesh(
     worker.set_selection_none()  # otherwise the filters below change only the selected faces
     if smooth > 0:
         worker.apply_coord_taubin_smoothing(lambda_=TAUBIN_LAMBDA, mu=TAUBIN_MU, stepsmoothnum=smooth)
-    if worker.current_mesh().face_number() > max_faces:
-        worker.meshing_decimation_quadric_edge_collapse(
-            targetfacenum=max_faces,
-            qualitythr=DECIMATION_QUALITY,  # every option is given: MeshLab would take missing ones from its last call
-            preserveboundary=True,
-            boundaryweight=BORDER_WEIGHT,
-            preservenormal=True,
-            planarquadric=True,
-            autoclean=True,
-        )
+    _decimate(worker, max_faces, closed=False)
     worker.meshing_remove_null_faces()
     worker.meshing_remove_unreferenced_vertices()
     result = worker.current_mesh()
@@ -122,6 +113,31 @@ def clean_mesh(
     if len(mesh.faces) == 0:
         raise StepError("nothing is left of the mesh after repair: it has no connected surface; add photos or check the masks")
     return _turn_towards_cameras(mesh, views), dropped
+
+
+def simplify(mesh: Mesh, max_faces: int, smooth: int) -> Mesh:
+    """A closed mesh smoothed by Taubin steps and decimated to at most `max_faces`; it stays closed."""
+    worker = pymeshlab.MeshSet(verbose=False)
+    worker.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
+    if smooth > 0:
+        worker.apply_coord_taubin_smoothing(lambda_=TAUBIN_LAMBDA, mu=TAUBIN_MU, stepsmoothnum=smooth)
+    _decimate(worker, max_faces, closed=True)
+    result = worker.current_mesh()
+    return Mesh(np.array(result.vertex_matrix()), np.array(result.face_matrix(), np.int64))
+
+
+def _decimate(worker: pymeshlab.MeshSet, max_faces: int, closed: bool) -> None:
+    if worker.current_mesh().face_number() > max_faces:
+        worker.meshing_decimation_quadric_edge_collapse(
+            targetfacenum=max_faces,
+            qualitythr=DECIMATION_QUALITY,  # every option is given: MeshLab would take missing ones from its last call
+            preserveboundary=True,
+            preservetopology=closed,
+            boundaryweight=BORDER_WEIGHT,
+            preservenormal=True,
+            planarquadric=True,
+            autoclean=True,
+        )
 
 
 def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh, dict[str, int]]:

@@ -6,18 +6,13 @@ faces are the last ones of the mesh and are marked as unseen; quality and grade 
 their surroundings.
 """
 
-import argparse
-import sys
-import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import manifold3d
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
-from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.geometry.meshes import Mesh
 
 STATES = ("closed", "open")
 # Lengths in diagonals of the object's bounding box.
@@ -54,26 +49,6 @@ class Underside:
     def as_record(self) -> dict[str, Any]:
         """The record for the JSON."""
         return {"seen": False, **self.__dict__}
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The method's command line."""
-    parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
-    parser.add_argument("--height", type=Path, required=True, help="height.json with the support plane")
-    parser.add_argument("--underside", choices=STATES, default="closed", help="whether to close it (default: %(default)s)")
-    parser.add_argument("--out", type=Path, required=True, help="mesh to write; its figures are written beside it as .json")
-
-
-def run(args: argparse.Namespace) -> None:
-    """Write the mesh with its underside."""
-    start_s = time.monotonic()
-    mesh, height = read_ply(args.mesh), read_json(args.height)
-    wanted = args.underside == "closed" and height["up_source"] == "support_plane"
-    mesh, underside = close_underside(mesh, np.array(height["up"]), height["bottom"]) if wanted else leave_open(mesh)
-    write_ply(args.out, mesh)
-    facts = {"underside": underside.as_record(), "parameters": {"underside": args.underside}}
-    write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
-    print(f"underside: {underside.state}, {underside.faces} faces, watertight: {underside.watertight}", file=sys.stderr)
 
 
 def leave_open(mesh: Mesh) -> tuple[Mesh, Underside]:

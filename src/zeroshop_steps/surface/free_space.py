@@ -84,7 +84,7 @@ def carve_free_space(hull: VisualHull, cameras: list[Camera], depth_maps: list[n
     votes[(free <= FREE_VIEWS_MIN) & (solid == 0)] = -FILL_VOTE
     grid = np.ones(hull.occupied.shape, np.float32)
     grid[hull.occupied] = votes
-    occupancy = _minimize_surface(grid, hull.occupied, SMOOTHNESS, STEPS)
+    occupancy = minimize_surface(grid, hull.occupied, SMOOTHNESS, STEPS)
     return VisualHull(occupancy > 0.5, hull.half_extent)
 
 
@@ -101,7 +101,7 @@ def _median_in_blocks(depth: np.ndarray, side: int) -> np.ndarray:
 
 
 @numba.njit(cache=True, parallel=True)
-def _minimize_surface(votes, inside, smoothness, steps):
+def minimize_surface(votes, inside, smoothness, steps):
     """(R, R, R) float32 occupancy in [0, 1] that minimizes sum(u * votes) + smoothness * total variation, 0 outside the hull."""
     n0, n1, n2 = votes.shape
     u = np.where(votes < 0, np.float32(1), np.float32(0))

@@ -128,7 +128,7 @@ def find_runs(folder: Path) -> list[Run]:
 def read_cell(folder: Path) -> Cell:
     """Read what exists of a cell."""
     failure = _find_failure(folder) or read_failure(folder.parent / "cameras")
-    names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "underside")
+    names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "closed")
     facts = {name: _read_facts(folder / f"{name}.json") for name in names}
     facts["training"] = next((found for name in TRAINED if (found := _read_facts(folder / name))), {})
     grade = facts["grade"].get("grade")

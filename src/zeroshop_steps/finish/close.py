@@ -1,0 +1,148 @@
+"""Close the surface: the underside flat at the support plane, and every other hole.
+
+The underside is closed flat (underside.py). A few small holes besides are filled with triangles between the vertices of their
+borders, and the rest of the mesh stays as it is. Where more is open, or a strip of ground lies around the foot, the whole surface
+is closed in space (watertight.py) and simplified again. The faces that were added and that fewer than two photos see come last:
+neither quality nor grade counts them.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import manifold3d
+import numpy as np
+
+from zeroshop_steps.finish.clean import simplify
+from zeroshop_steps.finish.underside import STATES, Underside, close_underside, find_open_borders, leave_open
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
+from zeroshop_steps.runtime.files import read_json, write_json
+
+if TYPE_CHECKING:
+    from zeroshop_steps.finish.watertight import GroundPlane
+
+GROUND_SHARE = 0.005
+"""More of the surface than this lying flat just above the support plane is ground. On rendered objects it is below 0.0002, on two
+real captures with ground in their masks 0.03 to 0.06."""
+SMALL_HOLES_DIAGONALS = 1.0
+"""Holes whose borders are together shorter than this, in diagonals of the object, are filled one by one. Of rendered objects the
+clamp has 0.6, a mug whose plain inside is torn 7.8; real captures with torn surfaces have 13."""
+UPRIGHT_SHARE = 0.9
+"""A filled hole is accepted where its border, seen along its normal, hardly overlaps itself: by area."""
+SMOOTHING_STEPS = 5
+"""Taubin steps that take the steps of the voxels away from the closed surface."""
+ADDED_DIAGONALS = 0.005
+"""A face farther than this from the measured surface, in diagonals of the object, was added."""
+SEEN_BY = 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--mesh", type=Path, required=True, help="cleaned mesh, registration frame")
+    parser.add_argument("--height", type=Path, required=True, help="height.json, which has the support plane")
+    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--underside", choices=STATES, default="closed", help="close it, or leave it open (default: %(default)s)")
+    parser.add_argument(
+        "--holes", choices=STATES, default="closed", help="close all other holes, where the underside is closed (default: %(default)s)"
+    )
+    parser.add_argument("--max-faces", type=int, default=45000, help="triangles at most of a surface closed in space")
+    parser.add_argument("--out", type=Path, required=True, help="mesh to write; its facts go beside it as .json")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the closed mesh."""
+    from zeroshop_steps.finish.watertight import GroundPlane
+
+    start_s = time.monotonic()
+    mesh, height = read_ply(args.mesh), read_json(args.height)
+    plane = GroundPlane(np.array(height["up"]), height["bottom"]) if height["up_source"] == "support_plane" else None
+    method, ground_share = "none", plane.ground_share(mesh) if plane else 0.0
+    closed, underside = leave_open(mesh)
+    if args.underside == "closed" and plane:
+        closed, underside = close_underside(mesh, plane.up, plane.offset)
+        method = "flat" if underside.faces else "none"
+    if args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
+        views, _ = read_views(args.cameras)
+        filled = None if ground_share > GROUND_SHARE else fill_small_holes(closed, underside, views)
+        closed, underside = filled or close_in_space(mesh, views, plane, args.max_faces)
+        method = "holes" if filled else "volume"
+    write_ply(args.out, closed)
+    facts = {
+        "underside": underside.as_record(),
+        "closing": {"method": method, "ground_share": round(ground_share, 5), "watertight": underside.watertight},
+        "parameters": {"underside": args.underside, "holes": args.holes},
+    }
+    write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
+    print(f"close: {method}, {underside.faces} unseen faces added, watertight: {underside.watertight}", file=sys.stderr)
+
+
+def fill_small_holes(mesh: Mesh, underside: Underside, views: Sequence[View]) -> tuple[Mesh, Underside] | None:
+    """The mesh with its holes filled, where these are few and nearly flat; None otherwise.
+
+    Args:
+        mesh: as `close_underside` gives it, with the faces of the underside last.
+        underside: what was closed there.
+    """
+    borders = find_open_borders(mesh.faces)
+    length = sum(float(np.linalg.norm(np.diff(mesh.vertices[np.append(border, border[0])], axis=0), axis=1).sum()) for border in borders)
+    if length > SMALL_HOLES_DIAGONALS * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))):
+        return None
+    patches = [_triangulate(mesh.vertices, border) for border in borders]
+    if any(patch is None for patch in patches):
+        return None
+    added = np.concatenate([patch for patch in patches if patch is not None])
+    whole = Mesh(mesh.vertices, np.concatenate([mesh.faces, added])).with_normals()
+    seen = np.ones(len(whole.faces), bool)
+    seen[underside.first_face : underside.first_face + underside.faces] = False
+    seen[len(mesh.faces) :] = _is_seen(whole, added, views)
+    return _with_unseen_last(whole, seen, len(borders) + underside.borders)
+
+
+def _triangulate(vertices: np.ndarray, border: np.ndarray) -> np.ndarray | None:
+    """(T, 3) faces over a border, a closed chain of vertices; None where it is too far from flat to be spanned."""
+    points = vertices[border] - vertices[border].mean(0)
+    normal = -np.cross(points, np.roll(points, -1, 0)).sum(0)
+    length = np.linalg.norm(normal)
+    if length == 0.0:
+        return None
+    across = np.linalg.svd(normal[None] / length)[2][1:]
+    if np.linalg.det(np.stack([*across, normal / length])) < 0:
+        across = across[::-1]
+    flat = points[::-1] @ across.T  # the border runs clockwise about the side that the hole's faces show
+    index = manifold3d.triangulate([flat], allow_convex=False)
+    (ax, ay), (bx, by), (cx, cy) = flat[index].transpose(1, 2, 0)
+    areas = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    if areas.sum() < UPRIGHT_SHARE * np.abs(areas).sum() or len(index) != len(border) - 2:
+        return None
+    return border[::-1][index]
+
+
+def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View]) -> np.ndarray:
+    """(F,) bool: which of (F, 3) faces of the mesh enough photos see at their middle."""
+    middle = mesh.vertices[faces].mean(1)
+    part = Mesh(mesh.vertices, faces)
+    return count_seeing_views(middle, part.face_normals(), mesh, [view.camera for view in views], None) >= SEEN_BY
+
+
+def _with_unseen_last(mesh: Mesh, seen: np.ndarray, closed_borders: int) -> tuple[Mesh, Underside]:
+    """The mesh with its faces in another order, and the record of those that no photo sees."""
+    whole = Mesh(mesh.vertices, np.concatenate([mesh.faces[seen], mesh.faces[~seen]]), mesh.normals)
+    left = len(find_open_borders(whole.faces))
+    return whole, Underside("open" if left else "closed", int(seen.sum()), int((~seen).sum()), closed_borders, left, not left)
+
+
+def close_in_space(mesh: Mesh, views: Sequence[View], plane: "GroundPlane | None", max_faces: int) -> tuple[Mesh, Underside]:
+    """The mesh with all holes closed, its added and unseen faces last, and what these are."""
+    from zeroshop_steps.finish.watertight import close_surface
+
+    closed = simplify(close_surface(mesh, views, plane), max_faces, SMOOTHING_STEPS).with_normals()
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    added = measure_distances(mesh, closed.vertices[closed.faces].mean(1)) > ADDED_DIAGONALS * diagonal
+    seen = ~added
+    seen[added] = _is_seen(closed, closed.faces[added], views)
+    return _with_unseen_last(closed, seen, len(find_open_borders(mesh.faces)))

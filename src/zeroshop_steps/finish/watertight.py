@@ -1,0 +1,339 @@
+"""Close a surface everywhere: what photos measured stays, holes are filled by the smoothest surface that the photos allow.
+
+Space around the mesh is divided into voxels. Photos vote: a voxel outside of several masks, or in front of measured surface, is
+empty; one just behind measured surface is solid. Near the mesh the mesh itself decides. Between, the occupancy minimizes its
+votes and its surface area (`surface.free_space`, Kolev et al. 2009), so that a hole is closed where no photo looks through it.
+The result is a signed distance: the mesh's own near measured surface, elsewhere the closed shape's, blended by diffusion from
+the rims of the holes (Davis et al., Filling holes in complex surfaces using volumetric diffusion, 3DPVT 2002). Marching cubes
+(Lorensen and Cline 1987) makes a closed mesh of it, whose vertices are put back onto the measured surface.
+
+Where the support plane is known, the object ends there. In a thin layer above the plane, where masks often hold a strip of ground,
+nothing stays that lies outside of the object's cross-section above that layer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numba
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+from skimage.measure import marching_cubes
+
+from zeroshop_steps.finish.clean import label_parts
+from zeroshop_steps.finish.underside import find_open_borders
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
+from zeroshop_steps.surface.free_space import minimize_surface
+
+COARSE, FINE = 128, 256
+"""Voxels along the longest side: of the votes, and of the signed distance."""
+ROOM = 1.12
+"""Side of the block of voxels, in the longest side of the mesh's box."""
+VOTING_PX = 480
+"""Longest side of the pictures that vote: about a coarse voxel a pixel and a half."""
+MASK_MARGIN_PX = 1.5
+"""A pixel this far outside a mask shows that the object is not there."""
+OUTSIDE_VIEWS, OUTSIDE_SHARE = 2, 0.2
+"""A voxel outside of at least so many masks, and of this share of those that frame it, is empty: single masks may be wrong."""
+FRONT_VOXELS, BEHIND_VOXELS = 1.5, (0.5, 4.0)
+"""A voxel this far in front of measured surface is seen through; between these behind it, solid."""
+SOLID_WEIGHT, FULL_VOTES, FILL = 2.0, 3.0, 0.1
+"""As in `surface.free_space`: what a vote for solid weighs, how many votes count fully, and the lean to solid without any."""
+MEASURED_VOTE = 2.0
+"""Vote of the mesh itself near measured surface, in full votes of the photos."""
+SMOOTHNESS, STEPS = 0.3, 200
+NEAR_VOXELS = 2.0
+"""Within this many coarse voxels of the mesh its own signed distance counts, ..."""
+RIM_SHARE = 0.75
+"""... unless the nearest point is closer than this share of that distance to an open border, where it has no side."""
+PART_SHARE = 0.05
+"""Closed parts smaller than this share of the largest are dropped."""
+BAND_VOXELS = 6.0
+DIFFUSION_STEPS = 60
+"""Reaches about eight fine voxels from the rims; farther inside a hole the smooth closed shape counts."""
+GROUND_DIAGONALS, GROUND_HEIGHTS = 0.02, 0.05
+"""The layer above the support plane in which masks may hold ground: in diagonals of the object, at most this share of its height."""
+FLAT_COSINE = 0.7
+"""Ground faces up within 45 degrees: stereo on plain ground is rough."""
+SNAP_VOXELS = 0.75
+"""Vertices this near to measured surface, in fine voxels, are put onto it."""
+
+
+@dataclass(frozen=True)
+class GroundPlane:
+    """The support plane up . x = offset with the unit normal `up` (3,) towards the object, in the mesh's frame."""
+
+    up: np.ndarray
+    offset: float
+
+    def heights(self, points: np.ndarray) -> np.ndarray:
+        """(P,) signed distances of (P, 3) points, positive above."""
+        return points @ self.up - self.offset
+
+    def ground_layer(self, mesh: Mesh) -> float:
+        """Thickness of the layer above the plane in which masks may hold ground."""
+        diagonal, height = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), float(self.heights(mesh.vertices).max())
+        return min(GROUND_DIAGONALS * diagonal, GROUND_HEIGHTS * height)
+
+    def ground_share(self, mesh: Mesh) -> float:
+        """Share of the mesh's area that lies flat within this layer, facing up: ground that the masks hold."""
+        low = (self.heights(mesh.vertices)[mesh.faces] < self.ground_layer(mesh)).all(1)
+        areas = mesh.face_areas()
+        return float(areas[low & (mesh.face_normals() @ self.up > FLAT_COSINE)].sum() / max(areas.sum(), 1e-30))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cubic voxels: `count` along each edge, the first centre at `first` (3,), `side` apart."""
+
+    first: np.ndarray
+    side: float
+    count: int
+
+    @staticmethod
+    def around(mesh: Mesh, count: int) -> "Grid":
+        """A block about the mesh's box, with room."""
+        low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+        extent = ROOM * float((high - low).max())
+        return Grid((low + high) / 2 - extent / 2 + extent / count / 2, extent / count, count)
+
+    def centres(self, index: np.ndarray) -> np.ndarray:
+        """(P, 3) centres of the voxels (P, 3)."""
+        return self.first + index * self.side
+
+
+@dataclass(frozen=True)
+class Votes:
+    """How many views say of each voxel, (R, R, R) uint8: it is framed, outside the mask, in front of surface, just behind it."""
+
+    framed: np.ndarray
+    outside: np.ndarray
+    empty: np.ndarray
+    solid: np.ndarray
+
+
+def close_surface(mesh: Mesh, views: Sequence[View], plane: GroundPlane | None) -> Mesh:
+    """A closed mesh that keeps the measured surface; the module's text says how.
+
+    Args:
+        mesh: cleaned, with open borders, facing outwards, in the frame of the views' cameras.
+        views: registered photos with masks.
+        plane: what the object stands on, if known.
+    """
+    mesh = mesh.with_normals()
+    surface = MeasuredSurface(mesh)
+    coarse, fine = Grid.around(mesh, COARSE), Grid.around(mesh, FINE)
+    occupied = _occupancy(coarse, surface, _cast_votes(coarse, mesh, views), plane)
+    distance = _signed_distance(fine, coarse, occupied, surface)
+    if plane is not None:
+        _end_at_plane(distance, fine, plane, plane.ground_layer(mesh))
+    closed = _without_small_parts(_extract(distance, fine))
+    return surface.snapped(closed, SNAP_VOXELS * fine.side)
+
+
+class MeasuredSurface:
+    """Nearest points and sides of an open mesh with normals."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.scene = ray_caster((mesh.vertices, mesh.faces))
+        borders = find_open_borders(mesh.faces)
+        self.rims = cKDTree(mesh.vertices[np.concatenate(borders)]) if borders else None
+
+    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P, 3) nearest points of the surface and (P, 3) its interpolated normals there."""
+        answer = self.scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
+        faces, uv = answer["primitive_ids"].numpy().astype(np.int64), answer["primitive_uvs"].numpy()
+        weights = np.concatenate([1.0 - uv.sum(1, keepdims=True), uv], axis=1)
+        normals = np.einsum("pk,pkc->pc", weights, self.mesh.vertex_normals[self.mesh.faces[faces]])
+        return answer["points"].numpy().astype(float), normals
+
+    def distance_from_rims(self, points: np.ndarray) -> np.ndarray:
+        """(P,) distance of (P, 3) points to the open borders; infinite where there are none."""
+        return np.full(len(points), np.inf) if self.rims is None else self.rims.query(points)[0]
+
+    def signed_distance(self, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) distance, positive outside, and (P,) bool whether it can be trusted: within `reach`, and not at an open border."""
+        nearest, normals = self.nearest(points)
+        away = points - nearest
+        distance = np.linalg.norm(away, axis=1)
+        known = distance < reach
+        known[known] = self.distance_from_rims(nearest[known]) > RIM_SHARE * reach
+        return np.where(np.einsum("pc,pc->p", away, normals) >= 0.0, distance, -distance), known
+
+    def snapped(self, closed: Mesh, reach: float) -> Mesh:
+        """The closed mesh with vertices within `reach` of this surface, away from its open borders, put onto it."""
+        nearest, _ = self.nearest(closed.vertices)
+        move = np.linalg.norm(nearest - closed.vertices, axis=1) < reach
+        move[move] = self.distance_from_rims(nearest[move]) > reach
+        return Mesh(np.where(move[:, None], nearest, closed.vertices), closed.faces)
+
+
+def _cast_votes(grid: Grid, mesh: Mesh, views: Sequence[View]) -> Votes:
+    """Let every view vote, with its mask and the depth of the mesh where it shows its front."""
+    renderer, normals = MeshRenderer(mesh), mesh.face_normals()
+    shape = (grid.count,) * 3
+    votes = Votes(*(np.zeros(shape, np.uint8) for _ in range(4)))
+    for view in views:
+        camera = _voting_camera(view.camera)
+        size = (camera.width_px, camera.height_px)
+        mask = cv2.resize(view.mask().astype(np.uint8) * 255, size, interpolation=cv2.INTER_AREA) > 127
+        hits = renderer.cast_rays(camera)
+        face = hits.face[hits.mask]
+        towards = camera.centre_in_world - mesh.vertices[mesh.faces[face, 0]]
+        depth = np.zeros(mask.shape, np.float32)
+        # Through a hole one sees the surface from behind: it says nothing of what lies before it.
+        depth[hits.mask] = np.where(np.einsum("pc,pc->p", normals[face], towards) > 0, hits.depth[hits.mask], 0.0)
+        off_px = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+        limits = np.array([MASK_MARGIN_PX, FRONT_VOXELS * grid.side, BEHIND_VOXELS[0] * grid.side, BEHIND_VOXELS[1] * grid.side])
+        _vote(grid.first, grid.side, camera.row, off_px, depth, limits, votes.framed, votes.outside, votes.empty, votes.solid)
+    return votes
+
+
+def _voting_camera(camera: Camera) -> Camera:
+    scale = min(1.0, VOTING_PX / max(camera.width_px, camera.height_px))
+    return camera.resized(max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale)))
+
+
+@numba.njit(cache=True, parallel=True)
+def _vote(
+    first: np.ndarray,
+    side: float,
+    row: np.ndarray,
+    off_px: np.ndarray,
+    depth: np.ndarray,
+    limits: np.ndarray,
+    framed: np.ndarray,
+    outside: np.ndarray,
+    empty: np.ndarray,
+    solid: np.ndarray,
+) -> None:
+    """Add one view's votes; `row` as `Camera.row`, `limits`: mask margin in px, then front, behind from and behind to in depth."""
+    count = framed.shape[0]
+    height, width = off_px.shape
+    for i in numba.prange(count):
+        x = first[0] + i * side
+        for j in range(count):
+            y = first[1] + j * side
+            for k in range(count):
+                z = first[2] + k * side
+                w = row[6] * x + row[7] * y + row[8] * z + row[11]
+                if w <= 0.0:
+                    continue
+                u = int(np.floor((row[0] * x + row[1] * y + row[2] * z + row[9]) / w * row[12] + row[14]))
+                v = int(np.floor((row[3] * x + row[4] * y + row[5] * z + row[10]) / w * row[13] + row[15]))
+                if u < 0 or v < 0 or u >= width or v >= height:
+                    continue
+                framed[i, j, k] += 1
+                if off_px[v, u] > limits[0]:
+                    outside[i, j, k] += 1
+                elif off_px[v, u] == 0.0 and depth[v, u] > 0.0:
+                    behind = w - depth[v, u]
+                    if behind < -limits[1]:
+                        empty[i, j, k] += 1
+                    elif limits[2] < behind < limits[3]:
+                        solid[i, j, k] += 1
+
+
+def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: GroundPlane | None) -> np.ndarray:
+    """(R, R, R) bool: the closed shape that votes and smoothness agree on."""
+    empty, solid = votes.empty.astype(np.float32), votes.solid.astype(np.float32)
+    outside = votes.outside.astype(np.float32)
+    allowed = ~((outside >= OUTSIDE_VIEWS) & (outside >= OUTSIDE_SHARE * votes.framed))
+    allowed[[0, -1]] = allowed[:, [0, -1]] = allowed[:, :, [0, -1]] = False
+    data = np.clip((empty - 1.0 - SOLID_WEIGHT * solid) / FULL_VOTES, -1.0, 1.0).astype(np.float32)
+    data[(empty <= 1) & (solid == 0)] = -FILL
+    index = np.argwhere(allowed)
+    centres = grid.centres(index)
+    if plane is not None:
+        above = plane.heights(centres) > 0
+        allowed[tuple(index[~above].T)] = False
+        index, centres = index[above], centres[above]
+    distance, known = surface.signed_distance(centres, NEAR_VOXELS * grid.side)
+    data[tuple(index[known].T)] = np.where(distance[known] > 0, MEASURED_VOTE, -MEASURED_VOTE)
+    occupied = minimize_surface(np.where(allowed, data, np.float32(1)), allowed, SMOOTHNESS, STEPS) > 0.5
+    labels, count = ndimage.label(occupied)
+    if count > 1:
+        sizes = np.bincount(labels.ravel())
+        sizes[0] = 0
+        occupied = np.isin(labels, np.flatnonzero(sizes >= PART_SHARE * sizes.max()))
+    return ndimage.binary_fill_holes(occupied)
+
+
+def _signed_distance(fine: Grid, coarse: Grid, occupied: np.ndarray, surface: MeasuredSurface) -> np.ndarray:
+    """(N, N, N) float32 distance, positive outside: near measured surface its own, else that of the closed shape."""
+    voxels = ndimage.distance_transform_edt(~occupied) - ndimage.distance_transform_edt(occupied)
+    smooth = ndimage.gaussian_filter(voxels.astype(np.float32), 1.0) * np.float32(coarse.side)
+    distance = ndimage.zoom(smooth, fine.count // coarse.count, order=1, grid_mode=True, mode="nearest")
+    limit = BAND_VOXELS * coarse.side
+    index = np.argwhere(np.abs(distance) < limit)
+    own, near = surface.signed_distance(fine.centres(index), NEAR_VOXELS * coarse.side)
+    np.clip(distance, -limit, limit, out=distance)
+    distance[tuple(index[near].T)] = own[near]
+    _diffuse(distance, np.ascontiguousarray(index[~near]), DIFFUSION_STEPS)
+    return distance
+
+
+@numba.njit(cache=True, parallel=True)
+def _diffuse(values: np.ndarray, index: np.ndarray, steps: int) -> None:
+    """Replace values at the voxels (P, 3) by the mean of their six neighbours, `steps` times (Jacobi), in place."""
+    count = len(index)
+    fresh = np.empty(count, np.float32)
+    last = values.shape[0] - 1
+    for _ in range(steps):
+        for p in numba.prange(count):
+            i, j, k = index[p]
+            i0, i1, j0, j1, k0, k1 = max(i - 1, 0), min(i + 1, last), max(j - 1, 0), min(j + 1, last), max(k - 1, 0), min(k + 1, last)
+            total = values[i0, j, k] + values[i1, j, k] + values[i, j0, k] + values[i, j1, k] + values[i, j, k0] + values[i, j, k1]
+            fresh[p] = total / np.float32(6)
+        for p in numba.prange(count):
+            values[index[p, 0], index[p, 1], index[p, 2]] = fresh[p]
+
+
+def _end_at_plane(distance: np.ndarray, grid: Grid, plane: GroundPlane, layer: float) -> None:
+    """Leave nothing below the plane, nor in the layer above it outside of the cross-section at the layer's top; changes `distance`.
+
+    What the cross-section encloses stays: the floor of a bowl may lie in the layer.
+    """
+    index = np.indices(distance.shape, dtype=np.float32).reshape(3, -1)
+    heights = plane.up @ (grid.first[:, None] + grid.side * index) - plane.offset
+    low = np.flatnonzero(heights < layer)
+    axes = np.linalg.svd(plane.up[None])[2][1:]
+    middle = grid.first + grid.side * (grid.count - 1) / 2
+    foot = middle - (plane.up @ middle - plane.offset - layer) * plane.up
+    half = 0.9 * grid.count * grid.side  # the block's half diagonal, seen from any side
+    along = np.arange(-half, half, grid.side)
+    places = foot + along[:, None, None] * axes[0] + along[None, :, None] * axes[1]
+    section = ndimage.map_coordinates(distance, ((places - grid.first) / grid.side).reshape(-1, 3).T, order=1, mode="nearest")
+    inside = ndimage.binary_fill_holes(section.reshape(len(along), -1) < 0)
+    if not inside.any():
+        return
+    outline = (ndimage.distance_transform_edt(~inside) - ndimage.distance_transform_edt(inside)) * grid.side
+    points = (grid.first[:, None] + grid.side * index[:, low]) - foot[:, None]
+    cells = (axes @ points + half) / grid.side
+    off = ndimage.map_coordinates(outline.astype(np.float32), cells, order=1, mode="nearest")
+    flat = distance.reshape(-1)
+    flat[low] = np.maximum(np.maximum(flat[low], off), -heights[low])
+
+
+def _extract(distance: np.ndarray, grid: Grid) -> Mesh:
+    """The zero level as a closed mesh that faces outwards."""
+    limit = np.float32(grid.side)
+    distance[[0, -1]] = np.maximum(distance[[0, -1]], limit)
+    distance[:, [0, -1]] = np.maximum(distance[:, [0, -1]], limit)
+    distance[:, :, [0, -1]] = np.maximum(distance[:, :, [0, -1]], limit)
+    vertices, faces, _, _ = marching_cubes(distance, 0.0)
+    return Mesh(grid.first + grid.side * vertices.astype(float), faces.astype(np.int64))
+
+
+def _without_small_parts(mesh: Mesh) -> Mesh:
+    """The mesh without closed parts far smaller than the largest, by area."""
+    labels = label_parts(mesh)
+    areas = np.bincount(labels, mesh.face_areas())
+    kept = (areas >= PART_SHARE * areas.max())[labels]
+    return Mesh(mesh.vertices, mesh.faces[kept]).without_loose_vertices()

@@ -1,0 +1,154 @@
+"""Torn surfaces are closed: what was measured stays, holes follow the true shape, ground around the foot goes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from helpers.carton_scene import camera_at
+from zeroshop_steps.finish.close import close_in_space, fill_small_holes
+from zeroshop_steps.finish.underside import close_underside, find_open_borders
+from zeroshop_steps.finish.watertight import GroundPlane
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.surface_distance import measure_distances
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json, write_json
+
+UP = np.array([0.0, 0.0, 1.0])
+RADIUS_MM, FOOT_MM = 30.0, -27.0
+MAX_FACES = 12_000
+
+
+@dataclass(frozen=True)
+class MaskedView(View):
+    """A view with its mask in memory."""
+
+    pixels: np.ndarray
+
+    def mask(self) -> np.ndarray:
+        return self.pixels
+
+
+def ball() -> Mesh:
+    """A ball that stands on z = FOOT_MM, cut flat and open there; finer than the voxels of the closing."""
+    ball = trimesh.creation.icosphere(6, RADIUS_MM)
+    vertices, faces, _ = trimesh.intersections.slice_faces_plane(ball.vertices, ball.faces, UP, np.array([0, 0, FOOT_MM]))
+    mesh = trimesh.Trimesh(vertices, faces)
+    return Mesh(np.array(mesh.vertices), np.array(mesh.faces)).without_loose_vertices().with_normals()
+
+
+def without_faces(mesh: Mesh, place: np.ndarray, radius_mm: float) -> Mesh:
+    """The mesh with a hole around a place."""
+    away = np.linalg.norm(mesh.vertices[mesh.faces].mean(1) - place, axis=1)
+    return Mesh(mesh.vertices, mesh.faces[away > radius_mm]).without_loose_vertices().with_normals()
+
+
+def cameras() -> list[Camera]:
+    rings = [camera_at(f"low{k}.png", 36.0 * k, 12.0, 200.0) for k in range(10)]
+    return rings + [camera_at(f"high{k}.png", 36.0 * k + 18.0, 50.0, 200.0) for k in range(10)]
+
+
+@pytest.fixture(scope="module")
+def views() -> list[View]:
+    """The masks that photos of the whole ball have; every tenth lacks its upper half."""
+    renderer = MeshRenderer(ball())
+    found = []
+    for index, camera in enumerate(cameras()):
+        mask = renderer.cast_rays(camera).mask
+        if index % 10 == 3:
+            mask = mask & (np.arange(len(mask))[:, None] > len(mask) / 2)
+        found.append(MaskedView(camera, Path(camera.name), None, mask))
+    return found
+
+
+def side() -> np.ndarray:
+    return RADIUS_MM * np.array([np.cos(0.4), 0.0, np.sin(0.4)])
+
+
+@pytest.fixture(scope="module")
+def closed(views) -> tuple[Mesh, Mesh, Mesh]:
+    """A ball with a wide hole in its side and a strip of ground around its foot, before and after; and which faces are unseen."""
+    torn = without_faces(ball(), side(), 12.0)
+    strip = trimesh.creation.annulus(15.0, 32.0, 0.4, transform=trimesh.transformations.translation_matrix([0, 0, FOOT_MM + 0.2]))
+    strip = strip.subdivide().subdivide()
+    torn = Mesh(
+        np.concatenate([torn.vertices, strip.vertices]), np.concatenate([torn.faces, np.array(strip.faces) + len(torn.vertices)])
+    ).with_normals()
+    whole, record = close_in_space(torn, views, GroundPlane(UP, FOOT_MM), MAX_FACES)
+    assert record.state == "closed" and record.first_face + record.faces == len(whole.faces)
+    return torn, whole, Mesh(whole.vertices, whole.faces[record.first_face :])
+
+
+def test_a_torn_surface_becomes_a_solid(closed):
+    _, whole, _ = closed
+    assert not find_open_borders(whole.faces) and whole.as_trimesh().is_watertight
+    sphere = 4 / 3 * np.pi * RADIUS_MM**3
+    assert whole.as_trimesh().volume == pytest.approx(sphere, rel=0.02)
+
+
+def test_measured_surface_stays_where_it_was(closed):
+    torn, whole, _ = closed
+    kept = torn.vertices[torn.vertices[:, 2] > FOOT_MM + 4.0]
+    away = measure_distances(whole, kept)
+    assert np.median(away) < 0.03 and np.quantile(away, 0.99) < 0.3
+
+
+def test_a_hole_is_closed_near_the_true_shape_in_spite_of_wrong_masks(closed):
+    _, whole, _ = closed
+    near = np.linalg.norm(whole.vertices - side(), axis=1) < 11.0
+    depth = RADIUS_MM - np.linalg.norm(whole.vertices[near], axis=1)
+    voxel, pixel = 1.12 * 2 * RADIUS_MM / 128, 200.0 / 420.0  # of the votes, in mm
+    flat = RADIUS_MM - np.sqrt(RADIUS_MM**2 - 12.0**2)  # how deep a flat lid would lie below the ball, 2.5 mm
+    assert near.sum() > 50 and -1.5 * pixel - voxel < depth.min() and depth.max() < flat / 2
+
+
+def test_ground_around_the_foot_goes(closed):
+    torn, whole, _ = closed
+    assert GroundPlane(UP, FOOT_MM).ground_share(torn) > 0.01 > GroundPlane(UP, FOOT_MM).ground_share(whole)
+    low = whole.vertices[whole.vertices[:, 2] < FOOT_MM + 2.0]
+    assert np.linalg.norm(low[:, :2], axis=1).max() < 18.0 and whole.vertices[:, 2].min() > FOOT_MM - 0.2
+
+
+def test_only_the_underside_is_unseen(closed):
+    _, _, unseen = closed
+    centres = unseen.vertices[unseen.faces].mean(1)
+    assert len(centres) > 10 and centres[:, 2].max() < FOOT_MM + 3.0
+
+
+def test_a_few_small_holes_are_filled_and_nothing_else_changes(views):
+    mesh, underside = close_underside(without_faces(ball(), side(), 3.0), UP, FOOT_MM)
+    filled = fill_small_holes(mesh, underside, views)
+    assert filled is not None
+    whole, record = filled
+    assert record.watertight and whole.as_trimesh().is_watertight and whole.as_trimesh().is_winding_consistent
+    assert np.array_equal(whole.faces[: underside.first_face], mesh.faces[: underside.first_face])
+    assert record.faces == underside.faces, "photos see the filled hole"
+
+
+def test_wide_holes_are_left_to_the_closing_in_space(views):
+    mesh, underside = close_underside(without_faces(ball(), side(), 20.0), UP, FOOT_MM)
+    assert fill_small_holes(mesh, underside, views) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "up_source", "state", "method"),
+    [
+        ([], "support_plane", "closed", "flat"),
+        (["--underside", "open"], "support_plane", "open", "none"),
+        (["--holes", "open"], "camera_roll", "open", "none"),
+    ],
+)
+def test_the_step_says_what_it_did(tmp_path, options, up_source, state, method):
+    write_ply(tmp_path / "clean.ply", ball())
+    write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": FOOT_MM, "up_source": up_source})
+    words = ["--method", "close", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json", *options]
+    words += ["--cameras", tmp_path / "cameras", "--out", tmp_path / "closed.ply"]
+    assert stage_main("zeroshop_steps.finish", [str(word) for word in words]) == 0
+    facts = read_json(tmp_path / "closed.json")
+    assert facts["underside"]["state"] == state and facts["underside"]["seen"] is False and facts["closing"]["method"] == method
+    assert facts["closing"]["watertight"] == (state == "closed")
