@@ -24,6 +24,7 @@ ROOMS = [
     "detect",
     "pose",
     "report",
+    "app",
 ]
 """In the order of the way of the data. `bop` holds the benchmark's formats and scores, which rendered test scenes are written in."""
 

@@ -1,0 +1,152 @@
+"""The command `zeroshop`: from photos or a film of an object to its mesh, and a quick check of a capture."""
+
+import argparse
+import os
+import sys
+import time
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+
+from zeroshop_steps import __version__
+from zeroshop_steps.runtime.errors import StepError
+
+HEIGHT_M = (0.005, 3.0)
+
+DESCRIPTION = """\
+Photos or a film of an object become a closed, textured mesh of true size.
+
+  zeroshop mug.mp4 --height 0.096     a film; the mug is 9.6 cm high
+  zeroshop photos/box                 a folder of photos; the size stays unknown
+  zeroshop check photos/box           judge a capture in a minute, before anything long runs
+
+Film the object once all around from the side and once from above, on a surface with print (a newspaper does), and keep it
+whole in the picture. The results lie in results/photos/NAME below the current folder. A run that was interrupted goes on where it
+stopped, and what is given again (a height, say) remakes only what depends on it.
+
+Many objects, rendered test scenes and tables are made by Snakemake: see README.md."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status.
+
+    Args:
+        argv: the command line without the program's name; the process's own by default.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    checking = words[:1] == ["check"]
+    parser = _check_parser() if checking else _mesh_parser()
+    if not words:
+        parser.print_help()
+        return 0
+    args = parser.parse_args(words[1:] if checking else words)
+    try:
+        return _check(args) if checking else _make(args)
+    except StepError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\ninterrupted; the same command goes on where it stopped", file=sys.stderr)
+        return 130
+
+
+def _mesh_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="zeroshop", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", type=Path, metavar="PHOTOS_OR_FILM", help="a folder of photos, or a video")
+    parser.add_argument("--height", type=float, metavar="METRES", help="height of the standing object, e.g. 0.19")
+    parser.add_argument("--name", help="name of the results (default: that of the folder or video)")
+    parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png (default: they are found)")
+    parser.add_argument("--board", type=Path, nargs="?", const=Path(), metavar="PHOTOS", help=(
+        "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
+    parser.add_argument("--method", default="2dgs", help="surface method: 2dgs or svraster (default: %(default)s)")
+    parser.add_argument("--cores", type=int, default=os.cpu_count() or 2, help="processor cores to use (default: all, %(default)s)")
+    parser.add_argument("--into", type=Path, default=Path(), metavar="FOLDER", help="folder that gets results/ (default: the current one)")
+    parser.add_argument("--open", action="store_true", help="open the report in a browser at the end")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    return parser
+
+
+def _check_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="zeroshop check", description="Judge photos or a film before anything long runs.")
+    parser.add_argument("source", type=Path, metavar="PHOTOS_OR_FILM", help="a folder of photos, or a video")
+    return parser
+
+
+def _check(args: argparse.Namespace) -> int:
+    from zeroshop_steps.app.check import check_capture
+
+    problems, warnings = check_capture(_require_source(args.source))
+    for line in problems:
+        print(f"problem   {line}")
+    for line in warnings:
+        print(f"warning   {line}")
+    if not problems:
+        print("ready     a mesh can be tried" if warnings else "ready     nothing speaks against a good mesh")
+    return 1 if problems else 0
+
+
+def _make(args: argparse.Namespace) -> int:
+    from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name
+    from zeroshop_steps.app.workflow import run_workflow
+
+    source = _require_source(args.source)
+    if args.height is not None and not HEIGHT_M[0] <= args.height <= HEIGHT_M[1]:
+        raise StepError(f"--height is {args.height:g}; it is in metres, {HEIGHT_M[0]:g} to {HEIGHT_M[1]:g}: write 0.19 for 19 cm")
+    if args.cores < 1:
+        raise StepError(f"--cores is {args.cores}; at least 1 is needed")
+    folder = args.into.resolve()
+    by_board = args.board is not None
+    capture = Capture(
+        object=make_name(Path(args.name)) if args.name else make_name(source),
+        images=str(source),
+        masks=str(_require_folder(args.masks, "--masks")) if args.masks else "",
+        height_m=f"{args.height:g}" if args.height is not None else "",
+        height_method="marker" if by_board else "known" if args.height is not None else "",
+        marker_images=str(_require_folder(args.board, "--board")) if by_board and args.board != Path() else "",
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    capture = add_capture(folder, capture)
+    print(f"{source} -> {folder / 'results/photos' / capture.object}", file=sys.stderr)
+    start_s = time.time()
+    results = folder / "results/photos" / capture.object
+    log = results / "logs/zeroshop.log"
+    done = run_workflow(f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log)
+    _print_outcome(results, args.method, log, done, start_s)
+    if done and args.open:
+        _open_report(folder, folder / TABLE, args.cores)
+    return 0 if done else 1
+
+
+def _print_outcome(results: Path, method: str, log: Path, done: bool, start_s: float) -> None:
+    from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_warnings, find_reason
+
+    cell = results / "video/colmap" / method
+    lines = describe_mesh(results / f"{method}.ply") if done else [f"Failed    {line}" for line in find_reason(log)]
+    lines += describe_advice(cell, cell.parent / "cameras") + describe_warnings(results, start_s)
+    lines.append(f"Time      {(time.time() - start_s) / 60:.1f} min; everything that was said: {log}")
+    print("\n".join(lines))
+
+
+def _open_report(folder: Path, table: Path, cores: int) -> None:
+    """Make the report of all objects so far and open it."""
+    from zeroshop_steps.app.workflow import run_workflow
+
+    index = folder / "results/photos/report/index.html"
+    if run_workflow("results/photos/report/index.html", folder, table, cores, folder / "results/photos/report/logs/zeroshop.log"):
+        print(f"Report    {index}")
+        webbrowser.open(index.as_uri())
+    else:
+        print(f"The report could not be made; see {folder / 'results/photos/report/logs/zeroshop.log'}", file=sys.stderr)
+
+
+def _require_source(path: Path) -> Path:
+    """The absolute path of a capture that exists."""
+    if not path.exists():
+        raise StepError(f"{path} does not exist; name a folder of photos or a video")
+    return path.resolve()
+
+
+def _require_folder(path: Path, option: str) -> Path:
+    if not path.is_dir():
+        raise StepError(f"{option} names {path}, which is no folder")
+    return path.resolve()

@@ -1,0 +1,146 @@
+"""Run the workflow for one file, showing how far it is instead of Snakemake's own report."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+import zeroshop_steps
+from zeroshop_steps.runtime.errors import StepError
+
+TYPICAL_S = {
+    "capture_photos": 2, "register_photos": 44, "segment": 13, "capture_object": 13, "stereo": 16, "train_2dgs": 25, "fuse_2dgs": 8,
+    "train_svraster": 15, "mesh_svraster": 5, "clean": 9, "height": 3, "close": 10, "frame": 1, "unwrap": 1, "texture": 8,
+    "evidence": 5, "export": 1, "grade": 6, "preview": 4, "publish": 1,
+}  # fmt: skip
+"""Seconds of each rule for 25 photos of 1558 x 1039 px on two cores: what the time left is estimated from, scaled to this run."""
+OTHER_S = 3
+JOB = re.compile(r"^(?:Job|localrule|checkpoint|Checkpoint) (\d+): (.*)$")
+FINISHED = re.compile(r"^Finished jobid: (\d+) \(Rule: (\w+)\)")
+STATS_ROW = re.compile(r"^(\w+)\s+(\d+)$")
+
+
+@dataclass
+class Progress:
+    """How far a run is, read from Snakemake's lines.
+
+    Attributes:
+        planned: number of jobs left, by rule.
+        running: what the jobs under way say of themselves, by number.
+    """
+
+    planned: dict[str, int] = field(default_factory=dict)
+    running: dict[int, str] = field(default_factory=dict)
+    started_s: float = field(default_factory=time.monotonic)
+    total_s: float = 0.0
+    done_s: float = 0.0
+    in_stats: bool = False
+
+    def read(self, line: str) -> None:
+        """Take one line of Snakemake's report."""
+        line = line.rstrip("\n")
+        if line.startswith("Job stats:"):
+            self.in_stats, self.planned = True, {}
+        elif self.in_stats and not line.strip() and self.planned:
+            self.in_stats = False
+            self.total_s = self.done_s + sum(TYPICAL_S.get(rule, OTHER_S) * count for rule, count in self.planned.items())
+        elif self.in_stats and (row := STATS_ROW.match(line)) and row[1] != "total":
+            self.planned[row[1]] = int(row[2])
+        elif job := JOB.match(line):
+            self.running[int(job[1])] = job[2]
+        elif finished := FINISHED.match(line):
+            self.running.pop(int(finished[1]), None)
+            self.done_s += TYPICAL_S.get(finished[2], OTHER_S)
+
+    @property
+    def share(self) -> float:
+        """Share of the work that is done, 0 to 1."""
+        return min(self.done_s / self.total_s, 1.0) if self.total_s else 0.0
+
+    def describe(self) -> str:
+        """One line: share, time left and what runs."""
+        passed_s = time.monotonic() - self.started_s
+        left = ""
+        if self.share > 0.02:
+            left_s = passed_s / self.share * (1 - self.share)
+            left = f", about {left_s / 60:.0f} min left" if left_s > 90 else f", about {max(left_s, 1):.0f} s left"
+        what = "; ".join(self.running.values()) or "planning"
+        return f"{self.share:4.0%}{left}   {what}"
+
+
+def find_project() -> Path:
+    """The folder of the project, which holds the workflow.
+
+    Raises:
+        StepError: the package was installed without it.
+    """
+    root = Path(zeroshop_steps.__file__).resolve().parents[2]
+    if not (root / "workflow/Snakefile").is_file():
+        raise StepError(f"the workflow is not at {root}; install ZeroShOP from a clone of its repository: `make .venv/.ready`")
+    return root
+
+
+def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path) -> bool:
+    """Make `target` below `folder`; whether that went well. Everything that Snakemake says goes to `log`.
+
+    Args:
+        target: as Snakemake is asked for it, e.g. results/photos/mug/2dgs.ply.
+        folder: the working directory.
+        table: the table of objects, absolute.
+        cores: processor cores that may be used.
+        log: file for Snakemake's report.
+    """
+    root = find_project()
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(root / "workflow/Snakefile")]
+    command += ["--workflow-profile", str(root / "workflow/profiles/default"), "--directory", str(folder), "--cores", str(cores)]
+    command += ["--config", f"objects_table={table}", "--nocolor", "--", target]
+    progress = Progress()
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        log.open("w") as file,
+        subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        ) as process,
+    ):
+        assert process.stdout is not None
+        try:
+            _show(progress, process.stdout, file)
+        except KeyboardInterrupt:
+            process.send_signal(signal.SIGINT)
+            process.wait()
+            raise
+    return process.returncode == 0
+
+
+def _show(progress: Progress, lines, file) -> None:
+    """Copy Snakemake's lines to `file` and show the progress: one moving line on a terminal, a line a stage elsewhere."""
+    console = Console(stderr=True)
+    if console.is_terminal:
+        with Live(Text("planning"), console=console, refresh_per_second=4) as live:
+            for line in lines:
+                file.write(line)
+                progress.read(line)
+                live.update(Text(progress.describe(), overflow="ellipsis", no_wrap=True))
+        return
+    last: Sequence[str] = ()
+    for line in lines:
+        file.write(line)
+        progress.read(line)
+        now = tuple(progress.running.values())
+        if now and now != last:
+            print(progress.describe(), file=sys.stderr, flush=True)
+            last = now

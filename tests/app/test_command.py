@@ -1,0 +1,85 @@
+"""The command `zeroshop`, and the version that the project's papers name."""
+
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from zeroshop_steps import __version__
+from zeroshop_steps.app.command import main
+from zeroshop_steps.geometry.images import write_image
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def test_it_says_its_version(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out == f"zeroshop {__version__}\n"
+
+
+def test_alone_it_prints_how_to_make_a_mesh(capsys):
+    assert main([]) == 0
+    assert "zeroshop mug.mp4 --height 0.096" in capsys.readouterr().out
+
+
+def test_an_unknown_option_is_refused(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["photos", "--no-such-option"])
+    assert end.value.code == 2
+    assert "unrecognized arguments" in capsys.readouterr().err
+
+
+def test_the_changelog_and_the_citation_name_this_version():
+    assert yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())["version"] == __version__
+    newest = re.search(r"^## (\S+)", (REPOSITORY / "CHANGELOG.md").read_text(), flags=re.M)
+    assert newest and newest.group(1) == __version__
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nowhere"], "nowhere does not exist; name a folder of photos or a video"),
+        (["{photos}", "--height", "19"], "--height is 19; it is in metres, 0.005 to 3: write 0.19 for 19 cm"),
+        (["{photos}", "--height", "nan"], "--height is nan; it is in metres"),
+        (["{photos}", "--masks", "nowhere"], "--masks names nowhere, which is no folder"),
+        (["{photos}", "--board", "nowhere"], "--board names nowhere, which is no folder"),
+        (["{photos}", "--cores", "0"], "--cores is 0; at least 1 is needed"),
+        (["{photos}", "--name", "..."], "gives no name for the results"),
+        (["check", "nowhere"], "nowhere does not exist"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "photos").mkdir()
+    assert main([word.format(photos="photos") for word in words]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: ") and message in said and "Traceback" not in said
+    assert [path.name for path in tmp_path.iterdir()] == ["photos"]
+
+
+def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    for index in range(9):
+        write_image(tmp_path / "photos" / f"{index}.png", cv2.resize(rng.integers(0, 255, (30, 40, 3), np.uint8), (640, 480)))
+    assert main(["check", str(tmp_path / "photos")]) == 0
+    assert "9 different pictures; 20 to 30" in capsys.readouterr().out
+    for index in range(3, 9):
+        (tmp_path / "photos" / f"{index}.png").unlink()
+    assert main(["check", str(tmp_path / "photos")]) == 1
+    assert "problem   only 3 pictures differ from each other, 8 are needed" in capsys.readouterr().out
+
+
+def test_a_run_that_fails_says_why(tmp_path, monkeypatch, capsys):
+    """Photos that are all alike end in the first step."""
+    monkeypatch.chdir(tmp_path)
+    for index in range(9):
+        write_image(tmp_path / "my photos" / f"{index}.png", np.full((48, 64, 3), 90, np.uint8))
+    assert main(["my photos", "--cores", "1"]) == 1
+    said = capsys.readouterr()
+    assert "Failed    images in" in said.out and "are alike: only 1 of 9 differ, 8 are needed" in said.out
+    assert (tmp_path / "results/photos/my_photos/logs/zeroshop.log").is_file() and "Traceback" not in said.out + said.err

@@ -1,0 +1,49 @@
+"""The progress that is read from Snakemake's report."""
+
+import pytest
+
+from zeroshop_steps.app.summary import find_reason
+from zeroshop_steps.app.workflow import Progress
+
+REPORT = """\
+Job stats:
+job              count
+-------------  -------
+stereo               1
+train_2dgs           1
+weigh                2
+total                4
+
+Select jobs to execute...
+
+[Sun Nov 22 19:45:22 2026]
+Job 3: Looking for confirmed depths of cup
+Reason: Missing output files
+"""
+
+
+def test_the_share_follows_what_jobs_usually_take():
+    progress = Progress()
+    for line in REPORT.splitlines(keepends=True):
+        progress.read(line)
+    assert progress.planned == {"stereo": 1, "train_2dgs": 1, "weigh": 2} and progress.share == 0.0
+    assert progress.describe().endswith("Looking for confirmed depths of cup")
+    progress.read("Finished jobid: 3 (Rule: stereo)\n")
+    assert progress.share == pytest.approx(16 / (16 + 25 + 2 * 3)) and not progress.running
+    for number, rule in enumerate(("train_2dgs", "weigh", "weigh")):
+        progress.read(f"Finished jobid: {number} (Rule: {rule})\n")
+    assert progress.share == 1.0
+
+
+@pytest.mark.parametrize(
+    ("log", "reason"),
+    [
+        ("x\nerror: too dark\nerror: too dark\ny\n", ["too dark"]),
+        ("LockException:\nDirectory cannot be locked.\n", ["another run works in this folder"]),
+        ("a\nWorkflowError:\nunknown nvs method: nerf\n", ["WorkflowError:", "unknown nvs method: nerf"]),
+    ],
+)
+def test_the_reason_of_a_failure_is_found(tmp_path, log, reason):
+    (tmp_path / "log").write_text(log)
+    found = find_reason(tmp_path / "log")
+    assert len(found) == len(reason) and all(line.startswith(start) for line, start in zip(found, reason, strict=True))
