@@ -40,7 +40,7 @@ def describe_advice(cell: Path, cameras: Path) -> list[str]:
         cameras: the folder of its registered cameras.
     """
     record = read_json(cameras / "registration.json") if (cameras / "registration.json").is_file() else {}
-    advice = [*advise(read_cell(cell, record)), *(record.get("advice") or [])]
+    advice = [*advise(read_cell(cell)), *(record.get("advice") or [])]
     return [f"Next      {line}" if index == 0 else f"          {line}" for index, line in enumerate(dict.fromkeys(advice))]
 
 

@@ -6,9 +6,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 from rich.console import Console
 from rich.live import Live
@@ -126,7 +127,7 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path) 
     return process.returncode == 0
 
 
-def _show(progress: Progress, lines, file) -> None:
+def _show(progress: Progress, lines: Iterable[str], file: TextIO) -> None:
     """Copy Snakemake's lines to `file` and show the progress: one moving line on a terminal, a line a stage elsewhere."""
     console = Console(stderr=True)
     if console.is_terminal:
