@@ -19,6 +19,8 @@ from zeroshop_steps.geometry.surface_distance import measure_distances
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 
+pytestmark = pytest.mark.slow
+
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS_MM, FOOT_MM = 30.0, -27.0
 MAX_FACES = 12_000
