@@ -3,11 +3,14 @@
 import subprocess
 import sys
 
+import pytest
+
 from helpers.paths import REPOSITORY
 
 SCRIPT = REPOSITORY / "benchmarks" / "kernels.py"
 
 
+@pytest.mark.slow
 def test_the_benchmark_runs() -> None:
     done = subprocess.run([sys.executable, str(SCRIPT), "--quick"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -72,6 +72,7 @@ def test_a_symmetric_object_is_turned_no_more_than_needed(models):
     assert np.degrees(Rotation.from_matrix(fit.transform[:3, :3]).magnitude()) < 3
 
 
+@pytest.mark.slow
 def test_a_lid_over_a_hollow_that_nobody_saw_does_not_spoil_the_size(few_samples):
     outside = np.array([[0.0, 0], [50, 0], [75, 25], [80, 55]])
     inside = np.array([[76.0, 55], [71, 26], [48, 4], [0, 4]])
@@ -118,6 +119,7 @@ def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
     np.testing.assert_allclose(ours.mesh.vertices.max(0), true.mesh.vertices.max(0), atol=2.0)
 
 
+@pytest.mark.slow
 def test_what_was_not_measured_does_not_count(models, few_samples, tmp_path):
     """A plate across the can's top, which would spoil the alignment: a lid, or an underside that was closed without a photo."""
     truth = read_ply(models / "tomato_can" / "model.ply")

@@ -110,6 +110,7 @@ def test_photos_agree_on_the_true_surface_and_not_on_another(carton):
     assert turned.back_share == 1.0
 
 
+@pytest.mark.slow
 def test_the_lid_of_a_visual_hull_is_found_by_photos_alone(bowl):
     """The hull's silhouettes are perfect and it is smooth; only the photos of the hollow tell."""
     hull = damage.grade_of(bowl, damage.visual_hull(bowl))

@@ -77,6 +77,7 @@ def made(scenes, noise, width_px):
     return predictor
 
 
+@pytest.mark.slow
 def test_the_true_height_comes_back(scenes, registered):
     noise, limit = Noise(feature=0.03, point=0.01, scale=0.02), 0.02
     scale = measure_scale(registered, [Path("empty") / f"{number}.png" for number in range(4)], made(scenes, noise, 128))
@@ -87,6 +88,7 @@ def test_the_true_height_comes_back(scenes, registered):
     assert abs(scale.evidence["metres_per_unit_by_camera_distance"] / scale.metres_per_unit - 1.0) < 5 * limit
 
 
+@pytest.mark.slow
 def test_the_alignment_finds_the_true_cameras(scenes):
     views = list(zip(scenes[0].cameras, scenes[0].depths, strict=True))[:2] + list(zip(scenes[1].cameras, scenes[1].depths, strict=True))
     cameras = [camera for camera, _ in views]

@@ -33,6 +33,7 @@ def estimated(small, *words: str) -> tuple[int, Path]:
     return stage_main("zeroshop_steps.pose", ["--method", "render_compare", *map(str, given), *words]), out
 
 
+@pytest.mark.slow
 def test_a_dataset_is_estimated_from_its_true_masks_and_from_detections(small):
     status, out = estimated(small)
     poses = read_estimates(out)

@@ -31,6 +31,7 @@ def registered(carton_capture, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_cameras_are_right(registered, carton_capture):
     error = compare_cameras(read_sparse_model(registered / "sparse").cameras, read_sparse_model(carton_capture / "truth").cameras)
     assert len(error.names) == 10
@@ -38,6 +39,7 @@ def test_cameras_are_right(registered, carton_capture):
     assert error.rotation_deg.max() < 0.1
 
 
+@pytest.mark.slow
 def test_folder_is_complete_and_consistent(registered):
     model = read_sparse_model(registered / "sparse")
     record = read_json(registered / "registration.json")
@@ -54,6 +56,7 @@ def test_folder_is_complete_and_consistent(registered):
         assert mask[rows[seen], columns[seen]].sum() > 20
 
 
+@pytest.mark.slow
 def test_same_input_gives_the_same_bytes(registered, carton_capture, tmp_path):
     assert register("--method", "colmap", "--capture", carton_capture, "--scene", "su_h", "--out", tmp_path / "again", *FEWER) == 0
     files = [path.relative_to(registered) for path in sorted(registered.rglob("*")) if path.is_file() and path.suffix != ".json"]

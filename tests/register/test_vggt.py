@@ -75,6 +75,7 @@ def test_feed_forward_cameras_that_depth_contradicts_are_refused(carton_capture,
         solved(carton_capture, tmp_path / "cameras", VggtOptions(refine="none"), network)
 
 
+@pytest.mark.slow
 def test_tracks_that_are_noise_are_refused(carton_capture, frames, tmp_path):
     network = TrueNetwork(carton_capture, frames, wrong=1.0)
     with pytest.raises(RegistrationFailed, match="0 of 10 images registered|hangs together but is wrong|matches hold"):
@@ -162,6 +163,7 @@ def run(capture, out, weights, *words) -> int:
     return stage_main("zeroshop_steps.register", [str(word) for word in words])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refine", ["none", "tracks"])
 def test_random_weights_end_as_a_failed_registration(carton_capture, weights, tmp_path, refine):
     out = tmp_path / "cell" / "cameras"
@@ -174,6 +176,7 @@ def test_random_weights_end_as_a_failed_registration(carton_capture, weights, tm
     assert {path.name for path in out.iterdir()} >= {"failure.json", "registration.json"}
 
 
+@pytest.mark.slow
 def test_same_input_gives_the_same_record(carton_capture, weights, tmp_path):
     words = ("--tracked-points", 30, "--query-views", 2, "--precision", "bfloat16", "--record-failure")
     for name in ("once", "again"):

@@ -280,6 +280,7 @@ def test_a_reduced_mesh_keeps_its_shape_whatever_the_filter_did_before(carton):
     assert reduce_mesh(carton.mesh, 300, 64).mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_mesh_beyond_reason_is_reduced_quickly():
     sphere = trimesh.creation.icosphere(8, 50.0)
     mesh = Mesh(np.array(sphere.vertices), np.array(sphere.faces, np.int64))

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 RULES = """
 rule wildcard_in_shell:
     output: "shell/{object}.txt"

@@ -42,6 +42,7 @@ def test_given_masks_are_taken(pictures):
     assert facts["scene"] == "video_segmented" and facts["source_names"][3] == "IMG_3.jpg"
 
 
+@pytest.mark.slow
 def test_networks_find_masks_where_there_are_none(pictures, capfd):
     folder, masks = pictures
     write_detector(folder / "resources/weights/small-dino")

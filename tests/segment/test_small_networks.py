@@ -53,6 +53,7 @@ def test_boxes_lie_in_the_image_the_best_first(models):
     assert [box.score for box in boxes] == sorted((box.score for box in boxes), reverse=True)
 
 
+@pytest.mark.slow
 def test_pictures_are_followed_forwards_and_backwards(models, tmp_path):
     masks = write_ball_scene(tmp_path)
     views, _ = read_views(tmp_path)
@@ -75,6 +76,7 @@ def test_the_command_masks_the_object(workplace, capfd):
     assert min(compute_overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.8
 
 
+@pytest.mark.slow
 def test_the_same_pictures_give_the_same_bytes(workplace, monkeypatch):
     folder, _ = workplace
     written = []

@@ -50,6 +50,7 @@ def test_cameras_that_look_apart_have_no_focus(carton_scene):
         find_focus(turned)
 
 
+@pytest.mark.slow
 def test_masks_match_the_true_ones(carton_scene):
     views, model = carton_scene
     masks, record = find_masks(views, model, 240, seed=0)

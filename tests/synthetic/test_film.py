@@ -59,6 +59,7 @@ def test_the_truth_covers_every_frame(filmed):
         assert (mask & hull).sum() > 0.97 * (mask | hull).sum() - 0.5 * np.hypot(*mask.shape)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_one_another_table(tmp_path):
     model = write_box(tmp_path / "model")
     for name, seed in (("one", 3), ("again", 3), ("other", 4)):

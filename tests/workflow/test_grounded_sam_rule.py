@@ -39,6 +39,7 @@ def test_what_auto_means_depends_on_the_weights(snakemake, tmp_path, photographe
     assert "--prompt 'red ball'\"'\"'s middle.'" in run.stdout
 
 
+@pytest.mark.slow
 def test_the_rule_runs_with_small_random_networks(snakemake, tmp_path, photographed):
     from helpers.small_networks import write_detector, write_tracker
 

@@ -41,6 +41,7 @@ def weights(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_mast3r_with_random_weights_ends_with_a_record(snakemake, photos, weights, tmp_path):
     target = "results/photos/cup/video/mast3r/scene"
     assert "lacks the weights" in snakemake("-n", target, *photos).stdout
@@ -55,6 +56,7 @@ def test_mast3r_with_random_weights_ends_with_a_record(snakemake, photos, weight
     assert {"encode", "match", "verify"} <= set(record["seconds"])
 
 
+@pytest.mark.slow
 def test_the_height_by_mast3r_with_random_weights_ends_with_its_reason(snakemake, photos, weights, carton, tmp_path):
     """The cell is there up to its clean mesh; photos of noise stand for the empty scene."""
     row = f"photos\tcup\t{tmp_path / 'mine'}\t\t\tmast3r\t{tmp_path / 'mine'}\n"

@@ -80,6 +80,7 @@ def test_photos(snakemake, tmp_path):
     assert "--images 'my cup/images' --masks 'my cup/masks'" in run.stdout
 
 
+@pytest.mark.slow
 def test_the_row_of_a_photographed_cell_is_its_grade_alone(snakemake, tmp_path):
     (tmp_path / "images").mkdir()
     (tmp_path / "images/a.png").touch()

@@ -2,6 +2,8 @@
 
 import zipfile
 
+import pytest
+
 from helpers.pretend import pretend
 from helpers.running import planned
 
@@ -34,6 +36,7 @@ def test_a_report_of_photos_and_films_waits_for_their_chosen_cells(snakemake, tm
         assert jobs[source] == jobs["report_object"] >= 1 and jobs["report_index"] == 1, jobs
 
 
+@pytest.mark.slow
 def test_an_empty_dataset_has_a_report(snakemake, tmp_path):
     (tmp_path / "none.tsv").write_text("dataset\tobject\timages\tmasks\theight_m\n")
     run = snakemake("results/photos/report/index.html", "--config", f"objects_table={tmp_path / 'none.tsv'}")
@@ -43,6 +46,7 @@ def test_an_empty_dataset_has_a_report(snakemake, tmp_path):
     assert "Nothing to be done" in again.stdout
 
 
+@pytest.mark.slow
 def test_snakemakes_own_report_has_captions_and_categories(snakemake, tmp_path):
     arguments = ("--config", "datasets={demo: {objects: [mug]}}", "tables={scenes: [su_h], registrations: [colmap], nvs: [2dgs]}")
     targets = [f"results/demo/{name}" for name in ("tables/reconstruction.md", "tables/cameras.csv", "mug/2dgs.ply")]

@@ -51,6 +51,7 @@ def test_a_bare_call_takes_the_one_at_the_top_and_plans_what_the_other_plans(che
         assert f"Config file(s): ['{checkout}/config/config.yaml']" in output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snakefile", SNAKEFILES)
 @pytest.mark.parametrize("profile", [None, "gpu", "slurm"])
 def test_both_plan_the_same_in_another_folder(checkout, tmp_path, snakefile, profile):
@@ -65,6 +66,7 @@ def test_both_plan_the_same_in_another_folder(checkout, tmp_path, snakefile, pro
     assert requirements.resolve() == checkout / "workflow/envs/blenderproc.txt"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snakefile", SNAKEFILES)
 def test_both_run_in_another_folder(checkout, tmp_path, snakefile):
     bare(tmp_path, "--snakefile", checkout / snakefile, "--directory", tmp_path, "results/demo/gelatin_carton/model")

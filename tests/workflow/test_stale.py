@@ -7,6 +7,8 @@ import pytest
 from helpers.pretend import pretend
 from helpers.running import planned, run_snakemake
 
+pytestmark = pytest.mark.slow
+
 CHOSEN, CELL, PHOTO = "results/demo/mug/2dgs.ply", "results/demo/mug/su_l/truth/2dgs/cell.csv", "results/photos/cup/2dgs.ply"
 TARGETS = (CHOSEN, CELL, PHOTO)
 VOXELS = CHOSEN.replace("2dgs", "svraster")

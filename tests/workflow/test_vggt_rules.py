@@ -34,6 +34,7 @@ def test_other_weights_make_what_they_made_stale(snakemake, with_weights):
     assert planned(snakemake("-n", cameras).stdout) == {"register": 1}
 
 
+@pytest.mark.slow
 def test_random_weights_end_in_a_verdict_that_tables_show(snakemake, with_weights):
     config = (SMALL, "register={vggt: {tracked_points: 32, query_views: 2}}")
     run = snakemake(f"{CELL}/2dgs/cell.csv", "--config", *config)
