@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from zeroshop_steps import methods
 from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name, read_captures
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.settings import read_objects
@@ -28,7 +29,7 @@ def test_names_of_the_workflow_and_names_without_letters_are_refused(tmp_path):
 def test_the_workflow_reads_the_table(tmp_path):
     add_capture(tmp_path, Capture("mug", "/films/mug.mp4", height_m="0.096", height_method="known"))
     add_capture(tmp_path, Capture("box", "/photos/my box", masks="/masks"))
-    rows = read_objects(tmp_path / TABLE, SCHEMA)
+    rows = read_objects(tmp_path / TABLE, SCHEMA, methods.HEIGHTS)
     assert rows["photos", "mug"]["height_m"] == 0.096 and rows["photos", "box"]["images"] == "/photos/my box"
     assert rows["photos", "box"]["height_m"] is None
 
