@@ -91,7 +91,9 @@ rule close:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
     params:
-        options=step_options({name: config["finish"][name] for name in ("underside", "holes")} | {"max_faces": config["finish"]["clean"]["max_faces"]}),
+        options=step_options(
+            {name: config["finish"][name] for name in ("underside", "holes")} | {"max_faces": config["finish"]["clean"]["max_faces"]}
+        ),
     message:
         "Closing the surface of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
