@@ -69,10 +69,19 @@ class Browser:
     def wait_for(self, script: str, seconds: float = 60) -> None:
         """Wait until a JavaScript expression is true."""
         end = time.monotonic() + seconds
-        while not self.value(f"Boolean({script})"):
+        while not self._holds(script):
             if time.monotonic() > end:
                 raise TimeoutError(f"{script} did not become true; problems: {self.problems}")
             time.sleep(0.05)
+
+    def _holds(self, script: str) -> bool:
+        """Whether an expression is true; a page that is just being left answers nothing, so it is not."""
+        try:
+            return bool(self.value(f"Boolean({script})"))
+        except RuntimeError as error:
+            if "navigated or closed" in str(error):
+                return False
+            raise
 
     def picture(self, path: Path, whole: bool = False) -> None:
         """Save what is seen, or the whole page, as PNG."""

@@ -168,7 +168,8 @@ def test_looks_give_their_graphics_back(tab, report):
 def test_keys_lead_to_the_neighbours_of_an_object_with_a_name(tab, report):
     ready(tab, report)
     assert tab.value("document.querySelectorAll('[data-neighbours] a').length") == 2
-    tab.value("dispatchEvent(new KeyboardEvent('keydown', {key: ']'}))")
+    # The key leaves the page: it is pressed after this call has been answered.
+    tab.value("void setTimeout(() => dispatchEvent(new KeyboardEvent('keydown', {key: ']'})), 50)")
     tab.wait_for("document.querySelector('[data-neighbours] a') && location.pathname.includes('/objects/glass/')")
 
 
