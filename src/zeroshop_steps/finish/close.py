@@ -20,7 +20,7 @@ from zeroshop_steps.finish.clean import simplify
 from zeroshop_steps.finish.underside import STATES, Underside, close_underside, find_open_borders, leave_open
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
+from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, measure_distances
 from zeroshop_steps.runtime.files import read_json, write_json
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ SMOOTHING_STEPS = 5
 """Taubin steps that take the steps of the voxels away from the closed surface."""
 ADDED_DIAGONALS = 0.005
 """A face farther than this from the measured surface, in diagonals of the object, was added."""
-SEEN_BY = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
     method, ground_share = "none", plane.ground_share(mesh) if plane else 0.0
     closed, underside = leave_open(mesh)
     if args.underside == "closed" and plane:
-        closed, underside = close_underside(mesh, plane.up, plane.offset)
+        closed, underside = close_underside(mesh, plane.normal, plane.offset)
         method = "flat" if underside.faces else "none"
     if args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
         views, _ = read_views(args.cameras)

@@ -25,6 +25,7 @@ from zeroshop_steps.finish.underside import find_open_borders
 from zeroshop_steps.finish.voxel_votes import Grid, Votes, cast_votes
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_plane import Plane
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.surface.free_space import minimize_surface
 
@@ -55,15 +56,8 @@ SNAP_VOXELS = 0.75
 
 
 @dataclass(frozen=True)
-class GroundPlane:
-    """The support plane up . x = offset with the unit normal `up` (3,) towards the object, in the mesh's frame."""
-
-    up: np.ndarray
-    offset: float
-
-    def heights(self, points: np.ndarray) -> np.ndarray:
-        """(P,) signed distances of (P, 3) points, positive above."""
-        return points @ self.up - self.offset
+class GroundPlane(Plane):
+    """The support plane, with its unit normal towards the object, in the mesh's frame."""
 
     def ground_layer(self, mesh: Mesh) -> float:
         """Thickness of the layer above the plane in which masks may hold ground."""
@@ -74,7 +68,7 @@ class GroundPlane:
         """Share of the mesh's area that lies flat within this layer, facing up: ground that the masks hold."""
         low = (self.heights(mesh.vertices)[mesh.faces] < self.ground_layer(mesh)).all(1)
         areas = mesh.face_areas()
-        return float(areas[low & (mesh.face_normals() @ self.up > FLAT_COSINE)].sum() / max(areas.sum(), 1e-30))
+        return float(areas[low & (mesh.face_normals() @ self.normal > FLAT_COSINE)].sum() / max(areas.sum(), 1e-30))
 
 
 def close_surface(mesh: Mesh, views: Sequence[View], plane: GroundPlane | None) -> Mesh:
@@ -195,11 +189,11 @@ def _end_at_plane(distance: np.ndarray, grid: Grid, plane: GroundPlane, layer: f
     What the cross-section encloses stays: the floor of a bowl may lie in the layer.
     """
     index = np.indices(distance.shape, dtype=np.float32).reshape(3, -1)
-    heights = plane.up @ (grid.first[:, None] + grid.side * index) - plane.offset
+    heights = plane.normal @ (grid.first[:, None] + grid.side * index) - plane.offset
     low = np.flatnonzero(heights < layer)
-    axes = np.linalg.svd(plane.up[None])[2][1:]
+    axes = np.linalg.svd(plane.normal[None])[2][1:]
     middle = grid.first + grid.side * (grid.count - 1) / 2
-    foot = middle - (plane.up @ middle - plane.offset - layer) * plane.up
+    foot = middle - (plane.normal @ middle - plane.offset - layer) * plane.normal
     half = 0.9 * grid.count * grid.side  # the block's half diagonal, seen from any side
     along = np.arange(-half, half, grid.side)
     places = foot + along[:, None, None] * axes[0] + along[None, :, None] * axes[1]
