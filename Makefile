@@ -1,6 +1,7 @@
 # make mesh    makes the mesh of a demo object from scratch
 # make check   runs the checks and the fast tests
 # make test    runs every check and test, the slow tests last
+# make faults  runs the long faults: killed runs, large inputs (docs/faults.md)
 # make lint    runs the checks alone: format, types and rules
 # make viewer  rebuilds the report's scripts after a change to their sources; needs node and npm
 # make bench   measures how fast the optimizers' kernels are on this machine
@@ -11,17 +12,20 @@ READY := .venv/.ready
 # Two processes, one thread each; the tests of one file share what they set up.
 TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist loadscope
 
-.PHONY: mesh check test lint bench viewer
+.PHONY: mesh check test faults lint bench viewer
 .DELETE_ON_ERROR:
 
 mesh: $(READY)
 	$(BIN)/snakemake --cores 2 results/demo/mustard_bottle/2dgs.ply
 
 check: lint
-	$(TESTS) -m "not slow"
+	$(TESTS) -m "not slow and not faults"
 
 test: check
-	$(TESTS) -m slow --durations=15
+	$(TESTS) -m "slow and not faults" --durations=15
+
+faults: $(READY)
+	$(BIN)/python -m pytest -q -m faults --durations=15
 
 lint: $(READY)
 	$(BIN)/ruff check src tests benchmarks

@@ -35,24 +35,58 @@ def test_a_file_that_could_not_be_read_is_named(tmp_path: Path) -> None:
         (tmp_path / "absent.ply").read_bytes()
 
 
-def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path) -> None:
-    (tmp_path / "stage").mkdir()
-    (tmp_path / "stage/__init__.py").touch()
-    (tmp_path / "stage/slow.py").write_text(
+def start_slow_step(folder: Path) -> subprocess.Popen[str]:
+    """A step that writes into the folder `made/out` until it is stopped; it has said so when this returns."""
+    (folder / "stage").mkdir(exist_ok=True)
+    (folder / "stage/__init__.py").touch()
+    (folder / "stage/slow.py").write_text(
         "import time\n"
         "from pathlib import Path\n"
-        "from zeroshop_steps.runtime.files import atomic_directory\n"
+        "from zeroshop_steps.runtime.files import atomic_directory, atomic_write, scratch_directory\n"
         "def add_arguments(parser): pass\n"
         "def run(args):\n"
-        f"    with atomic_directory(Path({str(tmp_path / 'made/out')!r})) as folder:\n"
+        f"    made = Path({str(folder / 'made')!r})\n"
+        "    with atomic_directory(made / 'out') as folder, atomic_write(made / 'mesh.ply'), scratch_directory(made / 'out', 'colmap'):\n"
         "        (folder / 'half').touch()\n"
         "        print('writing', flush=True)\n"
         "        time.sleep(60)\n"
     )
     step = "import sys; from zeroshop_steps.runtime.cli import stage_main; sys.exit(stage_main('stage'))"
     command = [sys.executable, "-c", step, "--method", "slow"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
-        assert process.stdout.readline() == "writing\n"
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder)
+    assert process.stdout and process.stdout.readline() == "writing\n"
+    return process
+
+
+def test_what_a_killed_step_left_is_removed_by_the_next_one(tmp_path: Path) -> None:
+    killed, living = start_slow_step(tmp_path), None
+    assert len(list((tmp_path / "made").iterdir())) == 3
+    killed.kill()
+    killed.communicate()
+    assert len(list((tmp_path / "made").iterdir())) == 3, "nobody could clean up"
+    living = start_slow_step(tmp_path)
+    try:
+        own = {path.name for path in (tmp_path / "made").iterdir()}
+        assert len(own) == 3, "those of the killed step are gone"
+        write_json(tmp_path / "made/out.json", {})
+        with atomic_directory(tmp_path / "made/out") as folder:
+            (folder / "whole").touch()
+        assert own < {path.name for path in (tmp_path / "made").iterdir()}, "those of a living process stay"
+    finally:
+        living.terminate()
+        living.communicate()
+    assert sorted(path.name for path in (tmp_path / "made").iterdir()) == ["out", "out.json"]
+
+
+def test_a_long_name(tmp_path: Path) -> None:
+    write_json(tmp_path / ("n" * 250 + ".json"), {"a": 1})
+    with pytest.raises(StepError, match="Use shorter names"):
+        write_json(tmp_path / ("n" * 260 + ".json"), {})
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path) -> None:
+    with start_slow_step(tmp_path) as process:
         process.terminate()
         assert "interrupted" in process.communicate()[1]
     assert process.returncode == 130 and list((tmp_path / "made").iterdir()) == []

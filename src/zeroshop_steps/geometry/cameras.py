@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 
@@ -101,11 +102,11 @@ def read_sparse_model(folder: Path) -> SparseModel:
         StepError: no such model; where the registration recorded a failure, its reason.
     """
     try:
-        reconstruction = pycolmap.Reconstruction(str(folder))
-    except Exception as error:
+        reconstruction = read_reconstruction(folder)
+    except StepError:
         if failure := read_failure(folder.parent):
             raise StepError(f"{folder.parent}: the images could not be registered: {failure.reason}") from None
-        raise StepError(f"{folder} holds no readable COLMAP model ({str(error).splitlines()[0]}); run registration again") from None
+        raise
     cameras = []
     for image in sorted(reconstruction.images.values(), key=lambda image: image.name):
         if not image.has_pose:
@@ -137,8 +138,7 @@ def write_cameras(folder: Path, cameras: tuple[Camera, ...] | list[Camera]) -> N
             )
         image = pycolmap.Image(name=camera.name, camera_id=shared[key], image_id=image_id)
         reconstruction.add_image_with_trivial_frame(image, to_rigid(camera.camera_from_world))
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    reconstruction.write_binary(str(folder))
+    write_reconstruction(reconstruction, folder)
 
 
 def to_matrix(pose: pycolmap.Rigid3d) -> np.ndarray:

@@ -56,9 +56,12 @@ def write_image(path: Path, image: np.ndarray) -> None:
     """Write (height, width, 3) uint8 RGB or (height, width) uint8 / uint16, atomically."""
     if image.ndim == 3:
         image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    # Encoded in memory: OpenCV's own files do not say that the disk is full.
+    done, content = cv2.imencode(Path(path).suffix, image)
+    if not done:
+        raise StepError(f"{path}: an image of {image.shape[1]} x {image.shape[0]} px cannot be encoded as {Path(path).suffix}")
     with atomic_write(path) as temporary:
-        if not cv2.imwrite(str(temporary), image):
-            raise OSError("the encoder could not write it")
+        temporary.write_bytes(content.tobytes())
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:

@@ -15,6 +15,7 @@ import torch
 
 from zeroshop_steps.geometry.images import list_images
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.mast3r.alignment import Alignment, align_images
@@ -84,7 +85,7 @@ def measure_scale(
     prepared = predictor([view.image_path for view in chosen] + list(scene_photos))
     torch.manual_seed(0)
     alignment = align_images(prepared, MIN_CONFIDENCE)
-    model = pycolmap.Reconstruction(str(registered.cameras / "sparse"))
+    model = read_reconstruction(registered.cameras / "sparse")
     ratios = [
         compute_depth_ratios(model, view, prepared.framings[number], alignment.depth_m[number], alignment.confidence[number])
         for number, view in enumerate(chosen)

@@ -5,7 +5,6 @@ undistorted. Too few registered images, or cameras that the images contradict, a
 """
 
 import argparse
-import tempfile
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from zeroshop_steps.register.sift import SiftOptions, extract_features, find_foc
 from zeroshop_steps.register.stretched_features import add_stretched_features, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.files import scratch_directory
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
 
@@ -88,8 +88,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
     count = len(image_set.images)
     figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": stopwatch.seconds}
     figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".colmap.") as scratch_name:
-        scratch = Path(scratch_name)
+    with scratch_directory(out, "colmap") as scratch:
         database = scratch / "database.db"
         figures["median_features"] = extract_features(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
         figures["focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)

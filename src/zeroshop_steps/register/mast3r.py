@@ -6,7 +6,6 @@ whose tracks have five images count. The network's weights have a licence of the
 """
 
 import argparse
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -28,6 +27,7 @@ from zeroshop_steps.register.pair_selection import choose_pairs
 from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, add_common_arguments, write_registration
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
@@ -129,8 +129,8 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
     stopwatch.lap("encode")
     keypoints, matches = match_images(prepared, image_set, options)
     stopwatch.lap("match")
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".mast3r.") as scratch_name:
-        database = Path(scratch_name) / "database.db"
+    with scratch_directory(out, "mast3r") as scratch:
+        database = scratch / "database.db"
         structure = options.structure
         figures |= write_matches(database, image_set, keypoints, matches, options.min_track, structure.seed, options.focal_px)
         stopwatch.lap("verify")

@@ -12,6 +12,7 @@ from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.register.view_coverage import record_view_coverage
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import read_failure
@@ -32,8 +33,7 @@ class RegistrationFailed(StepError):
     def write_details(self, folder: Path) -> None:
         """Write the figures and the rejected model."""
         if self.rejected is not None:
-            (folder / "rejected").mkdir()
-            self.rejected.write_binary(str(folder / "rejected"))
+            write_reconstruction(self.rejected, folder / "rejected")
         write_json(folder / "registration.json", {"status": "failed", "reason": str(self), **self.figures})
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.register.mapping import make_mapping_options
 
 STRICT_ERROR_PX = 3.0  # of absolute pose estimation, per 1000 px of image width
@@ -97,7 +98,7 @@ def register_again(
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
     rest = remove_images(model, names)
-    rest.write_binary(str(scratch / "without"))
+    write_reconstruction(rest, scratch / "without")
     options = make_mapping_options(3, seed)
     options.multiple_models = False
     strict_px = STRICT_ERROR_PX * max(camera.width for camera in model.cameras.values()) / 1000

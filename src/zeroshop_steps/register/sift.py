@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register.image_set import ImageSet, read_masks
 
 
@@ -135,5 +136,5 @@ def _write_feature_masks(folder: Path, image_set: ImageSet) -> Path:
     rim_px = max(1, round(max(image_set.size_px) / 500))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim_px + 1, 2 * rim_px + 1))
     for name, mask in read_masks(image_set).items():
-        cv2.imwrite(str(folder / f"{name}.png"), cv2.erode(mask.astype(np.uint8) * 255, kernel, borderValue=255))
+        write_image(folder / f"{name}.png", cv2.erode(mask.astype(np.uint8) * 255, kernel, borderValue=255))
     return folder

@@ -5,13 +5,13 @@ matches with those cameras held fixed, because later stages start from sparse po
 """
 
 import argparse
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.register import sift
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.mapping import make_mapping_options
@@ -19,6 +19,7 @@ from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, de
 from zeroshop_steps.register.undistort import undistort
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import scratch_directory
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "capture/truth"), ignored=("threads",))
 
@@ -44,14 +45,13 @@ def register(image_set: ImageSet, truth: Path, scene: str, out: Path, options: s
     """Write images/, masks/ and sparse/ with the cameras of the COLMAP model `truth`; returns the record for registration.json."""
     out.mkdir(parents=True, exist_ok=True)
     start_s = time.monotonic()
-    true_model = pycolmap.Reconstruction(str(truth))
+    true_model = read_reconstruction(truth)
     true_images = {Path(image.name).stem: image for image in true_model.images.values() if image.has_pose}
     for path in image_set.images:
         if path.stem not in true_images:
             raise StepError(f"{truth} has no camera for image {path.name}; capture and truth do not belong together, capture again")
     cameras = {stem: true_model.cameras[image.camera_id] for stem, image in true_images.items()}
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".truth.") as scratch_name:
-        scratch = Path(scratch_name)
+    with scratch_directory(out, "truth") as scratch:
         database = scratch / "database.db"
         sift.extract_features(database, image_set, options, scratch / "masks" if scene in OBJECT_ONLY else None, cameras)
         sift.match_features(database, options)

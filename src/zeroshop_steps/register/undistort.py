@@ -8,6 +8,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
 
@@ -53,8 +54,7 @@ def undistort(model: pycolmap.Reconstruction, image_set: ImageSet, out: Path) ->
         for element in point.track.elements:
             pinhole_model.images[element.image_id].set_point3D_for_point2D(element.point2D_idx, point_id)
     pinhole_model.update_point_3d_errors()
-    (out / "sparse").mkdir(parents=True, exist_ok=True)
-    pinhole_model.write_binary(str(out / "sparse"))
+    write_reconstruction(pinhole_model, out / "sparse")
     return pinhole_model
 
 

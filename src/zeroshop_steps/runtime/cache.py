@@ -32,6 +32,7 @@ from types import ModuleType
 from zeroshop_steps.runtime.code_version import code_version
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
+from zeroshop_steps.runtime.temporary import temporary_folder
 
 LOCATION = "ZEROSHOP_CACHE"
 FORMER_LOCATION = "SNAKEMAKE_OUTPUT_CACHE"
@@ -156,8 +157,8 @@ def _take(entry: Path, out: Path, cached: Cached) -> None:
     except (ValueError, FileNotFoundError) as error:
         raise Damaged(f"{MANIFEST}: {error}") from None
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch_name:
-        scratch = Path(scratch_name) / "content"
+    with temporary_folder(out.parent, out.name) as folder:
+        scratch = folder / "content"
         for name, digest in manifest.items():
             target = scratch / name
             if digest is None:
@@ -176,15 +177,14 @@ def _take(entry: Path, out: Path, cached: Cached) -> None:
             for name in cached.outputs:
                 os.replace(scratch / name, out / name)
         else:
-            with atomic_directory(out) as folder:
+            with atomic_directory(out) as whole:
                 for child in scratch.iterdir():
-                    shutil.move(child, folder / child.name)
+                    shutil.move(child, whole / child.name)
 
 
 def _put(entry: Path, out: Path, cached: Cached) -> None:
     """Copy a result into the cache, whole or not at all; an entry that someone else has put there meanwhile stays."""
-    scratch = Path(tempfile.mkdtemp(dir=entry.parent, prefix=".new."))
-    try:
+    with temporary_folder(entry.parent, "new") as scratch:
         manifest: dict[str, str | None] = {}
         for path in [out / name for name in cached.outputs] or sorted(out.rglob("*")):
             name = str(path.relative_to(out))
@@ -203,16 +203,12 @@ def _put(entry: Path, out: Path, cached: Cached) -> None:
         with contextlib.suppress(FileExistsError):
             if not entry.exists():
                 os.rename(scratch, entry)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _remove(entry: Path) -> bool:
     """Remove an entry at once, so that nobody finds half of it; whether that could be done."""
-    gone = Path(tempfile.mkdtemp(dir=entry.parent, prefix=".damaged."))
-    with contextlib.suppress(OSError):
+    with temporary_folder(entry.parent, "damaged") as gone, contextlib.suppress(OSError):
         os.rename(entry, gone / "entry")
-    shutil.rmtree(gone, ignore_errors=True)
     return not entry.exists()
 
 

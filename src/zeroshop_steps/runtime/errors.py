@@ -1,5 +1,6 @@
 """What a step says to its user: the one error type, and warnings."""
 
+import errno
 import sys
 from pathlib import Path
 
@@ -12,6 +13,28 @@ class StepError(Exception):
 
     def write_details(self, folder: Path) -> None:
         """Leave in the folder that holds the record of this failure (failures.py) what helps to see why; most have nothing."""
+
+
+_REMEDIES = {
+    errno.ENOSPC: "Check free disk space (df -h, and df -i for the number of files) and the largest size of a file (ulimit -f).",
+    errno.EDQUOT: "Your quota of disk space is used up; remove files or ask for more.",
+    errno.EFBIG: "The file is larger than this shell or file system allows; ulimit -f shows and changes the shell's limit.",
+    errno.EACCES: "Check permissions: ls -ld on it and on the folders above it.",
+    errno.EPERM: "Check permissions: ls -ld on it and on the folders above it.",
+    errno.EROFS: "That file system is read-only; work in another folder.",
+    errno.ENAMETOOLONG: "Use shorter names: most file systems end at 255 bytes a name.",
+    errno.ELOOP: "A link there leads back to itself; remove it.",
+    errno.ENOENT: "Check the path, or run the step that writes it.",
+    errno.EISDIR: "A file is needed there, not a folder.",
+    errno.ENOTDIR: "A part of that path is a file, not a folder.",
+    errno.EMFILE: "Too many files are open; ulimit -n shows and changes the limit.",
+    errno.EIO: "The disk or network has a fault; dmesg may say more.",
+}
+
+
+def remedy_for(error: OSError) -> str:
+    """What a user can do about an error of the system."""
+    return _REMEDIES.get(error.errno or 0, "Check free disk space and permissions.")
 
 
 _NO_MEMORY = ("allocate memory", "Failed to allocate", "Insufficient memory", "not enough memory", "out of memory")

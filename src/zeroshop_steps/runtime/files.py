@@ -3,57 +3,101 @@
 import contextlib
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, remedy_for
+from zeroshop_steps.runtime.temporary import PART, temporary_file, temporary_folder
+
+SYNC_THREADS = 8
+"""Files of a folder that are synced at once; the disk takes most of them in one go."""
 
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` when the block ends, delete it when the block fails.
 
-    The temporary name keeps the suffix, because image and mesh writers choose the format by it.
+    The temporary name keeps the suffix, because image and mesh writers choose the format by it. What is written is on the disk
+    before it gets its name. Write through Python's files: many writers in C++ report success on a full disk.
+
+    Raises:
+        StepError: the disk is full, permission is missing and the like, with the remedy.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        yield temporary
-        os.replace(temporary, path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary_file(path) as temporary:
+            yield temporary
+            if not _in_temporary_folder(path):
+                _sync(temporary)
+            os.replace(temporary, path)
     except OSError as error:
-        raise _not_written(path, temporary, error) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        raise _not_written(path, error) from error
 
 
 @contextlib.contextmanager
 def atomic_directory(path: Path) -> Iterator[Path]:
     """Yield a temporary directory beside `path` that replaces `path` when the block ends and vanishes when it fails."""
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
     try:
-        yield temporary
-        temporary.chmod(0o755)
-        if path.exists():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary_folder(path.parent, path.name) as temporary:
+            yield temporary
+            temporary.chmod(0o755)
+            with ThreadPoolExecutor(SYNC_THREADS) as pool:
+                for _ in pool.map(_sync, (file for file in temporary.rglob("*") if file.is_file() and not file.is_symlink())):
+                    pass
+            if path.is_dir() and not path.is_symlink():
+                # Moved away first: a process that is killed while it deletes files must not leave half of the old folder.
+                with temporary_folder(path.parent, path.name) as former:
+                    os.replace(path, former)
+                    os.replace(temporary, path)
+            else:
+                path.unlink(missing_ok=True)
+                os.replace(temporary, path)
     except OSError as error:
-        raise _not_written(path, temporary, error) from error
+        raise _not_written(path, error) from error
+
+
+@contextlib.contextmanager
+def scratch_directory(product: Path, name: str) -> Iterator[Path]:
+    """Yield a folder for intermediate files beside `product`, which vanishes at the end.
+
+    Args:
+        product: the file or folder that is made by means of it.
+        name: of what it holds.
+    """
+    with temporary_folder(Path(product).parent, name) as folder:
+        yield folder
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file is on the disk: some file systems find out only then that they are full."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        os.close(descriptor)
 
 
-def _not_written(path: Path, temporary: Path, error: OSError) -> StepError:
+def _in_temporary_folder(path: Path) -> bool:
+    """Whether a file is part of a folder that is not yet in its place, and is synced with it."""
+    return any(parent.name.startswith(".") and parent.name.endswith(PART) for parent in path.parents)
+
+
+def _not_written(path: Path, error: OSError) -> StepError:
     """Why a product was not written; where another file is at fault, such as one it is made from, its name."""
-    reason, remedy = error.strerror or error, "Check free disk space and permissions."
-    if error.filename is not None and not str(error.filename).startswith((str(temporary), str(path))):
-        reason, remedy = f"{reason}: {error.filename}", "Check that file, free disk space and permissions."
-    return StepError(f"cannot write {path}: {reason}. {remedy}")
+    reason, own = error.strerror or error, error.filename is None or _is_own(Path(os.fsdecode(error.filename)), path)
+    if not own:
+        reason = f"{reason}: {error.filename}"
+    return StepError(f"cannot write {path}: {reason}. {remedy_for(error) if own else f'Check that file: {remedy_for(error)}'}")
+
+
+def _is_own(name: Path, path: Path) -> bool:
+    """Whether an error names the product, a folder above it, or its temporary."""
+    return name == path or name in path.parents or path in name.parents or any(part.startswith(".") and PART in part for part in name.parts)
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -14,11 +14,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 
 from zeroshop_steps.capture.frames import TILE_WIDTH_PX, arrange_in_rows
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
@@ -73,12 +73,11 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
             if view.camera.name not in dropped:
                 link_or_copy(view.image_path, folder / "images" / view.camera.name)
                 write_mask(folder / "masks" / f"{Path(view.camera.name).stem}.png", mask)
-        model = pycolmap.Reconstruction(str(scene / "sparse"))
+        model = read_reconstruction(scene / "sparse")
         for image_id in sorted(model.reg_image_ids()):
             if model.images[image_id].name in dropped:
                 model.deregister_frame(model.images[image_id].frame_id)
-        (folder / "sparse").mkdir()
-        model.write_binary(str(folder / "sparse"))
+        write_reconstruction(model, folder / "sparse")
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
         write_json(folder / RECORD, record)

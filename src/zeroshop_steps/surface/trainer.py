@@ -1,5 +1,6 @@
 """The training loop that the optimizers share: one view an iteration, coarse images first, checkpoints, the curve of the loss."""
 
+import io
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -175,11 +176,10 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
             "queue": self.queue,
             "history": self.history,
         }
+        memory = io.BytesIO()  # PyTorch's own files tell of a full disk in riddles
+        torch.save(content | self.extra_state(), memory)
         with atomic_write(path) as temporary:
-            try:
-                torch.save(content | self.extra_state(), temporary)
-            except RuntimeError as error:  # PyTorch's error for a full disk
-                raise OSError(str(error).splitlines()[0]) from error
+            temporary.write_bytes(memory.getbuffer())
 
     @classmethod
     def resume(

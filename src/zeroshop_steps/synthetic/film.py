@@ -7,6 +7,7 @@ cameras of all frames, numbered as in the video, and the object's height.
 
 import argparse
 import contextlib
+import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -119,6 +120,9 @@ def _open_video(path: Path, lens: Lens, frames_a_second: float) -> Iterator[cv2.
         yield writer
     finally:
         writer.release()
+    # The encoder does not say that the disk is full; a film without its end has no index, either, and cannot be opened.
+    if not cv2.VideoCapture(str(path)).isOpened():
+        raise OSError(errno.ENOSPC, "the film could not be written whole", str(path))
 
 
 def _photograph_empty_scene(

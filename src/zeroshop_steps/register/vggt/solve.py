@@ -3,7 +3,6 @@
 import argparse
 import math
 import os
-import tempfile
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from zeroshop_steps.register.vggt.memory import check_fits
 from zeroshop_steps.register.vggt.network import FILE, SIZES, VggtNetwork, VggtOutput, read_settings
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.tracks import choose_query_points, choose_query_views, gather_observations
+from zeroshop_steps.runtime.files import scratch_directory
 
 CHUNK = {"cpu": 1, "cuda": 8}  # frames at a time in the dense heads: on the processor more only costs memory
 
@@ -113,9 +113,9 @@ def register(
         cameras = decode_cameras(predicted.encodings, frames)
     except RegistrationFailed as failure:
         raise RegistrationFailed(str(failure), figures) from None
-    with tempfile.TemporaryDirectory(dir=out.parent, prefix=".vggt.") as scratch_name:
+    with scratch_directory(out, "vggt") as scratch:
         if options.refine == "tracks":
-            solution = _solve_by_tracks(cameras, frames, usable, predicted, image_set, Path(scratch_name) / "database.db", options, network)
+            solution = _solve_by_tracks(cameras, frames, usable, predicted, image_set, scratch / "database.db", options, network)
         else:
             solution = _solve_feed_forward(cameras, frames, usable, predicted, image_set, options)
     seconds["solve"] = round(time.monotonic() - start_s - seconds["predict"], 3)
