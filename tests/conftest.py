@@ -13,12 +13,29 @@ from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
 
+KERNELS = REPOSITORY / ".pytest_cache" / "numba"
+"""Compiled kernels, in a folder for each process."""
+
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_setupnodes(specs) -> None:
-    """Each process has compiled kernels of its own: two that write into numba's index of one function could mix up its signatures."""
+    """Each process has compiled kernels of its own: two that write into numba's index of one function could mix up its signatures.
+
+    At the start it gets those that the others compiled last time, as the same test may now run in another process.
+    """
     for spec in specs:
-        spec.env["NUMBA_CACHE_DIR"] = str(REPOSITORY / ".pytest_cache" / "numba" / spec.id)
+        spec.env["NUMBA_CACHE_DIR"] = str(KERNELS / spec.id)
+        _take_kernels(KERNELS / spec.id)
+
+
+def _take_kernels(folder: Path) -> None:
+    """Copy every function that another process compiled later, or alone: its index and the files that this names."""
+    for index in sorted(KERNELS.glob("*/*/*.nbi")):
+        own = folder / index.parent.name / index.name
+        if not own.exists() or own.stat().st_mtime < index.stat().st_mtime:
+            own.parent.mkdir(parents=True, exist_ok=True)
+            for file in [*index.parent.glob(f"{index.stem}.*.nbc"), index]:
+                shutil.copy2(file, own.parent / file.name)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -52,6 +52,7 @@ def similarity(rotation: Rotation, scale: float, move) -> np.ndarray:
     return transform
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1])
 def test_a_printed_can_finds_back_from_any_turn_and_size(models, seed):
     truth = read_ply(models / "tomato_can" / "model.ply")
@@ -64,6 +65,7 @@ def test_a_printed_can_finds_back_from_any_turn_and_size(models, seed):
     assert fit.likeness > 0.8
 
 
+@pytest.mark.slow
 def test_a_symmetric_object_is_turned_no_more_than_needed(models):
     truth = read_ply(models / "mug" / "model.ply")
     info = {"symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]}
@@ -139,6 +141,7 @@ def test_what_was_not_measured_does_not_count(models, few_samples, tmp_path):
     assert found[1][1] > 5.0, "the plate would count"
 
 
+@pytest.mark.slow
 def test_what_cannot_be_aligned_is_refused(models, few_samples, tmp_path, capsys):
     plate = trimesh.creation.box((160, 60, 3))
     write_ply(tmp_path / "mesh.ply", Mesh(plate.vertices, plate.faces))

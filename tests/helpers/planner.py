@@ -6,12 +6,16 @@ Each call is a fork of that process, which has read nothing else; so calls share
 import atexit
 import contextlib
 import functools
+import importlib
 import json
 import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
+
+USED_BY_EVERY_PLAN = ("jinja2", "jsonschema", "requests", "rich.progress", "smart_open")
+"""What Snakemake imports late. Nothing of the project is imported: a test may bring its own copy of that."""
 
 
 @functools.cache
@@ -46,8 +50,11 @@ def call_snakemake(folder: Path, arguments: list[str], environment: dict[str, st
 
 
 def _serve() -> None:
-    from snakemake.cli import main
+    for name in USED_BY_EVERY_PLAN:
+        importlib.import_module(name)
+    from snakemake.cli import get_argument_parser, main
 
+    get_argument_parser()  # looks for Snakemake's plugins and imports them
     for line in sys.stdin:
         folder, arguments, environment, said = json.loads(line)
         child = os.fork()

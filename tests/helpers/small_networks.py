@@ -4,31 +4,31 @@ The small SAM 2 is taught one thing, where its weights would otherwise say nothi
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from tokenizers import BertWordPieceTokenizer
-from transformers import (
-    BertConfig,
-    BertTokenizerFast,
-    GroundingDinoConfig,
-    GroundingDinoForObjectDetection,
-    GroundingDinoImageProcessorPil,
-    Sam2HieraDetConfig,
-    Sam2VideoConfig,
-    Sam2VideoMaskDecoderConfig,
-    Sam2VideoModel,
-    Sam2VideoPromptEncoderConfig,
-    Sam2VisionConfig,
-    SwinConfig,
-)
 
+if TYPE_CHECKING:
+    from transformers import Sam2VideoModel
+
+# Transformers takes seconds to import, so only the functions that need it do.
 SIDE_PX, HIDDEN = 128, 128
 WORDS = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "[MASK]", ".", "object", "in", "the", "middle", "red", "ball"]
 
 
 def write_detector(folder: Path, seed: int = 0) -> None:
     """A Grounding DINO whose boxes are random."""
+    from tokenizers import BertWordPieceTokenizer
+    from transformers import (
+        BertConfig,
+        BertTokenizerFast,
+        GroundingDinoConfig,
+        GroundingDinoForObjectDetection,
+        GroundingDinoImageProcessorPil,
+        SwinConfig,
+    )
+
     torch.manual_seed(seed)
     backbone = SwinConfig(image_size=64, embed_dim=8, depths=[1, 1, 1, 1], num_heads=[1, 1, 2, 2], window_size=4, out_indices=[2, 3, 4])
     text = BertConfig(vocab_size=len(WORDS), hidden_size=16, num_hidden_layers=1, num_attention_heads=2, intermediate_size=32)
@@ -44,6 +44,15 @@ def write_detector(folder: Path, seed: int = 0) -> None:
 
 def write_tracker(folder: Path, seed: int = 0) -> None:
     """A SAM 2 that finds what is red."""
+    from transformers import (
+        Sam2HieraDetConfig,
+        Sam2VideoConfig,
+        Sam2VideoMaskDecoderConfig,
+        Sam2VideoModel,
+        Sam2VideoPromptEncoderConfig,
+        Sam2VisionConfig,
+    )
+
     torch.manual_seed(seed)
     backbone = Sam2HieraDetConfig(
         image_size=[SIDE_PX, SIDE_PX], hidden_size=8, blocks_per_stage=[1, 1, 2, 1], embed_dim_per_stage=[8, 16, 32, 64],
@@ -67,7 +76,7 @@ def write_tracker(folder: Path, seed: int = 0) -> None:
 
 
 @torch.no_grad()
-def _teach_red(model: Sam2VideoModel) -> None:
+def _teach_red(model: "Sam2VideoModel") -> None:
     """Make the mask a linear function of the finest features, fitted to which pixels of random pictures are red."""
     decoder = model.mask_decoder
     generator = np.random.default_rng(0)

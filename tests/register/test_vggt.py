@@ -58,6 +58,7 @@ def test_tracks_and_rough_cameras_give_the_true_cameras(carton_capture, frames, 
     assert record["reprojection_error_px"] < 1.0
 
 
+@pytest.mark.slow
 def test_feed_forward_cameras_are_the_networks_own(carton_capture, frames, tmp_path):
     network = TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002, depth_error=0.003)
     expected = decode_cameras(TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002).predict(frames.pixels).encodings, frames)

@@ -154,6 +154,7 @@ def test_the_gallery_finds_and_looks(tab, report):
     assert tab.value("document.querySelectorAll('dialog .pane').length") == 2
 
 
+@pytest.mark.slow
 def test_looks_give_their_graphics_back(tab, report):
     """Browsers keep some sixteen contexts of WebGL, and complain of more."""
     tab.open(report / "index.html")

@@ -2,28 +2,18 @@
 
 import hashlib
 import html
-import json
 import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
-import numpy as np
-import pymeshlab
 import pytest
-import trimesh
 
-from helpers.paths import REPOSITORY
 from helpers.small_report import failed_cell, finished_cell, half_done_cell, made_gallery, made_page
-from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.report.site.advice import advise_on_failure
 from zeroshop_steps.report.site.charts import scatter
-from zeroshop_steps.report.site.mesh_reduction import TEXTURED_FACES, reduce_mesh
-from zeroshop_steps.report.site.viewer_data import UNSEEN, quantize_distances
 from zeroshop_steps.runtime.files import read_json, write_json
-
-VIEWER = REPOSITORY / "src/zeroshop_steps/report/viewer"
 
 
 class Links(HTMLParser):
@@ -179,75 +169,6 @@ def test_same_input_same_bytes(tmp_path, carton):
     assert digests[0] == digests[1] and len(digests[0]) > 6
 
 
-def test_distances_of_a_perfect_mesh_are_none_and_of_a_shifted_one_the_shift(tmp_path, carton):
-    cell = finished_cell(tmp_path / "demo/carton", carton)
-    page = made_page(tmp_path / "demo/carton", tmp_path / "report")
-    assert distances_in(page / f"mesh-{'su_h-colmap-2dgs'}.js").max() == 0
-    notes = read_json(cell / "mesh.json")
-    shifted = np.eye(4)
-    shifted[2, 3] = 1.0
-    notes["frame_facts"]["object_from_registration"] = shifted.tolist()
-    write_json(cell / "mesh.json", notes)
-    shutil.rmtree(page)
-    page = made_page(tmp_path / "demo/carton", tmp_path / "report")
-    found = data_in(page / "mesh-su_h-colmap-2dgs.js")
-    millimetres = distances_in(page / "mesh-su_h-colmap-2dgs.js") / 254 * found["limit_mm"]
-    assert millimetres.max() == pytest.approx(1.0, abs=0.01) and np.median(millimetres) < 0.01
-
-
-def data_in(path: Path) -> dict:
-    """What a data script hands to the page."""
-    return json.loads(path.read_text().removeprefix("zeroshop.data(").removesuffix(");\n"))
-
-
-def distances_in(path: Path) -> np.ndarray:
-    """The levels of distance of a mesh's vertices."""
-    import base64
-
-    return np.frombuffer(base64.b64decode(data_in(path)["distances"]), np.uint8)
-
-
-def test_the_benchmark_has_a_row_for_each_set_of_models(tmp_path):
-    head = "dataset,models,task,method,masks,measure,object,value,source"
-    rows = ["demo,models,pose,render_compare,truth,ar,,0.91,measured", "demo,models_2dgs,pose,render_compare,truth,ar,,0.87,measured"]
-    rows += ["demo,models,detection,contour,,ap,,0.42,measured", "demo,models,pose,render_compare,truth,ar,3,0.5,measured"]
-    (tmp_path / "tables").mkdir()
-    (tmp_path / "tables/bop.csv").write_text("\n".join([head, *rows]) + "\n")
-    made_gallery(tmp_path / "report", tables=tmp_path / "tables")
-    page = (tmp_path / "report/tables.html").read_text()
-    assert "render_compare, true masks, AR" in page and "contour, AP" in page
-    overall, by_object = page.split("<summary>By object</summary>")
-    assert all(f">{value}</td>" in overall for value in ("0.910", "0.870", "0.420")) and ">0.500</td>" not in overall
-    assert ">0.500</td>" in by_object
-    assert ">lost with 2dgs</th>" in page and ">0.040</td>" in page
-    assert (tmp_path / "report/downloads/bop.csv").read_text().count("\n") == 5
-
-
-def test_scores_by_object_lead_to_their_pages(tmp_path, carton):
-    finished_cell(tmp_path / "demo/carton", carton)
-    write_json(tmp_path / "demo/carton/model/model_info.json", {"obj_id": 3, "name": "carton", "diameter": 115.3})
-    page = made_page(tmp_path / "demo/carton", tmp_path / "report", "--faces", "500")
-    rows = ["demo,models,pose,render_compare,truth,ar,3,0.5,measured", "demo,models,pose,render_compare,truth,ar,4,0.25,measured"]
-    (tmp_path / "tables").mkdir()
-    (tmp_path / "tables/bop.csv").write_text("\n".join(["dataset,models,task,method,masks,measure,object,value,source", *rows]) + "\n")
-    text = made_gallery(tmp_path / "report", page, tables=tmp_path / "tables").with_name("tables.html").read_text()
-    assert re.search(r'<a href="objects/carton/index.html">carton[^<]*</a></th><td class="figure">0.500', text)
-    assert '<th scope="row">4</th><td class="figure">0.250' in text
-
-
-def test_published_tables_stand_beside_ours(tmp_path, carton):
-    failed_cell(tmp_path / "ycbv/obj_000013", "2 of 30 images registered, at least 24 are needed")
-    page = made_page(tmp_path / "ycbv/obj_000013", tmp_path / "report")
-    made_gallery(tmp_path / "report", page, dataset="ycbv")
-    text = (tmp_path / "report/tables.html").read_text()
-    assert "thesis: MASt3R" in text and 'href="objects/obj_000013/index.html#se-colmap-2dgs"' in text
-    assert ">0.0601</td>" in text and ">9.28</td>" in text, "Table 4.3 has the bowl's height"
-    assert ">0.751</td>" in text, "Table 4.5"
-    assert text.count("<circle") == 17, "Figure 4.8 has the seventeen objects of Tables 4.3 and 4.4"
-    rows = (tmp_path / "report/downloads/grades.csv").read_text().splitlines()
-    assert sum(row.startswith("thesis,obj_000013") for row in rows) == 13
-
-
 def test_a_true_model_is_not_passed_off_as_a_mesh(tmp_path, carton):
     shutil.copytree(carton.model.parent, tmp_path / "demo/carton/model")
     index = made_gallery(tmp_path / "report", made_page(tmp_path / "demo/carton", tmp_path / "report", "--faces", "500"))
@@ -258,44 +179,3 @@ def test_the_numbers_of_an_axis_differ():
     plot = scatter({"a": [(0.9985, 26.95, "one"), (1.0, 27.0, "two")]}, "x", "y", from_zero=False)
     numbers = re.findall(r'text-anchor="(middle|end)">([0-9.]+)</text>', plot)
     assert len(numbers) > 5 and len(set(numbers)) == len(numbers)
-
-
-def test_levels_of_distance():
-    assert quantize_distances(np.array([0.0, 1.0, 2.0, 9.0, np.nan]), 2.0).tolist() == [0, 127, 254, 254, UNSEEN]
-
-
-def test_a_reduced_mesh_keeps_its_shape_and_its_texture(carton):
-    small = reduce_mesh(carton.mesh, 300, 64)
-    assert len(small.mesh.faces) <= 300 and small.faces == len(carton.mesh.faces)
-    assert small.mesh.texture.shape == (64, 64, 3)
-    assert np.abs(small.mesh.vertices).max(0) == pytest.approx(np.abs(carton.mesh.vertices).max(0), abs=0.1)
-    assert small.mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=0.01)
-
-
-def test_a_reduced_mesh_keeps_its_shape_whatever_the_filter_did_before(carton):
-    work = pymeshlab.MeshSet(verbose=False)
-    work.add_mesh(pymeshlab.Mesh(carton.mesh.vertices, carton.mesh.faces.astype(np.int32)))
-    options = {"preserveboundary": True, "boundaryweight": 2.0, "preservenormal": True, "planarquadric": True, "autoclean": True}
-    work.meshing_decimation_quadric_edge_collapse(targetfacenum=1000, **options)
-    assert reduce_mesh(carton.mesh, 300, 64).mesh.as_trimesh().area == pytest.approx(carton.mesh.as_trimesh().area, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_a_mesh_beyond_reason_is_reduced_quickly():
-    sphere = trimesh.creation.icosphere(8, 50.0)
-    mesh = Mesh(np.array(sphere.vertices), np.array(sphere.faces, np.int64))
-    assert len(mesh.faces) > TEXTURED_FACES
-    small = reduce_mesh(mesh, 5000, 64)
-    assert 1000 < len(small.mesh.faces) <= 5000
-    assert np.linalg.norm(small.mesh.vertices, axis=1) == pytest.approx(50.0, abs=0.5)
-
-
-def test_the_bundled_scripts_are_those_of_their_sources():
-    names = ["build.mjs", "package-lock.json", "package.json", *(f"src/{path.name}" for path in sorted(VIEWER.glob("src/*")))]
-    digest = hashlib.sha256()
-    for name in names:
-        digest.update(f"{name}\n".encode() + (VIEWER / name).read_bytes())
-    for script in ("page.js", "viewer.js"):
-        head = (VIEWER.parent / "assets" / script).read_text().partition("\n")[0]
-        assert head == f"/* sources {digest.hexdigest()} */", "the scripts have changed: run `make viewer`"
-    assert "MIT" in (VIEWER.parent / "assets/three.LICENSE.txt").read_text()

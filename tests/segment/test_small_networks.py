@@ -64,6 +64,7 @@ def test_pictures_are_followed_forwards_and_backwards(models, tmp_path):
     assert all(one.score > 0 for one in found)
 
 
+@pytest.mark.slow
 def test_the_command_masks_the_object(workplace, capfd):
     folder, masks = workplace
     assert segment() == 0, capfd.readouterr().err

@@ -19,6 +19,7 @@ def test_an_environment_without_blender_is_made_and_not_taken_for_done(tmp_path,
     assert (tmp_path / "environment/bin/python").exists() and not (tmp_path / "record.json").exists()
 
 
+@pytest.mark.slow
 def test_what_pip_cannot_install_is_said(tmp_path):
     (tmp_path / "packages.txt").write_text("--no-index\na-package-that-nobody-has==1.0\n")
     with pytest.raises(StepError, match="cannot install .*packages.txt: check the network"):

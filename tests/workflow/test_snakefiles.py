@@ -74,6 +74,7 @@ def test_both_run_in_another_folder(checkout, tmp_path, snakefile):
     assert sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith(".")) == ["results"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snakefile", SNAKEFILES)
 def test_snakemake_finds_nothing_to_mend_in_either(checkout, snakefile):
     assert "your workflow is in a good condition" in bare(checkout, "--lint", "--snakefile", snakefile)

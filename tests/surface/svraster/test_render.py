@@ -1,5 +1,7 @@
 """The CPU kernels of sparse voxels against the float64 autograd twin: values and gradients, over random and degenerate scenes."""
 
+import functools
+
 import numpy as np
 import pytest
 import torch
@@ -61,6 +63,7 @@ def scene(kind: str, seed: int) -> tuple[Octree, np.ndarray, np.ndarray]:
     return octree, values.astype(np.float32), (rng.normal(size=(len(octree), 16, 3)) * 0.4).astype(np.float32)
 
 
+@functools.cache
 def both(kind: str, seed: int, degree: int = 3) -> tuple[tuple, tuple]:
     """The planes, the parameters with their gradients, and the statistics, of the kernels and of the twin."""
     octree, *arrays = scene(kind, seed)
