@@ -13,7 +13,7 @@ import pycolmap
 
 from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, write_registration
+from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, add_estimation_arguments, write_registration
 from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source, match_features
 from zeroshop_steps.register.stretched_features import add_stretched_features, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
@@ -56,13 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_common_arguments(parser)
     defaults = ColmapOptions()
-    parser.add_argument("--min-share", type=float, default=defaults.min_share, help="share of images needed (default: %(default)s)")
-    parser.add_argument("--min-images", type=int, default=defaults.min_images, help="number of images needed (default: %(default)s)")
+    add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.sift.seed)
     parser.add_argument(
         "--max-features", type=int, default=defaults.sift.max_features, help="SIFT features per image (default: %(default)s)"
     )
     parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
-    parser.add_argument("--seed", type=int, default=defaults.sift.seed, help="seed of all RANSAC loops (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:

@@ -24,7 +24,13 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
 from zeroshop_steps.register.match_database import PairMatches, write_matches
 from zeroshop_steps.register.pair_selection import choose_pairs
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, add_common_arguments, write_registration
+from zeroshop_steps.register.record import (
+    OBJECT_ONLY,
+    RegistrationFailed,
+    add_common_arguments,
+    add_estimation_arguments,
+    write_registration,
+)
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
@@ -73,8 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser)
     defaults = Mast3rOptions()
     structure = defaults.structure
-    parser.add_argument("--min-share", type=float, default=structure.min_share, help="share of images needed (default: %(default)s)")
-    parser.add_argument("--min-images", type=int, default=structure.min_images, help="number of images needed (default: %(default)s)")
+    add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
     parser.add_argument(
         "--anchors", type=int, default=defaults.anchors, help="up to so many images all pairs are matched (default: %(default)s; se: 30)"
     )
@@ -87,7 +92,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="length of the network's pictures along the longer side (default: %(default)s)",
     )
     parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
-    parser.add_argument("--seed", type=int, default=structure.seed, help="seed of all RANSAC loops (default: %(default)s)")
     parser.add_argument("--device", choices=DEVICES, default="auto", help="where the network runs (default: %(default)s)")
     parser.add_argument("--weights", type=Path, default=WEIGHTS_FOLDER / NAME, help="the network's weights (default: %(default)s)")
 

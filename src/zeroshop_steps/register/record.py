@@ -45,6 +45,13 @@ def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
 
 
+def add_estimation_arguments(parser: argparse.ArgumentParser, min_share: float, min_images: int, seed: int) -> None:
+    """Arguments of every method that estimates cameras, with its own defaults: the fewest images that must be registered, and the seed."""
+    parser.add_argument("--min-share", type=float, default=min_share, help="share of images needed (default: %(default)s)")
+    parser.add_argument("--min-images", type=int, default=min_images, help="number of images needed (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=seed, help="seed of all RANSAC loops (default: %(default)s)")
+
+
 def write_registration(out: Path, register: Callable[[Path], dict[str, Any]]) -> None:
     """Run `register` on a folder that becomes `out` when it succeeds, and write its record, with advice on what to film again."""
     with atomic_directory(out) as folder:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
-from zeroshop_steps.register.record import add_common_arguments
+from zeroshop_steps.register.record import add_common_arguments, add_estimation_arguments
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.runtime.cache import Cached
 
@@ -37,9 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=defaults.precision,
         help="of the attention; auto is bfloat16 where a CUDA device has it (default: %(default)s)",
     )
-    parser.add_argument("--min-share", type=float, default=defaults.min_share, help="share of images needed (default: %(default)s)")
-    parser.add_argument("--min-images", type=int, default=defaults.min_images, help="number of images needed (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=defaults.seed, help="seed of all RANSAC loops (default: %(default)s)")
+    add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.seed)
     parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto", help="default: %(default)s")
     default = WEIGHTS_FOLDER / METHOD["weights"][0]
     parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
