@@ -17,7 +17,7 @@ import manifold3d
 import numpy as np
 
 from zeroshop_steps.finish.clean import simplify
-from zeroshop_steps.finish.underside import STATES, Underside, close_underside, find_open_borders, leave_open
+from zeroshop_steps.finish.underside import STATES, Underside, close_underside, find_open_borders, leave_open, make_plane_axes
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, measure_distances
@@ -109,10 +109,7 @@ def _triangulate(vertices: np.ndarray, border: np.ndarray) -> np.ndarray | None:
     length = np.linalg.norm(normal)
     if length == 0.0:
         return None
-    across = np.linalg.svd(normal[None] / length)[2][1:]
-    if np.linalg.det(np.stack([*across, normal / length])) < 0:
-        across = across[::-1]
-    flat = points[::-1] @ across.T  # the border runs clockwise about the side that the hole's faces show
+    flat = points[::-1] @ make_plane_axes(normal / length).T  # the border runs clockwise about the side that the hole's faces show
     index = manifold3d.triangulate([flat], allow_convex=False)
     (ax, ay), (bx, by), (cx, cy) = flat[index].transpose(1, 2, 0)
     areas = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)

@@ -77,7 +77,7 @@ def close_underside(mesh: Mesh, up: np.ndarray, bottom: float) -> tuple[Mesh, Un
     foot = len(mesh.vertices) + np.arange(len(ring))  # below each vertex of the borders, on the plane
     foot_after = np.concatenate([np.roll(part, -1) for part in np.split(foot, np.cumsum([len(border) for border in chosen])[:-1])])
     skirt = np.concatenate([np.stack([after, ring, foot], 1), np.stack([after, foot, foot_after], 1)])
-    across = _axes_seen_from_below(up)
+    across = make_plane_axes(up)[::-1]  # right-handed about the way down, which the flat faces show
     filled = _fill([mesh.vertices[border] @ across.T for border in chosen], float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
     if filled is None:
         return leave_open(mesh)
@@ -142,10 +142,10 @@ def _vector_area(chain: np.ndarray) -> np.ndarray:
     return np.cross(around, np.roll(around, -1, 0)).sum(0) / 2
 
 
-def _axes_seen_from_below(up: np.ndarray) -> np.ndarray:
-    """(2, 3) unit axes of the plane with this normal; seen from below, the second is to the left of the first."""
-    across = np.linalg.svd(up[None])[2][1:]
-    return across[::-1] if np.linalg.det(np.stack([*across, up])) > 0 else across
+def make_plane_axes(normal: np.ndarray) -> np.ndarray:
+    """(2, 3) unit axes of the plane with this (3,) unit normal; with the normal as the third, they are right-handed."""
+    across = np.linalg.svd(normal[None])[2][1:]
+    return across[::-1] if np.linalg.det(np.stack([*across, normal])) < 0 else across
 
 
 def _fill(borders: list[np.ndarray], diagonal: float) -> tuple[np.ndarray, np.ndarray] | None:
