@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from zeroshop_steps.capture.photo_files import read_photo
 from zeroshop_steps.capture.photos import import_photos
-from zeroshop_steps.geometry.images import read_mask, write_image, write_mask
+from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -88,7 +89,7 @@ def test_all_problems_come_at_once(shoot):
     write_mask(shoot.mask(4), np.ones((HEIGHT, WIDTH), bool))
     write_mask(shoot.mask(5), np.ones((HEIGHT // 2, WIDTH), bool))
     message = shoot.refused()
-    assert "6 problems" in message
+    assert "7 problems" in message and "9 image(s), 3 of them usable, at least 8 are needed" in message
     for index in (0, 1):
         assert f"{shoot.image(index)} cannot be read" in message
     assert f"{shoot.mask(2)} does not exist" in message
@@ -97,16 +98,84 @@ def test_all_problems_come_at_once(shoot):
     assert f"{shoot.mask(5)} is 160 x 60 px" in message
 
 
-def test_turned_mask_points_at_exif(shoot):
+def test_a_few_bad_photos_are_left_out_and_named(shoot, capsys):
+    shoot.image(0).write_bytes(shoot.image(0).read_bytes()[:900])
+    shoot.take()
+    facts = read_json(shoot.out / "capture.json")
+    assert facts["images"] == 8 and facts["photos_found"] == 9 and facts["source_names"][0] == "IMG_0001.jpg"
+    assert "left out: image" in capsys.readouterr().err and f"{shoot.image(0)} cannot be read" in facts["warnings"][0]
+
+
+def test_a_raw_photo_beside_the_others_is_named(shoot, capsys):
+    (shoot.images / "IMG_0001.dng").write_bytes(b"raw")
+    shoot.take()
+    assert "left out: photos in a format that cannot be read: IMG_0001.dng; export them as JPEG" in capsys.readouterr().err
+
+
+def test_turned_mask_points_at_exif(shoot, capsys):
     write_mask(shoot.mask(2), shoot.disk().T)
-    assert "EXIF" in shoot.refused()
+    shoot.take()
+    assert "left out: mask" in (told := capsys.readouterr().err) and "stored turned" in told
 
 
-def test_images_of_different_sizes(shoot):
-    write_image(shoot.image(6), np.zeros((HEIGHT, WIDTH // 2, 3), np.uint8))
-    write_mask(shoot.mask(6), shoot.disk()[:, 40:120])
-    message = shoot.refused()
-    assert "different sizes" in message and "IMG_0006.jpg (80 x 120)" in message
+@pytest.mark.parametrize("shown", [False, True])
+def test_the_mask_of_a_turned_photo_may_be_drawn_as_it_is_stored_or_shown(shoot, shown):
+    with Image.open(shoot.image(2)) as image:
+        exif = image.getexif()
+        exif[0x0112] = 6
+        image.save(shoot.image(2), exif=exif)
+    upright = np.rot90(shoot.disk(x=50), -1)
+    write_mask(shoot.mask(2), upright if shown else shoot.disk(x=50))
+    shoot.take()
+    assert np.array_equal(read_mask(shoot.out / "masks" / "000002.png"), upright)
+    assert read_image(shoot.out / "images" / "000002.jpg").shape[:2] == upright.shape
+
+
+def test_images_of_different_sizes_and_orientations(shoot):
+    for index, size in ((6, (WIDTH // 2, HEIGHT // 2)), (4, (HEIGHT, WIDTH))):
+        write_image(shoot.image(index), cv2.resize(cv2.imread(str(shoot.image(index))), size))
+        write_mask(shoot.mask(index), cv2.resize(shoot.disk().astype(np.uint8), size) > 0)
+    shoot.take()
+    facts = read_json(shoot.out / "capture.json")
+    assert facts["images"] == 9 and (facts["width_px"], facts["height_px"]) == (WIDTH, HEIGHT)
+    assert facts["sizes_px"][4] == [HEIGHT, WIDTH] and facts["sizes_px"][6] == [WIDTH // 2, HEIGHT // 2]
+    assert read_mask(shoot.out / "masks" / "000004.png").shape == (WIDTH, HEIGHT)
+
+
+def test_large_photos_are_reduced_with_their_masks(shoot):
+    import_photos(shoot.images, shoot.masks, 8, shoot.out, max_side_px=80)
+    assert read_image(shoot.out / "images" / "000003.jpg").shape == (60, 80, 3)
+    reduced = read_mask(shoot.out / "masks" / "000003.png")
+    assert reduced.shape == (60, 80) and abs(reduced.mean() - shoot.disk().mean()) < 0.01
+
+
+def test_photos_of_many_megapixels_are_read_in_bounded_memory(tmp_path):
+    path = tmp_path / "large.jpg"
+    Image.new("RGB", (15000, 13000), (90, 120, 30)).save(path, quality=30)
+    photo = read_photo(path, 1000)
+    assert photo.size_px == (1000, 867) and photo.stored_px == (15000, 13000)
+    assert np.abs(photo.pixels.mean((0, 1)) - (90, 120, 30)).max() < 6  # levels, by compression
+
+
+def test_an_image_beyond_all_cameras_is_refused(tmp_path):
+    Image.new("1", (20000, 13000)).save(tmp_path / "map.png")
+    with pytest.raises(StepError, match="20000 x 13000 px, more than 250 megapixels"):
+        read_photo(tmp_path / "map.png", 1000)
+
+
+def test_too_many_photos_are_thinned_out(shoot, capsys):
+    scene = np.random.default_rng(5).integers(0, 255, (40, 60, 3), dtype=np.uint8)
+    scene = cv2.resize(scene, (960, 640), interpolation=cv2.INTER_CUBIC)
+    for index in range(9):
+        # A camera that moves on by a quarter of its picture each time; three photos are taken from nearly one place.
+        left = 80 * min(index, 6) + 4 * max(index - 6, 0)
+        write_image(shoot.image(index), scene[60 : 60 + 360, left : left + 480])
+    write_image(shoot.image(7), cv2.GaussianBlur(scene[60 : 60 + 360, 484 : 484 + 480], (0, 0), 1.2))
+    import_photos(shoot.images, None, 3, shoot.out, most_images=7)
+    kept = read_json(shoot.out / "capture.json")["source_names"]
+    assert len(kept) == 7 and "IMG_0007.jpg" not in kept
+    assert {"IMG_0000.jpg", "IMG_0001.jpg", "IMG_0002.jpg", "IMG_0003.jpg"} < set(kept)
+    assert "2 of 9 photos that show what sharper ones show" in capsys.readouterr().err
 
 
 def test_images_all_alike(shoot):
@@ -163,23 +232,22 @@ def test_turned_photos_are_turned_upright_and_keep_their_focal_length(shoot):
         assert image.getexif().get_ifd(0x8769)[0xA405] == 28
 
 
-def test_portrait_and_landscape_mixed(shoot):
-    with Image.open(shoot.image(4)) as image:
-        image.transpose(Image.Transpose.ROTATE_90).save(shoot.image(4))
-    with pytest.raises(StepError, match=r"different sizes.*IMG_0004.jpg \(120 x 160\)"):
-        import_photos(shoot.images, None, 8, shoot.out)
+def test_heic_photos_are_converted_upright_with_their_exif(shoot):
+    (shoot.images / "IMG_0002.HEIC").write_bytes((Path(__file__).parent / "data" / "turned.heic").read_bytes())
+    shoot.image(2).unlink()
+    import_photos(shoot.images, None, 8, shoot.out)
+    assert read_json(shoot.out / "capture.json")["source_names"][2] == "IMG_0002.HEIC"
+    with Image.open(shoot.out / "images" / "000002.jpg") as image:
+        assert image.format == "JPEG" and image.size == (HEIGHT, WIDTH)
+        assert image.getexif().get(0x0112, 1) == 1
+        assert image.getexif().get_ifd(0x8769)[0xA405] == 28
 
 
-def test_heic_photos_are_refused(shoot):
-    shoot.image(2).rename(shoot.images / "IMG_0002.HEIC")
-    with pytest.raises(StepError, match="format that cannot be read: IMG_0002.HEIC; export them as JPEG"):
-        import_photos(shoot.images, None, 8, shoot.out)
-
-
-def test_a_blurred_photo_is_told(shoot, capsys):
+def test_a_blurred_photo_is_left_out_and_told(shoot, capsys):
     write_image(shoot.image(5), cv2.GaussianBlur(cv2.imread(str(shoot.image(5))), (0, 0), 6))
     import_photos(shoot.images, None, 8, shoot.out)
-    assert "blurred, much more than the others: IMG_0005.jpg" in capsys.readouterr().err
+    assert "left out, blurred, much more than the others: IMG_0005.jpg" in capsys.readouterr().err
+    assert "IMG_0005.jpg" not in read_json(shoot.out / "capture.json")["source_names"]
 
 
 def test_photos_that_are_all_blurred_are_told(shoot, capsys):

@@ -21,7 +21,7 @@ def fault(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
     against = np.zeros((count, count), int)
     against[2] = against[:, 2] = contradicting
     errors_px = dict.fromkeys(NAMES, 0.3) | {"c": error_px}
-    return find_first_fault(coherence, PairSupport(NAMES, supporting, against), errors_px, ConsistencyLimits(), 1.0)
+    return find_first_fault(coherence, PairSupport(NAMES, supporting, against), errors_px, ConsistencyLimits(), dict.fromkeys(NAMES, 1.0))
 
 
 def test_a_model_that_everything_bears_out_passes():

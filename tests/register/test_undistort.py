@@ -44,7 +44,7 @@ def distorted_scene(folder, distortion: float) -> tuple[pycolmap.Reconstruction,
     model.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
     ray = camera.cam_from_img(np.array([[120.0, 80.0]]))[0]
     model.add_point3D(np.array([*ray, 1.0]) * 5, pycolmap.Track([pycolmap.TrackElement(1, 0)]), np.zeros(3, np.uint8))
-    return model, ImageSet((folder / "images" / "000000.png",), (folder / "masks" / "000000.png",), (WIDTH, HEIGHT))
+    return model, ImageSet((folder / "images" / "000000.png",), (folder / "masks" / "000000.png",), ((WIDTH, HEIGHT),))
 
 
 @pytest.mark.parametrize("distortion", [-0.2, 1e-6, 0.2])

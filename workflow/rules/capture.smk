@@ -64,10 +64,10 @@ def capture_method(
 def capture_options(
     wildcards,
 ):
-    """The options of this method: how many frames of a video, or the masks of photos, if there are any."""
+    """The options of this method: how many frames of a video, or how many photos, and their masks, if there are any."""
     masks = photos_of(wildcards)["masks"]
     if capture_method(wildcards) == "photos":
-        return step_options({"masks": shlex.quote(photo_place(wildcards, "masks"))}) if masks else ""
+        return step_options({**({"masks": shlex.quote(photo_place(wildcards, "masks"))} if masks else {}), **config["photos"]})
     if masks:
         raise WorkflowError(
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: a video has no masks; leave the masks empty, they are found"
@@ -90,7 +90,7 @@ rule capture_photos:
         scene=WHOLE_SCENE,
     resources:
         mem_mb=per_attempt(2000),
-        runtime=per_attempt(5),
+        runtime=per_attempt(20),
     params:
         images=photo_place,
         method=capture_method,

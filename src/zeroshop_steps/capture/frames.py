@@ -93,12 +93,15 @@ def collect_image_warnings(names: list[str], sharpnesses: Sequence[float], level
 
 
 def draw_contact_sheet(images: Iterable[np.ndarray], names: list[str]) -> np.ndarray:
-    """(H, W, 3) uint8: all pictures, small, in rows, with their names."""
-    tiles = []
+    """(H, W, 3) uint8: all pictures, small, in rows, with their names. All tiles have the shape of the first picture."""
+    tiles: list[np.ndarray] = []
     for image, name in zip(images, names, strict=True):
-        tile = cv2.resize(
-            image, (TILE_WIDTH_PX, max(1, round(image.shape[0] * TILE_WIDTH_PX / image.shape[1]))), interpolation=cv2.INTER_AREA
-        )
+        height_px = tiles[0].shape[0] if tiles else max(1, round(image.shape[0] * TILE_WIDTH_PX / image.shape[1]))
+        scale = min(TILE_WIDTH_PX / image.shape[1], height_px / image.shape[0])
+        size = (max(1, min(TILE_WIDTH_PX, round(image.shape[1] * scale))), max(1, min(height_px, round(image.shape[0] * scale))))
+        tile = np.zeros((height_px, TILE_WIDTH_PX, 3), np.uint8)
+        left, top = (TILE_WIDTH_PX - size[0]) // 2, (height_px - size[1]) // 2
+        tile[top : top + size[1], left : left + size[0]] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         cv2.putText(tile, name, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(tile)
     return arrange_in_rows(tiles)
@@ -112,7 +115,7 @@ def arrange_in_rows(tiles: list[np.ndarray]) -> np.ndarray:
 
 def write_capture_record(
     folder: Path,
-    size_px: tuple[int, int],
+    sizes_px: Sequence[tuple[int, int]],
     sharpnesses: Sequence[float] | np.ndarray,
     levels: Sequence[float] | np.ndarray,
     blurs_px: Sequence[float],
@@ -122,18 +125,21 @@ def write_capture_record(
 
     Args:
         folder: the capture.
-        size_px: (width, height) of every picture.
+        sizes_px: (width, height) of every picture; the record has the most frequent one, and all where they differ.
         sharpnesses, levels, blurs_px: of every picture.
         facts: further ones; warnings and seconds belong to them.
     """
+    usual = max(sorted(set(sizes_px)), key=list(sizes_px).count)
+    differing = {} if len(set(sizes_px)) == 1 else {"sizes_px": [list(size) for size in sizes_px]}
     write_json(
         folder / "capture.json",
         {
             "scene": "video",
             "virtual": False,
             "seed": None,
-            "width_px": size_px[0],
-            "height_px": size_px[1],
+            "width_px": usual[0],
+            "height_px": usual[1],
+            **differing,
             "images": len(levels),
             "sharpness": [round(float(value), 4) for value in sharpnesses],
             "level": [round(float(value), 1) for value in levels],

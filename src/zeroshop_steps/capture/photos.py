@@ -1,17 +1,16 @@
 """Check the user's own photos and masks and copy them into a capture folder; the originals are never changed.
 
 Each photo has a mask with its name and .png, 255 on the object and 0 elsewhere; or no photo has one, and a later step finds them.
-All problems of all files are reported at once.
+Photos that cannot be used are left out and named, as long as enough are left; otherwise all problems are reported at once.
 """
 
 import argparse
-import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
 from zeroshop_steps.capture.frames import (
     collect_image_warnings,
@@ -22,16 +21,27 @@ from zeroshop_steps.capture.frames import (
     measure_sharpness,
     write_capture_record,
 )
+from zeroshop_steps.capture.photo_files import (
+    MAX_SIDE_PX,
+    TRANSPOSED,
+    PhotoPixels,
+    choose_suffix,
+    list_photos,
+    read_photo,
+    turn_upright,
+    write_upright,
+)
+from zeroshop_steps.capture.selection import find_blurred, thin_out
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
 MIN_IMAGES = 8  # fewer show too little of an object from all sides
+MOST_IMAGES = 60  # more show hardly anything new, and each costs seconds in every later step
 SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98  # of the image that a mask may cover; others are empty or full
 MOST_LISTED = 12  # names or problems in a message
 BORDER_SHARE, BORDER_PX = 0.005, 3  # of the image's circumference, and at least so many pixels, that a mask must touch to be cut off
-UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raw")
-ORIENTATION_TAG, UPRIGHT = 0x0112, 1
 
 
 @dataclass(frozen=True)
@@ -40,129 +50,116 @@ class Photo:
 
     Attributes:
         path: the user's file.
-        size_px: (width, height).
+        size_px: (width, height) as it is used: upright and reduced.
         mask: (height, width) bool; None where the capture has no masks.
         thumbnail: small float32 grey picture, for comparing photos.
+        descriptors: of a few features, for choosing among many photos; None where all are taken.
         sharpness, level, blur_px: as `frames.collect_image_warnings` wants them.
-        turned: whether the file records a rotation, which is applied unless there are masks.
     """
 
     path: Path
     size_px: tuple[int, int]
     mask: np.ndarray | None
     thumbnail: np.ndarray
+    descriptors: np.ndarray | None
     sharpness: float
     level: float
     blur_px: float
-    turned: bool
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
-    parser.add_argument("--images", type=Path, required=True, help="folder of PNG or JPEG photos, all of one size")
+    parser.add_argument("--images", type=Path, required=True, help="folder of photos: JPEG, PNG, HEIC, TIFF, WebP")
     parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png; none when left out")
-    parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help=f"fewest photos that are accepted (default {MIN_IMAGES})")
+    parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help="fewest photos that are accepted (default: %(default)s)")
+    parser.add_argument("--most-images", type=int, default=MOST_IMAGES, help="most photos that are used (default: %(default)s)")
+    parser.add_argument("--max-side-px", type=int, default=MAX_SIDE_PX, help="larger photos are scaled down (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    import_photos(args.images, args.masks, args.min_images, args.out)
+    import_photos(args.images, args.masks, args.min_images, args.out, args.most_images, args.max_side_px)
 
 
-def import_photos(images: Path, masks: Path | None, min_images: int, out: Path) -> None:
+def import_photos(
+    images: Path, masks: Path | None, min_images: int, out: Path, most_images: int = MOST_IMAGES, max_side_px: int = MAX_SIDE_PX
+) -> None:
     """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
 
-    Refused besides unreadable, missing and mismatched files: fewer than `min_images` photos, or photos that differ from each
-    other, or photos that show the whole object (its mask keeps off the border). Further photos
-    that cut the object off only lead to a warning: other photos show the rest.
+    Photos may differ in size, orientation and camera. Left out, and named in a warning, are photos that cannot be read, whose mask
+    is missing or wrong, that are much more blurred than the others, and, of more than `most_images`, those that add least.
+    Refused are fewer than `min_images` photos that are left, differ from each other, and show the whole object (its mask keeps off
+    the border).
 
     Raises:
         StepError: with a line for every problem found.
     """
     start_s = time.monotonic()
-    problems = find_format_problems(images)
-    paths = [] if problems else list_images(images)
     if masks is not None and not Path(masks).is_dir():
         raise StepError(f"mask folder {masks} does not exist; give one mask a photo, named like it but .png")
+    paths, odd = list_photos(images)
+    problems = [f"photos in a format that cannot be read: {_join_names([path.name for path in odd])}; export them as JPEG"] if odd else []
     photos = []
     for path in paths:
         try:
-            photos.append(_read(path, None if masks is None else Path(masks)))
+            photos.append(_read(path, None if masks is None else Path(masks), max_side_px, len(paths) > most_images))
         except StepError as error:
             problems.append(str(error))
-    problems += _find_size_problems(photos)
-    if paths and len(paths) < min_images:
-        problems.append(f"{images} holds {len(paths)} image(s), at least {min_images} are needed: take more, all around the object")
-    warnings: list[str] = []
-    if not problems:
-        problems, warnings = _find_view_problems(photos, min_images)
-    if problems:
+    if len(photos) < min_images:
+        usable = f", {len(photos)} of them usable" if len(photos) < len(paths) else ""
+        problems.append(f"{images} holds {len(paths)} image(s){usable}, at least {min_images} are needed: take more, all around the object")
         raise StepError(_join_problems(problems))
+    warnings = [f"left out: {problem}" for problem in problems]
+    photos, more = _leave_out(photos, min_images, most_images)
+    warnings += more
+    view_problems, more = _find_view_problems(photos, min_images)
+    if view_problems:
+        raise StepError(_join_problems(problems + view_problems))
+    warnings += more
     for warning in warnings:
         warn(warning)
+    _write(photos, max_side_px, out, {"photos_found": len(paths) + len(odd), "warnings": warnings}, start_s)
+
+
+def _write(photos: list[Photo], max_side_px: int, out: Path, facts: dict, start_s: float) -> None:
     with atomic_directory(out) as folder:
         (folder / "images").mkdir()
         for index, photo in enumerate(photos):
-            suffix = ".png" if photo.path.suffix.lower() == ".png" else ".jpg"
-            _copy_upright(photo, folder / "images" / f"{index:06d}{suffix}")
+            write_upright(photo.path, folder / "images" / f"{index:06d}{choose_suffix(photo.path)}", max_side_px)
             if photo.mask is not None:
                 write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
         sheet = draw_contact_sheet(map(read_image, list_images(folder / "images")), [photo.path.stem for photo in photos])
         write_image(folder / "contact_sheet.png", sheet)
-        facts = {
-            "source_names": [photo.path.name for photo in photos],
-            "warnings": warnings,
-            "seconds": round(time.monotonic() - start_s, 2),
-        }
+        facts = {"source_names": [photo.path.name for photo in photos], **facts, "seconds": round(time.monotonic() - start_s, 2)}
+        sizes = [photo.size_px for photo in photos]
         sharpnesses, levels = [photo.sharpness for photo in photos], [photo.level for photo in photos]
-        write_capture_record(folder, photos[0].size_px, sharpnesses, levels, [photo.blur_px for photo in photos], facts)
+        write_capture_record(folder, sizes, sharpnesses, levels, [photo.blur_px for photo in photos], facts)
 
 
-def find_format_problems(images: Path) -> list[str]:
-    """Photos in formats that nothing here reads, in words."""
-    if not Path(images).is_dir():
-        return []
-    odd = sorted(path.name for path in Path(images).iterdir() if path.suffix.lower() in UNREADABLE_SUFFIXES)
-    return [f"{images} holds photos in a format that cannot be read: {_join_names(odd)}; export them as JPEG"] if odd else []
+def _read(path: Path, masks: Path | None, max_side_px: int, describe: bool) -> Photo:
+    photo = read_photo(path, max_side_px)
+    image = photo.pixels
+    mask = None if masks is None else _read_mask(path, masks, photo)
+    descriptors = describe_view(image) if describe else None
+    facts = (measure_sharpness(image), float(image.mean()), measure_edge_blur_px(image))
+    return Photo(path, photo.size_px, mask, make_thumbnail(image), descriptors, *facts)
 
 
-def _copy_upright(photo: Photo, target: Path) -> None:
-    """Copy a photo; one that is stored turned, and has no mask of that shape, is turned upright and keeps its other EXIF tags."""
-    if not photo.turned or photo.mask is not None:
-        shutil.copyfile(photo.path, target)
-        return
-    with Image.open(photo.path) as image:
-        upright = ImageOps.exif_transpose(image)
-        upright.save(target, quality=97, exif=upright.getexif())
-
-
-def _is_turned(path: Path) -> bool:
-    with Image.open(path) as image:
-        return image.getexif().get(ORIENTATION_TAG, UPRIGHT) != UPRIGHT
-
-
-def _read_upright_size_px(path: Path) -> tuple[int, int]:
-    with Image.open(path) as image:
-        return ImageOps.exif_transpose(image).size
-
-
-def _read(path: Path, masks: Path | None) -> Photo:
-    image = read_image(path)
-    height, width = image.shape[:2]
-    turned = _is_turned(path)
-    facts = (make_thumbnail(image), measure_sharpness(image), float(image.mean()), measure_edge_blur_px(image), turned)
-    if masks is None:
-        return Photo(path, _read_upright_size_px(path) if turned else (width, height), None, *facts)
+def _read_mask(path: Path, masks: Path, photo: PhotoPixels) -> np.ndarray:
+    """The mask of a photo, upright and of its size; drawn on the photo as it is stored or as it is shown."""
     candidates = [masks / f"{path.stem}.png", masks / f"{path.name}.png"]
     mask_path = next((candidate for candidate in candidates if candidate.is_file()), None)
     if mask_path is None:
         raise StepError(f"image {path} has no mask: {candidates[0]} does not exist; draw one, 255 on the object and 0 elsewhere")
     mask = read_mask(mask_path)
-    if mask.shape != (height, width):
-        hint = " (the photo is stored turned: remove its EXIF rotation by exporting it again)" if mask.shape == (width, height) else ""
+    stored_px, drawn_px = photo.stored_px, mask.shape[::-1]
+    if drawn_px == stored_px:
+        mask = turn_upright(mask, photo.orientation)
+    elif not (photo.orientation in TRANSPOSED and drawn_px == stored_px[::-1]):
+        hint = " (the photo is stored turned: export both again)" if drawn_px == stored_px[::-1] else ""
         raise StepError(
-            f"mask {mask_path} is {mask.shape[1]} x {mask.shape[0]} px, its image {path.name} is {width} x {height} px;"
+            f"mask {mask_path} is {drawn_px[0]} x {drawn_px[1]} px, its image {path.name} is {stored_px[0]} x {stored_px[1]} px;"
             f" they must be equal{hint}"
         )
     share = float(mask.mean())
@@ -170,19 +167,29 @@ def _read(path: Path, masks: Path | None) -> Photo:
         raise StepError(f"mask {mask_path} is {'empty' if share == 0 else 'almost empty'}: mark the object with 255, or take the photo out")
     if share > LARGEST_SHARE:
         raise StepError(f"mask {mask_path} is full: {share:.0%} of the image is marked. Mark only the object; it must fit into the photo.")
-    return Photo(path, (width, height), mask, *facts)
+    if mask.shape[::-1] == photo.size_px:
+        return mask
+    return np.asarray(Image.fromarray(mask.astype(np.uint8) * 255).resize(photo.size_px, Image.Resampling.BOX)) >= 128
 
 
-def _find_size_problems(photos: list[Photo]) -> list[str]:
-    sizes = [photo.size_px for photo in photos]
-    if len(set(sizes)) <= 1:
-        return []
-    usual = max(sorted(set(sizes)), key=sizes.count)
-    odd = [f"{photo.path.name} ({photo.size_px[0]} x {photo.size_px[1]})" for photo in photos if photo.size_px != usual]
-    return [
-        f"images of different sizes: most are {usual[0]} x {usual[1]} px, but not {_join_names(odd)};"
-        " take all with one camera, held the same way"
-    ]
+def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[list[Photo], list[str]]:
+    """Without the photos that are much more blurred than the others, and at most `most_images`; with warnings that name the others."""
+    warnings = []
+    blurred = set(find_blurred([photo.sharpness for photo in photos], [photo.blur_px for photo in photos]))
+    if blurred and len(photos) - len(blurred) >= min_images:
+        names = _join_names([photos[number].path.name for number in sorted(blurred)])
+        warnings.append(f"left out, blurred, much more than the others: {names}; hold the camera still, or move it more slowly")
+        photos = [photo for number, photo in enumerate(photos) if number not in blurred]
+    if len(photos) > most_images:
+        common = count_common_features([photo.descriptors for photo in photos if photo.descriptors is not None])
+        kept = set(thin_out(common, [photo.sharpness for photo in photos], most_images))
+        names = _join_names([photo.path.name for number, photo in enumerate(photos) if number not in kept])
+        warnings.append(
+            f"left out: {len(photos) - most_images} of {len(photos)} photos that show what sharper ones show, too, for {most_images} are"
+            f" enough (photos.most_images): {names}"
+        )
+        photos = [photo for number, photo in enumerate(photos) if number in kept]
+    return photos, warnings
 
 
 def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:

@@ -105,7 +105,7 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path) -> None
         }
         height_px, width_px = scaled[0].shape[:2]
         sharpnesses, levels = film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist()
-        write_capture_record(folder, (width_px, height_px), sharpnesses, levels, blurs_px, facts)
+        write_capture_record(folder, [(width_px, height_px)] * len(chosen), sharpnesses, levels, blurs_px, facts)
     for warning in warnings:
         warn(warning)
 

@@ -14,7 +14,7 @@ import pycolmap
 
 from zeroshop_steps.capture.frames import SHEET_COLUMNS, TILE_WIDTH_PX, arrange_in_rows
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image
-from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.register.record import find_lens, read_registration
 from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -75,7 +75,7 @@ def read_frame_masks(cameras: Path, capture: Path, truth: Path) -> list[FrameMas
     Raises:
         StepError: the registration or the segmentation failed, or the capture is not from this film.
     """
-    lens = read_registration(cameras).get("lens")
+    record = read_registration(cameras)
     frames = read_json(capture / "capture.json").get("source_frames")
     if frames is None:
         raise StepError(
@@ -84,7 +84,7 @@ def read_frame_masks(cameras: Path, capture: Path, truth: Path) -> list[FrameMas
     judged = []
     for index, number in enumerate(frames):
         path = cameras / "masks" / f"{index:06d}.png"
-        true = undistort_mask(read_mask(truth / "masks" / f"{number:06d}.png"), lens)
+        true = undistort_mask(read_mask(truth / "masks" / f"{number:06d}.png"), find_lens(record, path.stem))
         judged.append(FrameMasks(path.stem, true, read_mask(path) if path.is_file() else None))
     return judged
 

@@ -5,8 +5,8 @@ measured. The scale is the median ratio on the object.
 """
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
+from zeroshop_steps.register.record import find_lens
 from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -73,10 +74,11 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
             f"{folder} has depth images for {len(files)} of the {len(registered.views)} registered photos, {LEAST_IMAGES} are needed; each "
             "is named like its photo, but .png"
         )
-    to_pinhole = _make_undistortion(registered)
+    record_path = registered.cameras / "registration.json"
+    record = read_json(record_path) if record_path.is_file() else {}
     ratios, off = {}, {}
     for view, path in files:
-        measured_mm = to_pinhole(read_depth(path, view)) * step_mm
+        measured_mm = _undistort(read_depth(path, view), find_lens(record, Path(view.camera.name).stem)) * step_mm
         depth = renderer.cast_rays(view.camera).depth
         inside = cv2.erode((view.mask() & (depth > 0)).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2), borderValue=0) > 0
         inside &= measured_mm > 0
@@ -141,12 +143,10 @@ def _check_unit(path: Path, median_mm: float, step_mm: float) -> None:
         )
 
 
-def _make_undistortion(registered: RegisteredObject) -> Callable[[np.ndarray], np.ndarray]:
-    """What maps a depth image, aligned with the original photo, to the undistorted photo."""
-    record = registered.cameras / "registration.json"
-    lens = read_json(record).get("lens") if record.is_file() else None
+def _undistort(depth: np.ndarray, lens: dict[str, Any] | None) -> np.ndarray:
+    """A depth image, aligned with the original photo, as the undistorted photo; `lens` is the photo's, None without distortion."""
     if not lens:
-        return lambda depth: depth
+        return depth
     camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
     map_x, map_y = make_undistortion_map(camera)[1]
-    return lambda depth: cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    return cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.photos import find_format_problems
+from zeroshop_steps.capture.photo_files import find_format_problems
 from zeroshop_steps.geometry.cameras import Camera, to_matrix, to_rigid
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.geometry.registered_views import View
@@ -102,7 +102,7 @@ def _extract_features(database: Path, images: Path, objects: dict[str, Camera], 
                 fields = {"model": "PINHOLE", "width": camera.width_px, "height": camera.height_px, "params": params}
                 opened.update_camera(pycolmap.Camera({**fields, "camera_id": image.camera_id, "has_prior_focal_length": True}))
     extraction = make_extraction_options(options, options.first_octave)
-    pycolmap.extract_features(database, images, sorted([*objects, *scene]), mode, lens, extraction)
+    pycolmap.extract_features(database, images, sorted([*objects, *scene]), pycolmap.CameraMode.AUTO, lens, extraction)
 
 
 def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scratch: Path, options: SiftOptions) -> pycolmap.Reconstruction:

@@ -15,7 +15,7 @@ from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, add_estimation_arguments, write_registration
 from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source, match_features
-from zeroshop_steps.register.stretched_features import add_stretched_features, find_weak_images
+from zeroshop_steps.register.stretched_features import add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
@@ -94,9 +94,10 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         match_features(database, options.sift)
         stopwatch.lap("match")
         weak = [] if options.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
-        if weak:
-            add_stretched_features(database, image_set, weak, options.tilt, options.sift)
-        figures["stretched"] = weak
+        flattened = find_flattened(database, weak)
+        if flattened:
+            add_stretched_features(database, image_set, flattened, options.tilt, options.sift)
+        figures["stretched"] = sorted(flattened)
         stopwatch.lap("stretch")
         needs = StructureOptions(
             options.min_share, options.min_images, options.max_dropped, options.limits, options.sift.seed, options.object_only

@@ -1,5 +1,6 @@
 """Check a reconstruction against the masks and the matches of image pairs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ class ConsistencyLimits:
     models on other grounds that are consistent in themselves but wrong by 4 to 500 mm are refused.
 
     Attributes:
-        unexplained_px: mask rays of one view may miss the other masks by this much (95th percentile), per 1000 px of width.
+        unexplained_px: mask rays of one view may miss the other masks by this much (95th percentile), per 1000 px of the longer side.
         contradicted_share: this share of an image's verified matches may contradict the model. A box with faces that look
             alike reaches 0.5 in a right model, an image on the wrong side of it 0.7.
         error_ratio: an image's median reprojection error may be this many times that of the median image, ...
@@ -80,27 +81,33 @@ def check_consistency(model: pycolmap.Reconstruction, image_set: ImageSet, datab
     coherence = measure_silhouette_coherence(*undistort_masks(model, image_set)) if image_set.masks else None
     evidence = count_pair_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
-    reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.size_px[0] / 1000)
+    reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales)
     return ConsistencyReport(coherence, evidence, errors_px, reason, culprits)
 
 
 def find_first_fault(
-    coherence: SilhouetteCoherence | None, evidence: PairSupport, errors_px: dict[str, float], limits: ConsistencyLimits, scale: float
+    coherence: SilhouetteCoherence | None,
+    evidence: PairSupport,
+    errors_px: dict[str, float],
+    limits: ConsistencyLimits,
+    scales: Mapping[str, float],
 ) -> tuple[str | None, tuple[str, ...]]:
-    """The first check that fails: its reason for the user, and the images to blame. `scale` is the image width over 1000 px."""
+    """The first check that fails: its reason for the user, and the images to blame. `scales` are those of `ImageSet`."""
     wrong = "the reconstruction hangs together but is wrong"
     remedy = "add pictures in between, or put the object on a strongly textured surface"
-    if coherence and (worst_px := float(coherence.unexplained_px.max())) > limits.unexplained_px * scale:
-        name = coherence.names[int(coherence.unexplained_px.argmax())]
+    if coherence:
+        relative = coherence.unexplained_px / [scales[name] for name in coherence.names]
+        name, worst_px = coherence.names[int(relative.argmax())], float(coherence.unexplained_px[relative.argmax()])
+    if coherence and relative.max() > limits.unexplained_px:
         found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
         return f"{wrong}, or masks are: {found}; check the masks, {remedy}", (coherence.culprit(),)
     share = evidence.contradicted_share
     if share.max() > limits.contradicted_share:
         name = evidence.names[int(share.argmax())]
         return f"{wrong}: {share.max():.0%} of the matches of {name} contradict it (sides that look alike?); {remedy}", (name,)
-    limit_px = max(limits.error_px * scale, limits.error_ratio * float(np.median(list(errors_px.values()))))
-    name = max(errors_px, key=errors_px.__getitem__)
-    if errors_px[name] > limit_px:
+    errors = {name: error_px / scales[name] for name, error_px in errors_px.items()}
+    name = max(errors, key=errors.__getitem__)
+    if errors[name] > max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values())))):
         return f"{wrong}: {name} fits with {errors_px[name]:.2f} px, the others much better; {remedy}", (name,)
     matches, group = evidence.weakest_cut()
     if matches < limits.cut_matches:

@@ -9,6 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.sift import make_verification_options
 
 PairMatches = Mapping[tuple[int, int], tuple[np.ndarray, np.ndarray]]
@@ -24,7 +25,7 @@ def write_matches(
     seed: int,
     focal_px: float | None = None,
 ) -> dict[str, int]:
-    """Write one shared camera, the keypoints of all images and their matches into a new database, and verify these.
+    """Write a camera for each lens, the keypoints of all images and their matches into a new database, and verify these.
 
     Args:
         database: file to create.
@@ -39,13 +40,7 @@ def write_matches(
     """
     kept = find_long_tracks([len(points) for points in keypoints], matches, min_track)
     number = [np.cumsum(mask) - 1 for mask in kept]
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = "SIMPLE_RADIAL"
-    if focal_px is not None:
-        width, height = image_set.size_px
-        reader.camera_params = f"{focal_px},{width / 2},{height / 2},0"
-    pycolmap.Database.open(database).close()
-    pycolmap.import_images(database, image_set.images[0].parent, pycolmap.CameraMode.SINGLE, image_set.names, reader)
+    import_images(database, image_set, focal_px)
     listed, count = [], 0
     with pycolmap.Database.open(database) as opened:
         ids = [opened.read_image_with_name(name).image_id for name in image_set.names]

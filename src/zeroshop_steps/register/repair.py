@@ -13,9 +13,10 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.register.image_set import REFERENCE_PX
 from zeroshop_steps.register.mapping import make_mapping_options
 
-STRICT_ERROR_PX = 3.0  # of absolute pose estimation, per 1000 px of image width
+STRICT_ERROR_PX = 3.0  # of absolute pose estimation, per 1000 px of the images' longer side
 LOSS_SCALE_PX = 0.5  # of the Cauchy loss; a good match is within 0.3 px
 
 
@@ -101,7 +102,7 @@ def register_again(
     write_reconstruction(rest, scratch / "without")
     options = make_mapping_options(3, seed)
     options.multiple_models = False
-    strict_px = STRICT_ERROR_PX * max(camera.width for camera in model.cameras.values()) / 1000
+    strict_px = STRICT_ERROR_PX * max(max(camera.width, camera.height) for camera in model.cameras.values()) / REFERENCE_PX
     options.mapper.abs_pose_max_error = strict_px
     placed = pycolmap.incremental_mapping(database, images, scratch / "again", options, str(scratch / "without"))
     return max(placed.values(), key=lambda found: found.num_reg_images(), default=rest)

@@ -13,6 +13,9 @@ import pycolmap
 
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register.image_set import ImageSet, read_masks
+from zeroshop_steps.register.lenses import import_images
+
+RIM_SHARE = 1 / 500  # of the longer side: width of the rim of a mask that gives no features
 
 
 @dataclass(frozen=True)
@@ -43,38 +46,32 @@ def extract_features(
     mask_folder: Path | None = None,
     known_cameras: dict[str, pycolmap.Camera] | None = None,
 ) -> float:
-    """Write one shared camera and the features of all images into a new database.
+    """Write a camera for each lens and the features of all images into a new database.
 
     Args:
         database: file to create.
         image_set: what to read.
         options: see `SiftOptions`.
         mask_folder: where to put feature masks; features then come from the object alone. None uses whole images.
-        known_cameras: {image stem: camera} to write instead of one unknown lens; shared where they are all equal.
+        known_cameras: {image stem: camera} to write instead of unknown lenses; shared where they are all equal.
 
     Returns:
         The median number of features an image.
     """
     reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = "SIMPLE_RADIAL"
-    if options.focal_px is not None:
-        width, height = image_set.size_px
-        reader.camera_params = f"{options.focal_px},{width / 2},{height / 2},0"
     if mask_folder is not None:
         reader.mask_path = _write_feature_masks(mask_folder, image_set)
     folder = image_set.images[0].parent
-    distinct = {tuple(camera.params) for camera in (known_cameras or {}).values()}
-    mode = pycolmap.CameraMode.PER_IMAGE if len(distinct) > 1 else pycolmap.CameraMode.SINGLE
     median = 0.0
     for octave in sorted({options.first_octave, -1}, reverse=True):
         Path(database).unlink(missing_ok=True)
-        pycolmap.Database.open(database).close()
         # Images get their numbers here, in order of name; extraction alone numbers them in the order its threads finish.
-        pycolmap.import_images(database, folder, mode, image_set.names, reader)
-        if known_cameras is not None:
-            _write_known_cameras(database, known_cameras)
+        if known_cameras is None:
+            import_images(database, image_set, options.focal_px)
+        else:
+            _import_with_cameras(database, image_set, known_cameras)
         extraction = make_extraction_options(options, octave)
-        pycolmap.extract_features(database, folder, image_set.names, pycolmap.CameraMode.SINGLE, reader, extraction)
+        pycolmap.extract_features(database, folder, image_set.names, pycolmap.CameraMode.AUTO, reader, extraction)
         with pycolmap.Database.open(database) as opened:
             median = float(np.median([opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()]))
         if median >= min(options.enough_features, options.max_features // 2):
@@ -122,7 +119,11 @@ def make_verification_options(seed: int) -> pycolmap.TwoViewGeometryOptions:
     return verification
 
 
-def _write_known_cameras(database: Path, known_cameras: dict[str, pycolmap.Camera]) -> None:
+def _import_with_cameras(database: Path, image_set: ImageSet, known_cameras: dict[str, pycolmap.Camera]) -> None:
+    distinct = {(camera.width, camera.height, *camera.params) for camera in known_cameras.values()}
+    mode = pycolmap.CameraMode.PER_IMAGE if len(distinct) > 1 else pycolmap.CameraMode.SINGLE
+    pycolmap.Database.open(database).close()
+    pycolmap.import_images(database, image_set.images[0].parent, mode, image_set.names)
     with pycolmap.Database.open(database) as opened:
         for image in opened.read_all_images():
             camera = known_cameras[Path(image.name).stem]
@@ -133,8 +134,8 @@ def _write_known_cameras(database: Path, known_cameras: dict[str, pycolmap.Camer
 def _write_feature_masks(folder: Path, image_set: ImageSet) -> Path:
     """Masks under the names that COLMAP looks for, less a rim: features on the silhouette slide along the object."""
     folder.mkdir(parents=True, exist_ok=True)
-    rim_px = max(1, round(max(image_set.size_px) / 500))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim_px + 1, 2 * rim_px + 1))
     for name, mask in read_masks(image_set).items():
+        rim_px = max(1, round(max(mask.shape) * RIM_SHARE))
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim_px + 1, 2 * rim_px + 1))
         write_image(folder / f"{name}.png", cv2.erode(mask.astype(np.uint8) * 255, kernel, borderValue=255))
     return folder

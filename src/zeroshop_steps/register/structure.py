@@ -11,7 +11,7 @@ import pycolmap
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
-from zeroshop_steps.register.record import RegistrationFailed, describe_lens, describe_model
+from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model
 from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.undistort import undistort
 
@@ -85,7 +85,7 @@ def reconstruct(
         )
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
-    figures["lens"] = describe_lens(model)
+    figures |= describe_lenses(model)
     figures |= describe_model(pinhole_model) | {"consistency": report.figures()}
     stopwatch.stop()
     if report.reason:

@@ -6,7 +6,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.register.image_set import ImageSet, read_masks
+from zeroshop_steps.register.image_set import REFERENCE_PX, ImageSet, read_masks
 from zeroshop_steps.register.silhouette_coherence import measure_silhouette_coherence
 from zeroshop_steps.register.vggt.dense_points import DensePoints
 
@@ -62,7 +62,7 @@ def check_feed_forward(
         coherence = measure_silhouette_coherence(cameras, read_masks(image_set))
         figures["silhouette_px"] = dict(zip(names, np.round(coherence.unexplained_px, 2).tolist(), strict=True))
         worst_px = float(coherence.unexplained_px.max())
-        if reason is None and worst_px > unexplained_px * image_set.size_px[0] / 1000:
+        if reason is None and worst_px > unexplained_px * max(image_set.size_px) / REFERENCE_PX:
             name = names[int(coherence.unexplained_px.argmax())]
             reason = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px; check the masks, {remedy}"
     return reason, figures

@@ -53,7 +53,7 @@ def fit_size(size_px: tuple[int, int], image_px: int, patch_px: int) -> tuple[tu
 
 
 def read_frames(image_set: ImageSet, image_px: int, patch_px: int) -> Frames:
-    """Read all images of a set, which are of equal size (`read_image_set` refuses others)."""
+    """Read all images of a set, which are of equal size (`ImageSet.size_px` refuses others)."""
     (width, height), left = fit_size(image_set.size_px, image_px, patch_px)
     shrinks = width <= image_set.size_px[0]
     pixels = np.zeros((len(image_set.images), 3, height, width + 2 * left), np.float32)

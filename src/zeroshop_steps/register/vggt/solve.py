@@ -17,7 +17,7 @@ from zeroshop_steps.networks.devices import choose_device, choose_precision, mea
 from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.consistency import check_consistency
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, describe_lens, describe_model, write_registration
+from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, describe_lenses, describe_model, write_registration
 from zeroshop_steps.register.repair import remove_images
 from zeroshop_steps.register.undistort import undistort
 from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
@@ -128,7 +128,7 @@ def register(
             figures,
         )
     pinhole_model = undistort(solution.model, image_set, out)
-    figures["lens"] = describe_lens(solution.model)
+    figures |= describe_lenses(solution.model)
     figures |= describe_model(pinhole_model)
     seconds["total"] = round(time.monotonic() - start_s, 3)
     if solution.reason:

@@ -1,0 +1,131 @@
+"""Read photos of any usual format upright, at a bounded size and in bounded memory."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pi_heif import register_heif_opener
+from PIL import Image, ImageOps
+
+from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
+from zeroshop_steps.runtime.errors import StepError
+
+CONVERTED_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
+"""Formats that Pillow and pi-heif read; they are converted, because later steps read PNG and JPEG alone."""
+UNREADABLE_SUFFIXES = (".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".raw")
+LOSSLESS_SUFFIXES = (".png", ".bmp")
+MAX_SIDE_PX = 3072  # finer photos do not make a finer surface, which is estimated from images of 1000 px, and hardly a finer texture
+MOST_PIXELS = 250_000_000
+"""Phones take up to 200 megapixels. More is a panorama or a damaged header, and would need more than 1 GB of memory."""
+ORIENTATION_TAG, UPRIGHT = 0x0112, 1
+TRANSPOSED = (5, 6, 7, 8)  # orientations in which width and height change places
+JPEG_QUALITY = 97
+LEVELS_OF_16_BITS = 257  # per level of 8 bits
+
+
+@dataclass(frozen=True)
+class PhotoPixels:
+    """A photo as it is used.
+
+    Attributes:
+        pixels: (height, width, 3) uint8 RGB, upright.
+        stored_px: (width, height) in the file, before it is turned or reduced.
+        orientation: how it is stored, as EXIF counts (1 is upright).
+        exif: its tags, without the orientation.
+    """
+
+    pixels: np.ndarray
+    stored_px: tuple[int, int]
+    orientation: int
+    exif: Image.Exif
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """(width, height) of the pixels."""
+        return self.pixels.shape[1], self.pixels.shape[0]
+
+
+def list_photos(folder: Path) -> tuple[list[Path], list[Path]]:
+    """The photos of a folder that can be read by their format, and those that cannot, sorted by name.
+
+    Raises:
+        StepError: the folder is missing, or holds no photos.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise StepError(f"image folder {folder} does not exist; check the path")
+    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    photos = [path for path in files if path.suffix.lower() in (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES)]
+    odd = [path for path in files if path.suffix.lower() in UNREADABLE_SUFFIXES]
+    if not photos:
+        more = f"; {odd[0].name} is in a format that cannot be read: export it as JPEG" if odd else ""
+        raise StepError(f"{folder} holds no images; expected files ending in {', '.join((*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES))}{more}")
+    return photos, odd
+
+
+def find_format_problems(folder: Path) -> list[str]:
+    """Photos in formats that must be converted before a step reads them where they lie, in words."""
+    if not Path(folder).is_dir():
+        return []
+    odd = sorted(path.name for path in Path(folder).iterdir() if path.suffix.lower() in (*CONVERTED_SUFFIXES, *UNREADABLE_SUFFIXES))
+    return [f"{folder} holds photos that are neither JPEG nor PNG: {', '.join(odd)}; export them as JPEG"] if odd else []
+
+
+def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
+    """Read a photo, turned upright as its EXIF says and reduced to `max_side_px` along its longer side.
+
+    JPEG is decoded at a fraction of its size where that is enough, so that 200 megapixels need no more memory than 12.
+
+    Raises:
+        StepError: the file is empty, damaged, cut off, no image, or larger than `MOST_PIXELS`.
+    """
+    register_heif_opener()
+    # Pillow takes more than 89 megapixels for an attack; the size is checked here instead, before anything is decoded.
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+    try:
+        with Image.open(path) as image:
+            stored_px = image.size
+            if stored_px[0] * stored_px[1] > MOST_PIXELS:
+                raise StepError(
+                    f"image {path} has {stored_px[0]} x {stored_px[1]} px, more than {MOST_PIXELS // 10**6} megapixels; reduce it first"
+                )
+            orientation = int(image.getexif().get(ORIENTATION_TAG, UPRIGHT))
+            if max(stored_px) > max_side_px:
+                image.draft("RGB", (max_side_px, max_side_px))
+                image.thumbnail((max_side_px, max_side_px), Image.Resampling.LANCZOS, reducing_gap=2.0)
+            upright = ImageOps.exif_transpose(image)
+            exif = upright.getexif()
+            return PhotoPixels(_to_rgb(upright), stored_px, orientation, exif)
+    except (OSError, SyntaxError, ValueError, EOFError) as error:
+        raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again as JPEG") from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+
+
+def choose_suffix(path: Path) -> str:
+    """The suffix under which a photo is used: .png where nothing was lost in its file, .jpg otherwise."""
+    return ".png" if path.suffix.lower() in LOSSLESS_SUFFIXES else ".jpg"
+
+
+def write_upright(source: Path, target: Path, max_side_px: int) -> None:
+    """Copy a photo; one that is turned, too large or of another format is written anew, and keeps its other EXIF tags."""
+    photo = read_photo(source, max_side_px)
+    if source.suffix.lower() in IMAGE_SUFFIXES and photo.orientation == UPRIGHT and photo.size_px == photo.stored_px:
+        shutil.copyfile(source, target)
+    else:
+        Image.fromarray(photo.pixels).save(target, quality=JPEG_QUALITY, exif=photo.exif)
+
+
+def turn_upright(mask: np.ndarray, orientation: int) -> np.ndarray:
+    """An (H, W) mask of a photo's stored pixels, turned as the photo is."""
+    image = Image.fromarray(mask.astype(np.uint8) * 255)
+    image.getexif()[ORIENTATION_TAG] = orientation
+    return np.asarray(ImageOps.exif_transpose(image)) > 0
+
+
+def _to_rgb(image: Image.Image) -> np.ndarray:
+    if image.mode.startswith("I"):
+        grey = np.asarray(image).astype(np.float32) / LEVELS_OF_16_BITS
+        return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    return np.asarray(image.convert("RGB"))

@@ -1,0 +1,65 @@
+"""Which images were taken with one lens at one setting, so that they share a camera model.
+
+Images share a lens where they have one size and, as far as EXIF says, were taken by one camera at one focal length. A photo that was
+held upright has another size than one that was not, so it gets a lens of its own: nothing tells which way its sensor was turned.
+"""
+
+from pathlib import Path
+
+import pycolmap
+from PIL import Image
+
+from zeroshop_steps.register.image_set import ImageSet
+
+MAKE, MODEL, EXIF_FOLDER, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
+FOCAL_STEP = 1.02  # focal lengths of one zoom setting differ by less than this factor
+
+
+def group_by_lens(image_set: ImageSet) -> list[list[str]]:
+    """Names of the images of each lens, in the order of the images' names."""
+    keys = [(size, *_read_camera(path)) for path, size in zip(image_set.images, image_set.sizes_px, strict=True)]
+    groups: list[tuple[tuple, list[str]]] = []
+    for name, key in zip(image_set.names, keys, strict=True):
+        names = next((names for other, names in groups if _is_one_lens(key, other)), None)
+        if names is None:
+            groups.append((key, [name]))
+        else:
+            names.append(name)
+    return [names for _, names in groups]
+
+
+def import_images(database: Path, image_set: ImageSet, focal_px: float | None = None) -> None:
+    """Write a camera for each lens, and all images, into a new database; the mapper finds the lenses' parameters.
+
+    Args:
+        database: file to create.
+        image_set: what to import.
+        focal_px: known focal length, in pixels of the largest images; None reads EXIF, else estimates it from the longer side.
+    """
+    sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
+    longest_px = max(map(max, image_set.sizes_px))
+    pycolmap.Database.open(database).close()
+    for names in group_by_lens(image_set):
+        reader = pycolmap.ImageReaderOptions()
+        reader.camera_model = "SIMPLE_RADIAL"
+        if focal_px is not None:
+            width, height = sizes[names[0]]
+            reader.camera_params = f"{focal_px * max(width, height) / longest_px},{width / 2},{height / 2},0"
+        pycolmap.import_images(database, image_set.images[0].parent, pycolmap.CameraMode.SINGLE, names, reader)
+
+
+def _read_camera(path: Path) -> tuple[str, str, float]:
+    """Make and model of the camera, and its focal length in mm (0 if unknown), of the 35 mm film if that is known."""
+    with Image.open(path) as image:
+        exif = image.getexif()
+        details = exif.get_ifd(EXIF_FOLDER)
+    try:
+        focal_mm = float(details.get(FOCAL_35MM) or details.get(FOCAL_MM) or 0.0)
+    except (TypeError, ValueError, ZeroDivisionError):
+        focal_mm = 0.0
+    return str(exif.get(MAKE, "")), str(exif.get(MODEL, "")), focal_mm
+
+
+def _is_one_lens(one: tuple, other: tuple) -> bool:
+    near = one[-1] == other[-1] or (min(one[-1], other[-1]) > 0 and max(one[-1], other[-1]) < FOCAL_STEP * min(one[-1], other[-1]))
+    return bool(one[:-1] == other[:-1] and near)
