@@ -5,7 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.geometry.image_files import check_photo_file
+from zeroshop_steps.runtime.errors import StepError, is_out_of_memory, remedy_for
 from zeroshop_steps.runtime.files import atomic_write
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -14,13 +15,23 @@ REMAP_COLUMNS = 16384
 
 
 def list_images(folder: Path) -> list[Path]:
-    """The images of a folder, sorted by name. Raises StepError when the folder is missing or holds none."""
+    """The images of a folder, sorted by name.
+
+    Raises:
+        StepError: the folder is missing or holds none, or one of them can be no photo (image_files.py).
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise StepError(f"image folder {folder} does not exist; check the path")
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."))
+    try:
+        found = list(folder.iterdir())
+    except OSError as error:
+        raise StepError(f"image folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
+    paths = sorted(path for path in found if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."))
     if not paths:
         raise StepError(f"{folder} holds no images; expected files ending in {', '.join(IMAGE_SUFFIXES)}")
+    for path in paths:
+        check_photo_file(path)
     return paths
 
 
@@ -103,9 +114,17 @@ def sample_bilinear(image: np.ndarray, positions: np.ndarray, border_mode: int) 
 
 def _decode(path: Path, flags: int) -> np.ndarray:
     path = Path(path)
-    if not path.is_file():
-        raise StepError(f"image {path} does not exist; check the path, or run the step that writes it")
-    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), flags) if path.stat().st_size else None
+    try:
+        if not path.is_file():
+            raise StepError(f"image {path} does not exist; check the path, or run the step that writes it")
+        content = np.frombuffer(path.read_bytes(), np.uint8)
+        image = cv2.imdecode(content, flags) if len(content) else None
+    except OSError as error:
+        raise StepError(f"image {path} cannot be read: {error.strerror}. {remedy_for(error)}") from error
+    except cv2.error as error:
+        if is_out_of_memory(error):
+            raise
+        raise StepError(f"image {path} is larger than OpenCV reads (2^30 pixels, 2^20 on a side); export it smaller") from None
     if image is None:
         raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image; export it again as PNG or JPEG")
     return image

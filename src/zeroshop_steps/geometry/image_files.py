@@ -1,0 +1,58 @@
+"""Which files can be photos: seen from their names and first bytes, before anything reads all of them."""
+
+import os
+import warnings
+from pathlib import Path
+
+from PIL import Image, UnidentifiedImageError
+
+from zeroshop_steps.runtime.errors import StepError, remedy_for
+
+FORMATS = ("JPEG", "PNG", "MPO")
+"""As Pillow calls them; MPO is a JPEG with further pictures behind the first, as phones write it."""
+LEAST_SIDE_PX = 32
+"""Of a photo: SIFT needs some room around a feature, and COLMAP ends without a word on 20 x 15 px."""
+
+
+def check_photo_file(path: Path) -> None:
+    """Check the name, the kind and the first bytes of a photo's file.
+
+    Whether all of it can be decoded shows only when it is read.
+
+    Raises:
+        StepError: a name that is not UTF-8, no file, one that may not be read, another format than its name says, or a photo
+            that is too small or too large.
+    """
+    check_name(path)
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a link that leads nowhere" if path.is_symlink() else "no file"
+        raise StepError(f"{path} is {kind}, not a photo; remove it, or put the photo itself there")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(path) as image:
+                image_format, (width_px, height_px) = image.format, image.size
+    except Image.DecompressionBombError:
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) / 1e6
+        raise StepError(f"image {path} has more than {most:.0f} megapixels; export it at half the size") from None
+    except UnidentifiedImageError:
+        return
+    except OSError as error:
+        raise StepError(f"image {path} cannot be read: {error.strerror or error}. {remedy_for(error)}") from None
+    if image_format not in FORMATS:
+        raise StepError(f"image {path} is named {path.suffix}, but holds {image_format}; export it as JPEG or PNG")
+    if min(width_px, height_px) < LEAST_SIDE_PX:
+        raise StepError(
+            f"image {path} is {width_px} x {height_px} px; at least {LEAST_SIDE_PX} px are needed on each side, and 1000 work well:"
+            " take the photo as the camera stored it"
+        )
+
+
+def check_name(path: Path) -> None:
+    """Raise StepError where a file's name is not UTF-8: neither records nor other libraries could name it."""
+    raw = os.fsencode(path.name)
+    try:
+        raw.decode("utf-8")
+    except UnicodeDecodeError:
+        shown = raw.decode("utf-8", "backslashreplace")
+        raise StepError(f"the name of {path.parent / shown} is not UTF-8 text; rename it with plain letters and digits") from None
