@@ -86,7 +86,7 @@ def _top_rows(transforms: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(transforms[:, :3], float)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _compose(true: np.ndarray, symmetry: np.ndarray, out: np.ndarray) -> None:
     """out = true @ symmetry of (3, 4) transforms."""
     for row in range(3):
@@ -123,7 +123,7 @@ def _mssd(estimated: np.ndarray, true: np.ndarray, symmetries: np.ndarray, point
     return errors
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _project(matrix: np.ndarray, point: np.ndarray) -> tuple[float, float]:
     """Pixel of a point by a (3, 4) projection; infinite in the camera plane."""
     x = matrix[0, 0] * point[0] + matrix[0, 1] * point[1] + matrix[0, 2] * point[2] + matrix[0, 3]
@@ -165,7 +165,7 @@ def _mspd(projections: np.ndarray, intrinsics: np.ndarray, true: np.ndarray, sym
     return errors
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _distance(x: float, y: float, depth: float) -> float:
     """Distance from the camera's centre, mm."""
     return np.sqrt((x * depth) ** 2 + (y * depth) ** 2 + np.float64(depth) ** 2)

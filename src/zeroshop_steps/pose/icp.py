@@ -64,7 +64,7 @@ def compute_shape_costs(
     return _compute_costs(poses, points, *tables, float(diameter_mm), depth_mm, mask, focal)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _to_model_frame(pose: np.ndarray, point: np.ndarray, out: np.ndarray) -> None:
     """Write a point of the camera's frame in the model's frame to `out`."""
     for axis in range(3):
@@ -73,7 +73,7 @@ def _to_model_frame(pose: np.ndarray, point: np.ndarray, out: np.ndarray) -> Non
             out[axis] += pose[row, axis] * (point[row] - pose[row, 3])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _look_up_nearest(local: np.ndarray, low: np.ndarray, cell_mm: float, table: np.ndarray) -> int:
     """Index of the sample nearest to a point in the model's frame, by the table."""
     x = min(max(int((local[0] - low[0]) / cell_mm), 0), table.shape[0] - 1)
@@ -82,7 +82,7 @@ def _look_up_nearest(local: np.ndarray, low: np.ndarray, cell_mm: float, table: 
     return table[x, y, z]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _rotate(pose: np.ndarray, vector: np.ndarray, out: np.ndarray) -> None:
     """Write a direction of the model's frame in the camera's frame to `out`."""
     for row in range(3):
@@ -121,7 +121,7 @@ def _run_icp(
             _apply_step(poses[index], np.linalg.solve(square, right), middle)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _build_equations(
     pose: np.ndarray,
     points: np.ndarray,
@@ -157,7 +157,7 @@ def _build_equations(
             rows[point, axis] = (target[after] - middle[after]) * normal[last] - (target[last] - middle[last]) * normal[after]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _apply_step(pose: np.ndarray, change: np.ndarray, middle: np.ndarray) -> None:
     """Rotate a pose about `middle` by the rotation vector change[:3] and translate it by change[3:], in place."""
     x, y, z = np.minimum(np.maximum(change[:3], -LARGEST_TURN), LARGEST_TURN)

@@ -49,7 +49,7 @@ COSINE_OTHER_MIN = 0.05
 """The plane that another view has found is not used where that view sees it at a lower cosine: its depth is then too uncertain."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def random_number(a, b, c, d):
     """A number in [0, 1) that depends on four integers only, not on the thread (xorshift-multiply mixing)."""
     x = np.uint64(a) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(b) * np.uint64(0xC2B2AE3D27D4EB4F)
@@ -62,7 +62,7 @@ def random_number(a, b, c, d):
     return float(x >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def project_point(row, x, y, z):
     """Position in pixels, counted from the centre of the first one, and depth of a point in the world."""
     px = row[0] * x + row[1] * y + row[2] * z + row[9]
@@ -71,21 +71,21 @@ def project_point(row, x, y, z):
     return row[FX] * px / pz + row[CX] - 0.5, row[FY] * py / pz + row[CY] - 0.5, pz
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def unproject_ray(row, dx, dy, z):
     """The point in the world at depth z on the ray of slopes dx and dy."""
     a, b, c = z * dx - row[9], z * dy - row[10], z - row[11]
     return row[0] * a + row[3] * b + row[6] * c, row[1] * a + row[4] * b + row[7] * c, row[2] * a + row[5] * b + row[8] * c
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def random_normal(dx, dy, a, b):
     """A unit normal that faces the camera, from two random numbers in [0, 1)."""
     slant, turn = math.sqrt(a) * NORMAL_SLANT_MAX, 2 * math.pi * b
     return facing_normal(dx, dy, -dx + slant * math.cos(turn), -dy + slant * math.sin(turn), -1.0)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def facing_normal(dx, dy, nx, ny, nz):
     """The unit normal along (nx, ny, nz), bent towards the camera where it looks away or grazes."""
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
@@ -100,7 +100,7 @@ def facing_normal(dx, dy, nx, ny, nz):
     return nx, ny, nz
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def fill_reference_patch(color, detail, mask, y, x, patch, weight):
     """Fill patch and weight, both (side, side): the detail around pixel (x, y), and normalized bilateral weights of the luminance.
 
@@ -128,7 +128,7 @@ def fill_reference_patch(color, detail, mask, y, x, patch, weight):
     return mean, max(square / total - mean * mean, 0.0)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _project_patch(row, other, size, dx, dy, z, nx, ny, nz, place):
     """Fill `place` with where a plane's patch projects to in another view: its centre (u, v), and by how much (u, v) changes for one
     pixel along x and one along y.
@@ -153,7 +153,7 @@ def _project_patch(row, other, size, dx, dy, z, nx, ny, nz, place):
     return u0 - reach_u >= 0 and v0 - reach_v >= 0 and u0 + reach_u < size[1] - 1 and v0 + reach_v < size[0] - 1
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _correlation_cost(place, detail, patch, weight, mean, variance):
     """(1 - c) / 2, where c is the correlation of a patch with the image of another view where it projects to: 0 to 1."""
     u0, v0, dux, dvx, duy, dvy = place[0], place[1], place[2], place[3], place[4], place[5]
@@ -177,7 +177,7 @@ def _correlation_cost(place, detail, patch, weight, mean, variance):
     return 0.5 * (1.0 - covariance / spread)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _color_cost(color, index, y, x, other, u, v):
     """The cost of the difference between a pixel's colour and that at (u, v) in another view."""
     j, i = int(v + 0.5), int(u + 0.5)
@@ -187,7 +187,7 @@ def _color_cost(color, index, y, x, other, u, v):
     return COLOR_WEIGHT * min(difference, COLOR_DIFFERENCE_MAX)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _depth_cost(row, other, depth, normal, y, x, u, v):
     """The cost of the distance in pixels between (x, y) and the projection of the surface that the other view has found at (u, v)."""
     error = GEOMETRIC_ERROR_MAX_PX
@@ -205,7 +205,7 @@ def _depth_cost(row, other, depth, normal, y, x, u, v):
     return GEOMETRIC_WEIGHT * error
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def plane_cost(index, scene, found_depth, found_normal, y, x, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit):
     """The mean cost of a plane over its best neighbouring views, or COST_MAX where that is not below `limit`.
 

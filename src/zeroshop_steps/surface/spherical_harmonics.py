@@ -19,7 +19,7 @@ _C3 = (
 )
 
 
-@numba.njit(cache=True, inline="never")
+@numba.njit(cache=True, forceinline=True)
 def sh_basis(degree, x, y, z, basis):
     """Fill basis (16,) with the real spherical harmonics at the unit direction, as far as the degree goes."""
     basis[0] = SH_CONSTANT
@@ -39,7 +39,7 @@ def sh_basis(degree, x, y, z, basis):
     basis[15] = _C3[6] * x * (xx - 3.0 * yy)
 
 
-@numba.njit(cache=True, inline="never")
+@numba.njit(cache=True, forceinline=True)
 def sh_gradient(degree, x, y, z, gradient):
     """Fill gradient (16, 3) with the derivatives of `sh_basis` by the direction."""
     gradient[0, 0] = gradient[0, 1] = gradient[0, 2] = 0.0

@@ -63,7 +63,7 @@ def make_camera_rays(pixels, intrinsics, world_from_camera):
     return rays
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _highlight(point, mirrored, lights, visible):
     """Radiance of the lights around the mirrored direction: each square convolved with a Gaussian lobe of width ROUGHNESS."""
     centres, axes, half_side = lights.centres, lights.axes, lights.half_side
@@ -92,7 +92,7 @@ def _highlight(point, mirrored, lights, visible):
     return total
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _footprint(corners, uvs, bu, bv, direction, reach, step_x, step_y):
     """Texture coordinates of a hit and their change over one pixel to the right and one down (u, v, ux, vx, uy, vy).
 
@@ -120,7 +120,7 @@ def _footprint(corners, uvs, bu, bv, direction, reach, step_x, step_y):
     return u, v, xu * u1 + xv * u2, xu * v1 + xv * v2, yu * u1 + yv * u2, yu * v1 + yv * v2
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _object_light(lights, face, bu, bv, light):
     """Interpolate the seven light channels on a face's lattice into `light`."""
     steps = lights.object_steps[face]
@@ -139,7 +139,7 @@ def _object_light(lights, face, bu, bv, light):
             light[k] = (1.0 - fi - fj) * samples[base, k] + fi * samples[right, k] + fj * samples[base + 1, k]
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _surface_light(lights, px, py):
     """Irradiance / pi of the surface at a place (mm), between its grid's samples; beyond the grid that of its border."""
     samples = lights.surface_light
@@ -153,7 +153,7 @@ def _surface_light(lights, px, py):
     return (1 - fy) * below + fy * above
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def _shine(lights, point, normal, direction, light):
     """Radiance mirrored towards the camera by the object's mild gloss (Schlick's Fresnel term); all vectors are of unit length."""
     cosine = -(normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2])

@@ -117,7 +117,7 @@ def _bilinear(texels, linear_of_byte, offset, width, height, wrap, u, v):
     return red, green, blue
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, forceinline=True, fastmath=True)
 def sample_mip_levels(texels, levels, wrap, linear_of_byte, u, v, ux, vx, uy, vy):
     """Mean linear colour of a pixel's footprint, a parallelogram in texture space (after Heckbert 1989, probes along its long side).
 

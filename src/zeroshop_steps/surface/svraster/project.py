@@ -32,7 +32,7 @@ FLAT = 1e-12
 """Squared length of the density's gradient, per voxel, that leaves the normal undetermined."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _polynomial(v, p):
     """Fill p (8,) with the coefficients of the trilinear interpolation of corner values v (8,), centred coordinates in [-1/2, 1/2]."""
     p[0] = (v[0] + v[1] + v[2] + v[3] + v[4] + v[5] + v[6] + v[7]) / 8.0
@@ -45,7 +45,7 @@ def _polynomial(v, p):
     p[7] = -v[0] + v[1] + v[2] - v[3] + v[4] - v[5] - v[6] + v[7]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _polynomial_backward(g, out):
     """The transpose of `_polynomial`: gradients by coefficients g (8,) to gradients by corner values, into out (8,)."""
     for c in range(8):
@@ -107,7 +107,7 @@ def project_forward(centres, sizes, corners, densities, sh, degree, camera, widt
             rows[i, RED], rows[i, GREEN], rows[i, BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=_REORDERED)
 def _box(c, s, camera, width_px, height_px, near, boxes, i):
     """Fill row i of boxes (N, 4) around the eight corners of a voxel with centre c in the camera frame; False when out of sight."""
     reach = 0.5 * s * (abs(camera[6]) + abs(camera[7]) + abs(camera[8]))

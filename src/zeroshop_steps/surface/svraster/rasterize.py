@@ -68,7 +68,7 @@ KNEE, INVERSE_KNEE = np.float32(LINEAR_FROM), np.float32(1.0 / LINEAR_FROM)
 STEP = np.float32(1.0 / SAMPLES)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def load_pixels(b, planes, tile_x, tile_y, camera, octant):
     """Fill the first twelve planes of an pair's blocks; pixels of other octants have no light left. Returns the lit blocks."""
     living = np.uint64(0)
@@ -93,7 +93,7 @@ def load_pixels(b, planes, tile_x, tile_y, camera, octant):
     return living
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def blocks_of(boxes, i, tile_x, tile_y):
     """The blocks of a tile that the pixel box i meets, one bit a block: bit 4 y + x."""
     left, right = (
@@ -108,13 +108,13 @@ def blocks_of(boxes, i, tile_x, tile_y):
     return np.uint64(((1 << ACROSS * bottom) - (1 << ACROSS * top)) // ((1 << ACROSS) - 1) * ((1 << right) - (1 << left)))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def world_normal(rows, i, camera, axis):
     """A voxel's normal along one axis of the world."""
     return np.float32(camera[axis] * rows[i, NX] + camera[3 + axis] * rows[i, NY] + camera[6 + axis] * rows[i, NZ])
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
 def _blend_voxel(rows, index, n0, n1, n2, b, blocks):
     """Blend one voxel into some blocks (one bit a block) of an pair's buffer; returns those that no light passes any more.
 

@@ -82,7 +82,7 @@ _PLANES = _G + GRAD_PLANES
 _LARGEST, _SUMS = 19, 20
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
 def _differentiate_voxel(rows, index, n0, n1, n2, b, sums, blocks, away, out, slot):
     """Gradients of one voxel over some blocks (one bit a block) of an pair, into row `slot` of out; sums (20 * 16,) holds zeros.
 

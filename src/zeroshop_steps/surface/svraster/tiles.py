@@ -37,14 +37,14 @@ class TileOctants:
         return TileOctants(y * tile_active.shape[1] + x, octants, index)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def ray_direction(camera, x, y, axis):
     """World direction, along one axis, of the ray through pixel position (x, y), of unit depth; never zero."""
     d = camera[axis] * (x - camera[14]) / camera[12] + camera[3 + axis] * (y - camera[15]) / camera[13] + camera[6 + axis]
     return d if abs(d) > 1e-7 else (-1e-7 if d < 0 else 1e-7)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def octant_of(camera, x, y):
     """Bit j is set where the ray's direction is negative along axis j."""
     octant = 0

@@ -38,7 +38,7 @@ GRAZING_MIN = 1e-7
 _REORDERED = {"arcp", "contract", "nsz"}
 
 
-@numba.njit(cache=True, fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
 def rotation_of(w, x, y, z, rotation):
     """Fill rotation (3, 3) from a quaternion of any length; returns one over the length."""
     inverse = 1.0 / max(math.sqrt(w * w + x * x + y * y + z * z), 1e-12)
@@ -49,7 +49,7 @@ def rotation_of(w, x, y, z, rotation):
     return inverse
 
 
-@numba.njit(cache=True, fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
 def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outlines, i):
     """Fill row i of outlines (N, 6).
 
@@ -73,7 +73,7 @@ def _outline(zc, fx, fy, kx, ky, su, sv, camera_tangents, radius_squared, outlin
     outlines[i, COVARIANCE] = mid_x * mid_y - f * (tu0 * tv0 + tu1 * tv1)
 
 
-@numba.njit(cache=True, fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
 def _box(splats, outlines, i, width_px, height_px, boxes):
     """Fill row i of boxes (N, 4) with the first and last column and row of pixels, half open, whose centres lie in the outline's bounds."""
     if outlines[i, HALF_X] == np.inf:
@@ -89,7 +89,7 @@ def _box(splats, outlines, i, width_px, height_px, boxes):
     boxes[i, 3] = int(min(max(math.floor(splats[i, CY] + bottom + 0.5 + MARGIN_PX), 0.0), height_px))
 
 
-@numba.njit(cache=True, fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
 def _in_camera(positions, quaternions, i, camera, p, rotation, tangents):
     """Fill p (3,), rotation (3, 3) and tangents (3, 3): position, and as rows the two tangents and the normal, in the camera frame.
 
@@ -185,7 +185,7 @@ def project_backward(
             )  # fmt: skip
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=_REORDERED)
 def _geometry_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients):
     """From row i of gradients g (N, 16) of the splats to gp (3,) of its centre and gt (3, 3) of its axes in the camera frame."""
     n0, n1, n2 = tangents[2, 0], tangents[2, 1], tangents[2, 2]
@@ -221,7 +221,7 @@ def _geometry_backward(log_scales, splats, g, i, fx, fy, p, tangents, q, gp, gt,
     gp[0], gp[1], gp[2] = g0 + gq * n0, g1 + gq * n1, g2 + gq * (n2 - q)
 
 
-@numba.njit(cache=True, fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
 def _quaternion_backward(quaternions, i, inverse, g, out):
     w, x, y, z = quaternions[i, 0] * inverse, quaternions[i, 1] * inverse, quaternions[i, 2] * inverse, quaternions[i, 3] * inverse
     gw = 2 * (x * (g[2, 1] - g[1, 2]) + y * (g[0, 2] - g[2, 0]) + z * (g[1, 0] - g[0, 1]))
@@ -233,7 +233,7 @@ def _quaternion_backward(quaternions, i, inverse, g, out):
     out[i, 2], out[i, 3] = (gy - along * y) * inverse, (gz - along * z) * inverse
 
 
-@numba.njit(cache=True, fastmath=_REORDERED)
+@numba.njit(cache=True, forceinline=True, fastmath=_REORDERED)
 def _color_backward(positions, sh, i, degree, camera, splats, g, basis, slopes, position_gradients, out):
     dx, dy, dz, length = view_direction(positions, i, camera)
     sh_basis(degree, dx, dy, dz, basis)

@@ -29,7 +29,7 @@ _T, _OUT = 2, 3
 _PLANES = _OUT + OUT_PLANES
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def load_pixels(b, planes, tile_x, tile_y):
     """Fill the first three planes of every block of a tile: pixel positions and light, which is whole."""
     for block in range(BLOCKS):
@@ -43,7 +43,7 @@ def load_pixels(b, planes, tile_x, tile_y):
 def _splat_kernel(distortion: bool) -> Callable:
     """The kernel of one splat, with or without the distortion sum, which few losses need: decided when it is compiled."""
 
-    @numba.njit(cache=True, fastmath=True, error_model="numpy")
+    @numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
     def blend_splat(splats, index, b, blocks, k1, k2):
         """Blend splat `index` into some blocks (one bit a block) of a tile's buffer; returns those that no light passes any more."""
         cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]

@@ -54,7 +54,7 @@ _PLANES = 19
 def _splat_kernel(distortion: bool) -> Callable:
     """The kernel of one splat, with or without a gradient of the distortion sum: decided when it is compiled."""
 
-    @numba.njit(cache=True, fastmath=True, error_model="numpy")
+    @numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
     def differentiate_splat(splats, index, b, sums, blocks, k1, k2, out, slot):
         """Gradients of splat `index` over some blocks (one bit a block) of a tile, into row `slot` of out; sums (16 * 16,) holds zeros."""
         cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]

@@ -16,7 +16,7 @@ _T, _MEDIAN, _TOTAL, _WEIGHT = 2, 3, 4, 5
 _PLANES = 6
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, fastmath=True, error_model="numpy")
 def _add_splat(splats, index, b, blocks, reach):
     """Add splat `index` to some blocks (one bit a block) of a tile's buffer."""
     cx, cy, zc, a1, a2 = splats[index, CX], splats[index, CY], splats[index, ZC], splats[index, A1], splats[index, A2]

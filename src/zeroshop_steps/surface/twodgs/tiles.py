@@ -67,7 +67,7 @@ def _front_to_back(depths: np.ndarray) -> np.ndarray:
     return order[np.argsort((bits >> 16).astype(np.uint16)[order], kind="stable")].astype(np.int32)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _tiles_of(boxes, i):
     """First and last column and row, half open, of the tiles that box i meets."""
     if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:

@@ -1,0 +1,60 @@
+"""Compiled kernels: the same code, and so the same bytes, whether it was compiled now or loaded, on any number of threads."""
+
+import ast
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from helpers.paths import REPOSITORY
+from zeroshop_steps.runtime.code_version import SOURCES
+
+TRAINING = REPOSITORY / "tests/helpers/train_ball.py"
+
+
+def train(kernels: Path, threads: int) -> str:
+    """The digests of a short training in a process of its own, with a folder of compiled kernels."""
+    paths = os.pathsep.join(map(str, (REPOSITORY / "src", REPOSITORY / "tests")))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(kernels), "NUMBA_NUM_THREADS": "2", "PYTHONPATH": paths}
+    command = [sys.executable, str(TRAINING), str(threads)]
+    return subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True, timeout=500).stdout
+
+
+@pytest.mark.slow
+def test_kernels_compiled_now_or_loaded_give_the_same_bytes(tmp_path: Path) -> None:
+    compiled = train(tmp_path, 1)
+    assert compiled.count("\n") > 8
+    assert train(tmp_path, 1) == compiled, "all kernels loaded"
+    assert train(tmp_path, 2) == compiled, "on two threads"
+    for index in [*tmp_path.rglob("*blend_*.nbi"), *tmp_path.rglob("*project_*.nbi")]:
+        index.unlink()
+    assert train(tmp_path, 2) == compiled, "the large kernels compiled now, what they call loaded"
+
+
+def compiled_functions() -> Iterator[tuple[Path, ast.FunctionDef, dict[str, object]]]:
+    """The functions that Numba compiles, with the options of their decorator that are literals."""
+    for path in SOURCES.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            for decorator in node.decorator_list if isinstance(node, ast.FunctionDef) else ():
+                if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) in ("numba.njit", "njit"):
+                    options = {
+                        word.arg: word.value.value for word in decorator.keywords if word.arg and isinstance(word.value, ast.Constant)
+                    }
+                    yield path, node, options
+
+
+def test_what_a_kernel_calls_becomes_part_of_it() -> None:
+    """Otherwise the linker takes the function from whichever library came first: compiled now or loaded, they differ in the last bits."""
+    functions = list(compiled_functions())
+    calls = [call.func for _, node, _ in functions for call in ast.walk(node) if isinstance(call, ast.Call)]
+    called = {function.id for function in calls if isinstance(function, ast.Name)}
+    inner = {"blend_splat", "differentiate_splat"}  # known to their callers by other names, one for each choice that they were made with
+    loose = [
+        f"{path.name}: {node.name}"
+        for path, node, options in functions
+        if node.name in called | inner and not options.get("forceinline") and options.get("inline") != "always"
+    ]
+    assert len(functions) > 60 and not loose
