@@ -8,8 +8,9 @@ import numpy as np
 from pi_heif import register_heif_opener
 from PIL import Image, ImageOps
 
+from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 CONVERTED_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
 """Formats that Pillow and pi-heif read; they are converted, because later steps read PNG and JPEG alone."""
@@ -31,12 +32,14 @@ class PhotoPixels:
     Attributes:
         pixels: (height, width, 3) uint8 RGB, upright.
         stored_px: (width, height) in the file, before it is turned or reduced.
+        stored_as: its format, as Pillow calls it.
         orientation: how it is stored, as EXIF counts (1 is upright).
         exif: its tags, without the orientation.
     """
 
     pixels: np.ndarray
     stored_px: tuple[int, int]
+    stored_as: str
     orientation: int
     exif: Image.Exif
 
@@ -55,7 +58,10 @@ def list_photos(folder: Path) -> tuple[list[Path], list[Path]]:
     folder = Path(folder)
     if not folder.is_dir():
         raise StepError(f"image folder {folder} does not exist; check the path")
-    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    try:
+        files = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise StepError(f"image folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
     photos = [path for path in files if path.suffix.lower() in (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES)]
     odd = [path for path in files if path.suffix.lower() in UNREADABLE_SUFFIXES]
     if not photos:
@@ -80,12 +86,14 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
     Raises:
         StepError: the file is empty, damaged, cut off, no image, or larger than `MOST_PIXELS`.
     """
+    check_kind(path)
     register_heif_opener()
     # Pillow takes more than 89 megapixels for an attack; the size is checked here instead, before anything is decoded.
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path) as image:
-            stored_px = image.size
+            stored_px, stored_as = image.size, str(image.format)
+            check_size(path, stored_px)
             if stored_px[0] * stored_px[1] > MOST_PIXELS:
                 raise StepError(
                     f"image {path} has {stored_px[0]} x {stored_px[1]} px, more than {MOST_PIXELS // 10**6} megapixels; reduce it first"
@@ -96,7 +104,9 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
                 image.thumbnail((max_side_px, max_side_px), Image.Resampling.LANCZOS, reducing_gap=2.0)
             upright = ImageOps.exif_transpose(image)
             exif = upright.getexif()
-            return PhotoPixels(_to_rgb(upright), stored_px, orientation, exif)
+            return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif)
+    except PermissionError as error:
+        raise StepError(f"image {path} cannot be read: {error.strerror}. {remedy_for(error)}") from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image ({error}); export it again as JPEG") from None
     finally:
@@ -111,7 +121,7 @@ def choose_suffix(path: Path) -> str:
 def write_upright(source: Path, target: Path, max_side_px: int) -> None:
     """Copy a photo; one that is turned, too large or of another format is written anew, and keeps its other EXIF tags."""
     photo = read_photo(source, max_side_px)
-    if source.suffix.lower() in IMAGE_SUFFIXES and photo.orientation == UPRIGHT and photo.size_px == photo.stored_px:
+    if photo.stored_as in FORMATS and photo.orientation == UPRIGHT and photo.size_px == photo.stored_px:
         shutil.copyfile(source, target)
     else:
         Image.fromarray(photo.pixels).save(target, quality=JPEG_QUALITY, exif=photo.exif)

@@ -23,10 +23,7 @@ def check_photo_file(path: Path) -> None:
         StepError: a name that is not UTF-8, no file, one that may not be read, another format than its name says, or a photo
             that is too small or too large.
     """
-    check_name(path)
-    if not path.is_file():
-        kind = "a folder" if path.is_dir() else "a link that leads nowhere" if path.is_symlink() else "no file"
-        raise StepError(f"{path} is {kind}, not a photo; remove it, or put the photo itself there")
+    check_kind(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
@@ -41,18 +38,37 @@ def check_photo_file(path: Path) -> None:
         raise StepError(f"image {path} cannot be read: {error.strerror or error}. {remedy_for(error)}") from None
     if image_format not in FORMATS:
         raise StepError(f"image {path} is named {path.suffix}, but holds {image_format}; export it as JPEG or PNG")
-    if min(width_px, height_px) < LEAST_SIDE_PX:
+    check_size(path, (width_px, height_px))
+
+
+def check_size(path: Path, size_px: tuple[int, int]) -> None:
+    """Raise StepError where a photo's (width, height) is too small for features."""
+    if min(size_px) < LEAST_SIDE_PX:
         raise StepError(
-            f"image {path} is {width_px} x {height_px} px; at least {LEAST_SIDE_PX} px are needed on each side, and 1000 work well:"
+            f"image {path} is {size_px[0]} x {size_px[1]} px; at least {LEAST_SIDE_PX} px are needed on each side, and 1000 work well:"
             " take the photo as the camera stored it"
         )
 
 
+def check_kind(path: Path) -> None:
+    """Raise StepError where a path is no file, or its name is no text."""
+    check_name(path)
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a link that leads nowhere" if path.is_symlink() else "no file"
+        raise StepError(f"{path} is {kind}, not a photo; remove it, or put the photo itself there")
+
+
+def is_text(name: str) -> bool:
+    """Whether a file's name is UTF-8."""
+    try:
+        os.fsencode(name).decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
 def check_name(path: Path) -> None:
     """Raise StepError where a file's name is not UTF-8: neither records nor other libraries could name it."""
-    raw = os.fsencode(path.name)
-    try:
-        raw.decode("utf-8")
-    except UnicodeDecodeError:
-        shown = raw.decode("utf-8", "backslashreplace")
-        raise StepError(f"the name of {path.parent / shown} is not UTF-8 text; rename it with plain letters and digits") from None
+    if not is_text(path.name):
+        shown = os.fsencode(path.name).decode("utf-8", "backslashreplace")
+        raise StepError(f"the name of {path.parent / shown} is not UTF-8 text; rename it with plain letters and digits")
