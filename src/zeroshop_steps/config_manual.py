@@ -9,10 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from zeroshop_steps import methods
-from zeroshop_steps.runtime.settings import read_config_schema
+from zeroshop_steps.runtime.settings import read_config_schema, read_yaml
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "config/config.yaml"
@@ -97,7 +95,7 @@ def render_manual(schema: Mapping[str, Any], config: Mapping[str, Any]) -> str:
 
 def read_sources() -> tuple[dict[str, Any], dict[str, Any]]:
     """The schema and the defaults of this checkout."""
-    return read_config_schema(SCHEMA, methods.CHOICES, {}), yaml.safe_load(CONFIG.read_text())
+    return read_config_schema(SCHEMA, methods.CHOICES, {}), read_yaml(CONFIG)
 
 
 def _walk(path: tuple[str, ...], node: Mapping[str, Any], schema: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:

@@ -28,6 +28,7 @@ class Method:
     Attributes:
         step: the module that does the work, below this package, e.g. "surface.twodgs".
         name: how configs and paths call it; the module's name by default.
+        title: how papers write it, for reports; the name by default.
         rank: its place in tables, the lowest first; then by name.
         weights: files below resources/weights.
         models: its networks that the config may exchange: for the key of its options that names the folder of one, the usual folder
@@ -56,12 +57,17 @@ class Method:
         rules: the names of its rules: training (or the only one), and taking the mesh.
         options: below which keys the config has the options of each.
 
+    Of renderers:
+        environment: the file that says that an environment of its own is ready, where it needs one.
+        samples: it takes the number of light paths per pixel.
+
     Of detectors:
         masks: the file that poses are estimated from: all that it found, or masks.json, the sure ones without overlap.
     """
 
     step: str
     name: str = ""
+    title: str = ""
     rank: int = 100
     weights: tuple[str, ...] = ()
     models: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
@@ -82,6 +88,8 @@ class Method:
     mesh: str | None = None
     rules: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
+    environment: str = ""
+    samples: bool = False
     masks: str = "detections.json"
 
     @property
@@ -107,7 +115,8 @@ def find_methods(stage: str, sources: Path = SOURCES) -> dict[str, Method]:
         declared = _read_declaration(path)
         if declared is not None:
             module = path.parent.name if path.name == "__init__.py" else path.stem
-            found.append(Method(**{"step": f"{stage}.{module}", "name": module, **declared}))
+            method = Method(**{"step": f"{stage}.{module}", "name": module, **declared})
+            found.append(replace(method, title=method.title or method.name))
     names = [method.name for method in found]
     for name in names:
         if names.count(name) > 1:
@@ -134,6 +143,7 @@ def _read_declaration(path: Path) -> dict[str, Any] | None:
     return None
 
 
+RENDERERS = find_methods("synthetic")
 REGISTRATIONS = find_methods("register")
 SEGMENTATIONS = {name: method for name, method in find_methods("segment").items() if not method.given}
 """Of captures without masks; "auto" is the first that can run here."""
@@ -144,6 +154,7 @@ ESTIMATORS = find_methods("pose")
 """Of poses, from true masks or from those of a detector."""
 
 CHOICES = {
+    "renderer": list(RENDERERS),
     "virtual_registration": list(REGISTRATIONS),
     "photo_registration": [name for name, method in REGISTRATIONS.items() if not method.true_cameras],
     "nvs_method": list(SURFACES),
@@ -152,6 +163,8 @@ CHOICES = {
     "estimator": list(ESTIMATORS),
 }
 """What the config may name, by the definition in its schema."""
+TITLES = {name: method.title for table in (REGISTRATIONS, SURFACES, HEIGHTS) for name, method in table.items()}
+"""How reports call the methods of a cell."""
 SECTIONS = {"register": REGISTRATIONS, "segment": SEGMENTATIONS, "nvs": SURFACES, "height": HEIGHTS}
 """The parts of the config that hold options of methods."""
 

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from zeroshop_steps import __version__
+from zeroshop_steps.app import workflow
 from zeroshop_steps.app.command import main
 from zeroshop_steps.geometry.images import write_image
 
@@ -60,6 +61,13 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, monkeypatch, capsys,
     said = capsys.readouterr().err
     assert said.startswith("error: ") and message in said and "Traceback" not in said
     assert [path.name for path in tmp_path.iterdir()] == ["photos"]
+
+
+def test_the_lines_at_the_end_are_of_the_cell_that_the_config_chooses(tmp_path, monkeypatch):
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("chosen: {photos: {scene: video_segmented, registration: vggt}}\n")
+    monkeypatch.setattr(workflow, "find_project", lambda: tmp_path)
+    assert workflow.read_chosen_cell() == ("video_segmented", "vggt")
 
 
 def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):

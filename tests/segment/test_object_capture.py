@@ -47,7 +47,8 @@ def test_networks_find_masks_where_there_are_none(pictures, capfd):
     folder, masks = pictures
     write_detector(folder / "resources/weights/small-dino")
     write_tracker(folder / "resources/weights/small-sam")
-    assert object_capture("capture", "--detector", "small-dino", "--tracker", "small-sam") == 0, capfd.readouterr().err
+    names = ["--segmentation", "grounded_sam", "--options", "--detector", "small-dino", "--tracker", "small-sam", "--seed", "0"]
+    assert object_capture("capture", *names) == 0, capfd.readouterr().err
     found = [read_mask(path) for path in list_images(folder / "object/masks")]
     assert len(found) == 12 and min(compute_overlap(one, other) for one, other in zip(found, masks, strict=True)) > 0.8
     record = read_json(folder / "object/segmentation.json")

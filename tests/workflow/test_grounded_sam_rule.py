@@ -37,6 +37,9 @@ def test_what_auto_means_depends_on_the_weights(snakemake, tmp_path, photographe
     run = snakemake("-n", TARGET, *photographed)
     assert "--method grounded_sam" in run.stdout and "--tracker small-sam" in run.stdout, run.stdout
     assert "--prompt 'red ball'\"'\"'s middle.'" in run.stdout
+    run = snakemake("-n", "results/photos/ball/video_segmented/capture", *photographed)
+    [line] = [line for line in run.stdout.splitlines() if "--method object_capture" in line]
+    assert "--segmentation grounded_sam --options --" in line and "--tracker small-sam" in line, line
 
 
 @pytest.mark.slow

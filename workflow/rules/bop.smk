@@ -111,7 +111,7 @@ rule test_set:
     threads: 8
     resources:
         mem_mb=per_attempt(4000),
-        runtime=per_attempt(max(60, RENDER_MINUTES[config["bop"]["test_set"]["renderer"]])),
+        runtime=per_attempt(max(60, renderer_of(config["bop"]["test_set"]).runtime_min)),
     params:
         options=step_options(config["bop"]["test_set"]),
         environment=environment_option,

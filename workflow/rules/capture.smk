@@ -1,6 +1,13 @@
 """Capture: the user's own photos or the frames of a video, checked and copied; a row of config/objects.tsv says where they lie."""
 
 
+def is_filmed(
+    dataset,
+):
+    """Whether the captures of a dataset are rendered films, which from there on go the way of a user's own."""
+    return dataset_named(dataset)["kind"] == "films"
+
+
 def photos_of(
     wildcards,
 ):

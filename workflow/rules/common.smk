@@ -23,12 +23,8 @@ BOP = "results/{dataset}/bop"
 TABLES = "results/{dataset}/tables"
 
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
-# With a printed board beside the object: for measuring how well a height is found (height.smk), in no table of meshes.
-BOARD_SCENE = "su_b"
 # Photos as they are, and registered by what lies inside the masks alone.
 WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
-# The place of a registration in the path of a surface method that needs none.
-WITHOUT_CAMERAS = "none"
 
 # The steps run with the Python that runs Snakemake, whether or not its environment is activated; that of a conda environment
 # finds them, too.
@@ -92,21 +88,6 @@ def usable(what, name, table, remedy):
     return name
 
 
-def with_own_weights(stage, name, method):
-    """A method of a stage with the networks that the config names, which lacks no weights where these are the user's own."""
-    return method.with_options(config[stage].get(name) or {})
-
-
-def weights_stamp(stage, name, method):
-    """Size and time of the files that a method of a stage reads its networks from: a parameter, so that other weights make its results stale.
-
-    Not an input: Snakemake would delete and download weights again whenever their rule changes.
-    """
-    own = (config[stage].get(name) or {}).get("weights")
-    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in method.files]
-    return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
-
-
 def datasets_of(*kinds):
     """A regular expression of the datasets of these kinds, for a rule's wildcard constraint; matches nothing if there is none."""
     return "|".join(name for name, dataset in config["datasets"].items() if dataset["kind"] in kinds) or "(?!)"
@@ -116,11 +97,6 @@ def dataset_named(name):
     """A dataset of the config, or an error that lists those that exist."""
     known = config["datasets"]
     return known[require_known("dataset", name, known, "Datasets are listed in config/config.yaml under datasets.")]
-
-
-def is_filmed(dataset):
-    """Whether the captures of a dataset are rendered films, which from there on go the way of a user's own."""
-    return dataset_named(dataset)["kind"] == "films"
 
 
 def is_virtual(dataset):
@@ -135,11 +111,10 @@ def virtual_dataset(name, remedy=""):
 
 def objects_of(dataset):
     """The objects of a dataset: from the config, or for photos from the table."""
-    if dataset_named(dataset)["kind"] == "photos":
+    described = dataset_named(dataset)
+    if described["kind"] == "photos":
         return [name for owner, name in PHOTOS if owner == dataset]
-    if is_filmed(dataset):
-        return [name for names in config["datasets"][dataset]["of"].values() for name in names]
-    return config["datasets"][dataset]["objects"]
+    return [name for names in described["of"].values() for name in names] if described["kind"] == "films" else described["objects"]
 
 
 def check_object(wildcards):
@@ -147,8 +122,3 @@ def check_object(wildcards):
     names = objects_of(wildcards.dataset)
     where = config["objects_table"] if config["datasets"][wildcards.dataset]["kind"] == "photos" else "config/config.yaml"
     require_known(f"object of dataset {wildcards.dataset}", wildcards.object, names, f"Objects of this dataset are listed in {where}.")
-
-
-def check_virtual_scene(wildcards):
-    """Raise an error that lists the scenes where a path of a virtual dataset names an unknown one."""
-    require_known("scene of a virtual dataset", wildcards.scene, VIRTUAL_SCENES, "")

@@ -4,6 +4,9 @@ A registration that fails is a result too: its record says so and why. The steps
 on with its other cells (matrix.smk).
 """
 
+# The place of a registration in the path of a surface method that needs none.
+WITHOUT_CAMERAS = "none"
+
 
 def registrations_of(
     dataset,

@@ -49,8 +49,6 @@ def options_of_segmentation(
     name,
 ):
     """The options of a segmentation method."""
-    if name == GIVEN_MASKS:
-        return ""
     options = {**(config["segment"].get(name) or {}), "seed": config["seed"]}
     if SEGMENTATIONS[name].prompt:
         options["prompt"] = shlex.quote(photos_of(wildcards)["prompt"] or options["prompt"])
@@ -77,8 +75,11 @@ def pictures_with_masks(
 def network_options(
     wildcards,
 ):
-    """The options for finding masks before the registration, where they are found then."""
-    return "" if mask_needs(wildcards).in_scene else options_of_segmentation(wildcards, mask_method(wildcards))
+    """How masks are found before the registration, where they are found then: the segmentation, and its options as the last words."""
+    name, needs = mask_method(wildcards), mask_needs(wildcards)
+    if needs.given or needs.in_scene:
+        return ""
+    return f"--segmentation {name} --options {options_of_segmentation(wildcards, name)}"
 
 
 rule capture_object:
@@ -106,7 +107,7 @@ rule capture_object:
         "Taking the pictures of {wildcards.object} with their masks, to register the object alone"
     shell:
         "python -m zeroshop_steps.segment --method object_capture --pictures {input.pictures} --capture {input.capture}"
-        " {params.options} --rejected {log}.png --out {output} --record-failure {output}/ > {log} 2>&1"
+        " --rejected {log}.png --out {output} --record-failure {output}/ {params.options} > {log} 2>&1"
 
 
 rule segment:

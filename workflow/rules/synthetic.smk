@@ -5,10 +5,17 @@ results/DATASET/OBJECT/SCENE/capture   rendered views of it (su_l, su_h, se; su_
 results/DATASET/OBJECT/film            a film of it as a phone takes one; from there on its dataset goes the way of a user's own
 """
 
-# What BlenderProc's environment consists of, where it says that it is ready, and the minutes that renderers may take for one capture.
+# With a printed board beside the object: for measuring how well a height is found (height.smk), in no table of meshes.
+BOARD_SCENE = "su_b"
+# What BlenderProc's environment consists of.
 BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
-BLENDER_RECORD = "resources/envs/blenderproc.json"
-RENDER_MINUTES = {"raycast": 10, "blenderproc": 240}
+
+
+def check_virtual_scene(
+    wildcards,
+):
+    """Raise an error that lists the scenes where a path of a virtual dataset names an unknown one."""
+    require_known("scene of a virtual dataset", wildcards.scene, VIRTUAL_SCENES, "")
 
 
 def checked_object(
@@ -27,11 +34,19 @@ def models_option(
     return step_options({"models": folder and shlex.quote(os.path.relpath(ROOT / folder))})
 
 
+def renderer_of(
+    options,
+):
+    """The renderer that a part of the config names."""
+    return methods.RENDERERS[options["renderer"]]
+
+
 def environment_of(
     options,
 ):
     """An input function: the environment that the renderer in a part of the config needs, if it needs one."""
-    return lambda wildcards: [BLENDER_RECORD] if options["renderer"] == "blenderproc" else []
+    environment = renderer_of(options).environment
+    return lambda wildcards: [environment] if environment else []
 
 
 def environment_option(
@@ -47,7 +62,7 @@ def renderer_options(
     input,
 ):
     """The options of the renderer of captures that not every renderer has."""
-    samples = config["capture"]["samples"] if input.environment else None
+    samples = config["capture"]["samples"] if renderer_of(config["capture"]).samples else None
     return f"{step_options({'samples': samples})} {environment_option(wildcards, input)}".strip()
 
 
@@ -115,7 +130,7 @@ rule blender_environment:
     input:
         requirements=BLENDER_REQUIREMENTS,
     output:
-        record=BLENDER_RECORD,
+        record="resources/envs/blenderproc.json",
     log:
         "resources/envs/blenderproc.log",
     benchmark:
@@ -148,7 +163,7 @@ rule capture_virtual:
     threads: 8
     resources:
         mem_mb=per_attempt(4000),
-        runtime=per_attempt(RENDER_MINUTES[config["capture"]["renderer"]]),
+        runtime=per_attempt(renderer_of(config["capture"]).runtime_min),
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],

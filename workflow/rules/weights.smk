@@ -8,6 +8,29 @@ import re
 from zeroshop_steps.networks.weights import look_up_weights, read_table as weights_table
 
 
+def with_own_weights(
+    stage,
+    name,
+    method,
+):
+    """A method of a stage with the networks that the config names, which lacks no weights where these are the user's own."""
+    return method.with_options(config[stage].get(name) or {})
+
+
+def weights_stamp(
+    stage,
+    name,
+    method,
+):
+    """Size and time of the files that a method of a stage reads its networks from: a parameter, so that other weights make its results stale.
+
+    Not an input: Snakemake would delete and download weights again whenever their rule changes.
+    """
+    own = (config[stage].get(name) or {}).get("weights")
+    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in method.files]
+    return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
+
+
 rule weights:
     output:
         weights="resources/weights/{file}",

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from zeroshop_steps import __version__
+from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.runtime.errors import StepError
 
 HEIGHT_M = (0.005, 3.0)
@@ -58,7 +59,8 @@ def _mesh_parser() -> argparse.ArgumentParser:
     parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png (default: they are found)")
     parser.add_argument("--board", type=Path, nargs="?", const=Path(), metavar="PHOTOS", help=(
         "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
-    parser.add_argument("--method", default="2dgs", help="surface method: 2dgs or svraster (default: %(default)s)")
+    names = list(SURFACES)
+    parser.add_argument("--method", default=names[0], help=f"surface method: {' or '.join(names)} (default: %(default)s)")
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 2, help="processor cores to use (default: all, %(default)s)")
     parser.add_argument("--into", type=Path, default=Path(), metavar="FOLDER", help="folder that gets results/ (default: the current one)")
     parser.add_argument("--open", action="store_true", help="open the report in a browser at the end")
@@ -119,8 +121,9 @@ def _make(args: argparse.Namespace) -> int:
 
 def _print_outcome(results: Path, method: str, log: Path, done: bool, start_s: float) -> None:
     from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_warnings, find_reason
+    from zeroshop_steps.app.workflow import read_chosen_cell
 
-    cell = results / "video/colmap" / method
+    cell = results.joinpath(*read_chosen_cell(), method)
     lines = describe_mesh(results / f"{method}.ply") if done else [f"Failed    {line}" for line in find_reason(log)]
     lines += describe_advice(cell, cell.parent / "cameras") + describe_warnings(results, start_s)
     lines.append(f"Time      {(time.time() - start_s) / 60:.1f} min; everything that was said: {log}")

@@ -17,6 +17,7 @@ from rich.text import Text
 
 import zeroshop_steps
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.settings import read_yaml
 
 TYPICAL_S = {
     "capture_photos": 2, "register_photos": 44, "segment": 13, "capture_object": 13, "stereo": 16, "train_2dgs": 25, "fuse_2dgs": 8,
@@ -88,6 +89,12 @@ def find_project() -> Path:
     if not (root / "workflow/Snakefile").is_file():
         raise StepError(f"the workflow is not at {root}; install ZeroShOP from a clone of its repository: `make .venv/.ready`")
     return root
+
+
+def read_chosen_cell() -> tuple[str, str]:
+    """The scene and the registration that the config chooses for photos."""
+    chosen = read_yaml(find_project() / "config/config.yaml")["chosen"]["photos"]
+    return chosen["scene"], chosen["registration"]
 
 
 def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path) -> bool:

@@ -33,6 +33,7 @@ NETWORK_DEVIATION = 0.08
 """Relative standard deviation of the network's sizes: the root mean square error of published heights (thesis, Tables 4.3 and 4.4)."""
 
 METHOD = {
+    "title": "MASt3R",
     "rank": 3,
     "columns": ("marker_images",),
     "weights": ("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",),

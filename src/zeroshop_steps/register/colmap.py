@@ -49,7 +49,7 @@ class ColmapOptions:
     limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
 
 
-METHOD = {"rank": 0}
+METHOD = {"title": "COLMAP", "rank": 0}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -67,6 +67,7 @@ class Mast3rOptions:
 
 
 METHOD = {
+    "title": "MASt3R",
     "rank": 2,
     "weights": ("MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth",),
     "mem_mb": 6000,

@@ -7,6 +7,7 @@ import argparse
 import shlex
 from pathlib import Path
 
+from zeroshop_steps.methods import REGISTRATIONS, SURFACES
 from zeroshop_steps.report.site.advice import advise
 from zeroshop_steps.report.site.html import write_page
 from zeroshop_steps.report.site.pictures import render_thumbnail, write_webp
@@ -22,7 +23,8 @@ READS_FAILURES = True
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--object", type=Path, required=True, help="the object's folder, e.g. results/demo/mug; it may be missing")
-    parser.add_argument("--chosen", default="su_h/colmap", help="scene/registration that is shown first (default: %(default)s)")
+    chosen = f"su_h/{next(iter(REGISTRATIONS))}"
+    parser.add_argument("--chosen", default=chosen, help="scene/registration that is shown first (default: %(default)s)")
     parser.add_argument("--faces", type=int, default=20000, help="triangles at most of a mesh in the viewer (default: %(default)s)")
     parser.add_argument("--texture-px", type=int, default=1024, help="side at most of a texture in the viewer (default: %(default)s)")
     parser.add_argument(
@@ -50,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
             "cells": [make_cell_card(cell, f"{run.scene}/{run.registration}" == args.chosen) for run in runs for cell in run.cells],
         }
         write_json(folder / "card.json", card)
-        command, changes = f"snakemake --cores 2 {args.object}/2dgs.ply", format_changes(args.config)
+        command, changes = f"snakemake --cores 2 {args.object}/{next(iter(SURFACES))}.ply", format_changes(args.config)
         sections = make_run_sections(runs, folder, changes)
         write_page(folder / "index.html", "object.html", card=card, sections=sections, command=command + changes, root="../../")
 

@@ -36,7 +36,7 @@ def read_config_schema(path: Path, choices: Mapping[str, Iterable[str]], section
         sections: names that a part of the config may have besides those that the schema describes; their options are a mapping,
             which their own step checks.
     """
-    schema = _read_yaml(path)
+    schema = read_yaml(path)
     for name, values in choices.items():
         schema["$defs"][name]["enum"] = list(values)
     for section, names in sections.items():
@@ -65,7 +65,7 @@ def config_changes(config: Mapping[str, Any], defaults_path: Path, ignored: Iter
         defaults_path: config/config.yaml.
         ignored: keys that results do not depend on.
     """
-    changed = _difference(config, _read_yaml(defaults_path))
+    changed = _difference(config, read_yaml(defaults_path))
     return [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in changed.items() if key not in set(ignored)]
 
 
@@ -108,7 +108,7 @@ def read_objects(table: Path, schema_path: Path, height_methods: Iterable[str]) 
     if not numbered:
         raise StepError(f"{table} is empty; its first line names the columns")
     columns = numbered[0][1].split("\t")
-    schema = _read_yaml(schema_path)
+    schema = read_yaml(schema_path)
     schema["properties"]["height_method"]["enum"] = ["", *height_methods]
     _check_columns(table, columns, schema["properties"], schema["required"])
     rows: dict[tuple[str, str], Row] = {}
@@ -167,7 +167,8 @@ def _number(text: str) -> float | str:
     return number if math.isfinite(number) else text
 
 
-def _read_yaml(path: Path) -> Any:
+def read_yaml(path: Path) -> Any:
+    """The content of a YAML file."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is ten times faster, where PyYAML was built with it
     return yaml.load(Path(path).read_text(), Loader=loader)
 

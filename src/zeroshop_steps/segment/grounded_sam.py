@@ -84,11 +84,11 @@ MODELS = METHOD["models"]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_common_arguments(parser)
-    add_network_arguments(parser)
+    add_mask_arguments(parser)
 
 
-def add_network_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the prompt and of the networks."""
+def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the prompt and of the networks, whether or not the cameras are known."""
     parser.add_argument("--prompt", default=PROMPT, help='what to look for, in English (default: "%(default)s")')
     parser.add_argument("--min-score", type=float, default=MIN_SCORE, help="least score of a box (default: %(default)s)")
     parser.add_argument(
@@ -112,8 +112,22 @@ def run(args: argparse.Namespace) -> None:
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
+def mask_photos(paths: list[Path], size_px: tuple[int, int], args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """(H, W) bool masks of photos of (width, height) whose cameras are not known, and the record of their quality.
+
+    Args:
+        paths: the photos in the order in which they were taken.
+        size_px: of each.
+        args: those of `add_mask_arguments`.
+
+    Raises:
+        StepError: as `find_masks`; or a network is missing or damaged, or memory would not do.
+    """
+    return run_networks(ImageSequence(paths, size_px), args)
+
+
 def run_networks(pictures: ImageSequence, args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
-    """As `find_masks`, with the networks that the arguments of `add_network_arguments` name."""
+    """As `find_masks`, with the networks that the arguments of `add_mask_arguments` name."""
     folders = [require_model(args.detector, MODELS["detector"][1]), require_model(args.tracker, MODELS["tracker"][1])]
     device = torch.device(choose_device(args.device))
     torch.set_num_threads(THREADS)

@@ -1,19 +1,22 @@
 """Make a capture that is registered by the object alone: images with masks, before registration.
 
 It is needed where the object was turned while the ground stayed, and for the thesis's variant without a surface. The masks beside
-the images are used, given by the user or found in a registered scene; if there are none, grounded_sam finds them.
+the images are used, given by the user or found in a registered scene; if there are none, a segmentation that needs no cameras
+finds them.
 """
 
 import argparse
+import importlib
 import time
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.methods import SEGMENTATIONS
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
-from zeroshop_steps.segment.grounded_sam import ImageSequence, add_network_arguments, run_networks
 from zeroshop_steps.segment.record import (
     RECORD,
     add_rejected_argument,
@@ -25,16 +28,21 @@ from zeroshop_steps.segment.record import (
 )
 
 SCENE = "video_segmented"
+FINDERS = {name: method for name, method in SEGMENTATIONS.items() if not method.in_scene}
+"""The segmentations that find masks in photos whose cameras are not known yet."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--pictures", type=Path, required=True, help="folder with images/ and, where they are known, masks/")
     parser.add_argument("--capture", type=Path, required=True, help="the capture that the pictures come from, for its capture.json")
-    add_network_arguments(parser)
     add_rejected_argument(parser)
-    parser.add_argument("--seed", type=int, default=0, help="changes nothing; every segmentation takes it (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+    finder = next(iter(FINDERS))
+    parser.add_argument(
+        "--segmentation", choices=list(FINDERS), default=finder, help="finds masks that are not there (default: %(default)s)"
+    )
+    parser.add_argument("--options", nargs=argparse.REMAINDER, default=[], help="options of this segmentation; they come last")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -47,9 +55,23 @@ def run(args: argparse.Namespace) -> None:
         record = read_mask_record(args.pictures) | {"dropped": {}, "cut_off": []}
     else:
         with show_rejected_masks(paths, args.rejected):
-            masks, record = run_networks(ImageSequence(paths, (width_px, height_px)), args)
+            finder = load_finder(args.segmentation)
+            masks, record = finder.mask_photos(paths, (width_px, height_px), parse_options(finder, args.options))
     record["seconds"] = round(time.monotonic() - start_s, 2)
     write_capture(args.out, paths, masks, record, read_json(args.capture / "capture.json"))
+
+
+def load_finder(name: str) -> ModuleType:
+    """The module of a segmentation of FINDERS, which has `add_mask_arguments(parser)` and `mask_photos(paths, size_px, args)`."""
+    return importlib.import_module(f"zeroshop_steps.{FINDERS[name].step}")
+
+
+def parse_options(finder: ModuleType, options: list[str]) -> argparse.Namespace:
+    """The options of a segmentation as its `mask_photos` takes them."""
+    parser = argparse.ArgumentParser(prog=finder.__name__, add_help=False)
+    parser.add_argument("--seed", type=int, default=0)
+    finder.add_mask_arguments(parser)
+    return parser.parse_args(options)
 
 
 def write_capture(out: Path, paths: list[Path], masks: list[np.ndarray], record: dict[str, Any], facts: dict[str, Any]) -> None:

@@ -6,29 +6,35 @@ finished before an interruption are taken up by the same command.
 
 import argparse
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.synthetic import virtual_capture
+from zeroshop_steps.synthetic import blender_tables, virtual_capture
 from zeroshop_steps.synthetic.blender_frames import make_scene_objects, read_frames, render_frames
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.clutter import RigidBody
 from zeroshop_steps.synthetic.lighting import place_lights
 from zeroshop_steps.synthetic.renderer import RenderedView
 from zeroshop_steps.synthetic.scene_meshes import SceneMesh
+from zeroshop_steps.synthetic.table_scene import TableBackend, TableScene
 
 CACHED = Cached(inputs=("model",), ignored=("threads", "environment"))
+
+METHOD = {"rank": 1, "runtime_min": 240, "environment": "resources/envs/blenderproc.json", "samples": True}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     virtual_capture.add_scene_arguments(parser)
-    add_blender_arguments(parser)
+    add_renderer_arguments(parser)
 
 
-def add_blender_arguments(parser: argparse.ArgumentParser) -> None:
+def add_renderer_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of everything that BlenderProc renders."""
     parser.add_argument("--samples", type=int, default=16, help="light paths a pixel, denoised afterwards (default: %(default)s)")
     parser.add_argument("--environment", type=Path, help="record of BlenderProc's environment, which blender_environment writes")
@@ -64,6 +70,21 @@ def capture(
     facts = {"renderer": "blenderproc", "samples": samples}
     virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, facts=facts)
     shutil.rmtree(frames, ignore_errors=True)
+
+
+def make_table_backend(args: argparse.Namespace) -> TableBackend:
+    """Renders cluttered tables whose things fell there; frames that were finished before an interruption are kept."""
+    check_options(args.samples, args.environment)
+    frames = frames_folder(args.out)
+
+    def settle(scene_id: int, bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[np.ndarray]:
+        return blender_tables.settle_bodies(frames / f"settled_{scene_id:06d}", args.environment, bodies, rng)
+
+    def render(scene_id: int, scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
+        folder, title = frames / f"{scene_id:06d}", f"table {scene_id} of {args.scenes}"
+        return blender_tables.render_table(folder, args.environment, title, scene, list(cameras), args.samples, args.threads)
+
+    return TableBackend(settle, render, lambda: shutil.rmtree(frames, ignore_errors=True))
 
 
 def frames_folder(out: Path) -> Path:

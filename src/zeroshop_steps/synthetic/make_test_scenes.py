@@ -1,16 +1,16 @@
 """Make a virtual BOP test set: cluttered tables of a dataset's models, as RGB-D images with everything known about them.
 
-Five to eight objects a scene lie or stand close together among distractors, under lights that change from scene to scene. With
-the renderer `raycast` none touches another; with `blenderproc` they fell there.
+Five to eight objects a scene lie or stand close together among distractors, under lights that change from scene to scene. How
+they come to rest there is up to the renderer.
 Written are the scenes (rgb, depth with a sensor's noise and holes, mask, mask_visib and BOP's three JSON files), the targets
 (every object of which at least a tenth is visible) and camera.json.
 """
 
 import argparse
-import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import importlib
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -21,34 +21,19 @@ from zeroshop_steps.bop.scene import HALF_PX, Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, write_targets
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.methods import RENDERERS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track
-from zeroshop_steps.synthetic import blender_tables
-from zeroshop_steps.synthetic.blenderproc import add_blender_arguments, check_options, frames_folder
-from zeroshop_steps.synthetic.clutter import RigidBody, make_body, place_bodies
+from zeroshop_steps.synthetic.clutter import make_body
 from zeroshop_steps.synthetic.distractors import make_distractor
 from zeroshop_steps.synthetic.shading import use_threads
-from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene, render_raycast
+from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene
 
 OBJECTS = (5, 8)
 DISTRACTORS = (1, 3)
 LEAST_VISIBLE_SHARE = 0.1
 DEPTH_SCALE = 0.1
-RENDERERS = ("raycast", "blenderproc")
-
-
-@dataclass(frozen=True)
-class SceneBackend:
-    """What may differ between renderers.
-
-    Attributes:
-        settle: gives bodies that are to be at rest on the table `scene_id` their (4, 4) table_from_model.
-        render: gives each camera of the table `scene_id` its linear light.
-    """
-
-    settle: Callable[[int, Sequence[RigidBody], np.random.Generator], list[np.ndarray]]
-    render: Callable[[int, TableScene, Iterable[Camera]], Iterator[tuple[Camera, np.ndarray]]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,8 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--height-px", type=int, default=480, help="(default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=0, help="threads for shading (default: all)")
-    parser.add_argument("--renderer", choices=RENDERERS, default=RENDERERS[0], help="(default: %(default)s)")
-    add_blender_arguments(parser)
+    parser.add_argument("--renderer", choices=list(RENDERERS), default=next(iter(RENDERERS)), help="(default: %(default)s)")
+    for name in RENDERERS:
+        load_renderer(name).add_renderer_arguments(parser)
     parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json to write")
     parser.add_argument("--camera", type=Path, required=True, help="camera.json to write")
     parser.add_argument("--out", type=Path, required=True, help="folder of the scenes to write, BOP's test/")
@@ -76,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
             raise StepError(f"object {model.object_id} in {args.models} has no texture; a test set needs textured models")
     bodies = {number: make_body(model.mesh.vertices) for number, model in models.items()}
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
-    backend = choose_backend(args)
+    backend = load_renderer(args.renderer).make_table_backend(args)
     targets: list[Target] = []
     with atomic_directory(args.out) as out:
         for scene_id in track(range(1, args.scenes + 1), "tables", args.scenes):
@@ -101,27 +87,15 @@ def run(args: argparse.Namespace) -> None:
                     if (instance.visible_share or 0.0) >= LEAST_VISIBLE_SHARE
                 ]
             write_scene(folder, frames)
-    shutil.rmtree(frames_folder(args.out), ignore_errors=True)
+    backend.clear()
     write_targets(args.targets, sorted(targets, key=lambda target: (target.scene_id, target.im_id, target.obj_id)))
     write_json(args.camera, make_camera_record(frames[0].intrinsics, args.width_px, args.height_px))
     print(f"{args.out}: {args.scenes} scenes, {args.scenes * args.images} images, {len(targets)} targets")
 
 
-def choose_backend(args: argparse.Namespace) -> SceneBackend:
-    """The renderer that was asked for."""
-    if args.renderer == "raycast":
-        return SceneBackend(lambda _, bodies, rng: place_bodies(bodies, rng), lambda _, scene, cameras: render_raycast(scene, cameras))
-    check_options(args.samples, args.environment)
-    frames = frames_folder(args.out)
-
-    def render(scene_id: int, scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
-        folder, title = frames / f"{scene_id:06d}", f"table {scene_id} of {args.scenes}"
-        return blender_tables.render_table(folder, args.environment, title, scene, list(cameras), args.samples, args.threads)
-
-    return SceneBackend(
-        lambda scene_id, bodies, rng: blender_tables.settle_bodies(frames / f"settled_{scene_id:06d}", args.environment, bodies, rng),
-        render,
-    )
+def load_renderer(name: str) -> ModuleType:
+    """The module of a renderer, which has `add_renderer_arguments(parser)` and `make_table_backend(args)`."""
+    return importlib.import_module(f"zeroshop_steps.{RENDERERS[name].step}")
 
 
 def sample_cameras(scene: TableScene, args: argparse.Namespace, rng: np.random.Generator) -> Iterator[Camera]:

@@ -12,16 +12,29 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.synthetic import virtual_capture
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.clutter import place_bodies
 from zeroshop_steps.synthetic.renderer import RenderedView, SceneRenderer
 from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.table_scene import TableBackend, render_raycast
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
+
+METHOD = {"rank": 0, "runtime_min": 10}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     virtual_capture.add_scene_arguments(parser)
+
+
+def add_renderer_arguments(parser: argparse.ArgumentParser) -> None:
+    """This renderer has no options of its own."""
+
+
+def make_table_backend(args: argparse.Namespace) -> TableBackend:
+    """Renders cluttered tables whose things stand apart."""
+    return TableBackend(lambda _, bodies, rng: place_bodies(bodies, rng), lambda _, scene, cameras: render_raycast(scene, cameras))
 
 
 def run(args: argparse.Namespace) -> None:

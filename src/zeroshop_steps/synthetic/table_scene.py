@@ -1,6 +1,6 @@
 """A table with objects and distractors on it, photographed as RGB-D images from around."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,6 +13,7 @@ from zeroshop_steps.geometry.viewpoints import direction_at, look_at
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 from zeroshop_steps.synthetic import shading
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.clutter import RigidBody
 from zeroshop_steps.synthetic.depth_sensor import simulate_depth
 from zeroshop_steps.synthetic.lighting import Lights, place_lights
 from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
@@ -94,6 +95,21 @@ class TableScene:
         roll[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         intrinsics = np.array([[focal_px, 0, width_px * 0.489], [0, focal_px, height_px * 0.503], [0, 0, 1]])
         return Camera(name, width_px, height_px, intrinsics, roll @ look_at(target + distance_mm * direction, target))
+
+
+@dataclass(frozen=True)
+class TableBackend:
+    """What differs between the renderers of tables.
+
+    Attributes:
+        settle: gives bodies that are to be at rest on the table `scene_id` their (4, 4) table_from_model.
+        render: gives each camera of the table `scene_id` its linear light.
+        clear: removes what the renderer kept for the case of an interruption.
+    """
+
+    settle: Callable[[int, Sequence[RigidBody], np.random.Generator], list[np.ndarray]]
+    render: Callable[[int, TableScene, Iterable[Camera]], Iterator[tuple[Camera, np.ndarray]]]
+    clear: Callable[[], None] = lambda: None
 
 
 def render_raycast(scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:

@@ -4,6 +4,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from zeroshop_steps.networks.layers import Mlp
+
 ROTARY_BASE = 100.0
 NORM_EPSILON = 1e-6
 MLP_RATIO = 4
@@ -29,18 +31,6 @@ def rotate(heads: Tensor, rotation: RotaryFactors) -> Tensor:
     cosine, sine = (part.to(heads.dtype) for part in rotation)
     first, second = heads.unflatten(-1, (2, 2, heads.shape[-1] // 4)).unbind(-2)
     return torch.stack([first * cosine - second * sine, second * cosine + first * sine], dim=-2).flatten(-3)
-
-
-class Mlp(nn.Module):
-    """Two linear layers with a GELU between."""
-
-    def __init__(self, channels: int, hidden: int, out: int) -> None:
-        super().__init__()
-        self.fc1 = nn.Linear(channels, hidden)
-        self.fc2 = nn.Linear(hidden, out)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return self.fc2(F.gelu(self.fc1(x)))
 
 
 def _split(x: Tensor, heads: int) -> Tensor:

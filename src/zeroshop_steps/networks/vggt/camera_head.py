@@ -4,7 +4,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zeroshop_steps.networks.vggt.layers import Block, Mlp
+from zeroshop_steps.networks.layers import Mlp
+from zeroshop_steps.networks.vggt.layers import Block
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 ENCODING = 9  # translation (3), quaternion x y z w (4), vertical and horizontal field of view in radians (2)

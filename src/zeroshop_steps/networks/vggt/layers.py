@@ -6,6 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from zeroshop_steps.networks.layers import Mlp
+
 
 @dataclass(frozen=True)
 class Rotation:
@@ -41,18 +43,6 @@ class Rotation:
         first, second = features.unflatten(-1, (2, 2, -1)).unbind(-2)
         turned = torch.stack([-second, first], dim=-2).flatten(-3)
         return features * self.cos + turned * self.sin
-
-
-class Mlp(nn.Module):
-    """Two linear layers with a GELU between."""
-
-    def __init__(self, width: int, hidden: int, out: int | None = None) -> None:
-        super().__init__()
-        self.fc1 = nn.Linear(width, hidden)
-        self.fc2 = nn.Linear(hidden, width if out is None else out)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return self.fc2(F.gelu(self.fc1(x)))
 
 
 class Attention(nn.Module):

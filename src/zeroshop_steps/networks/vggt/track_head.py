@@ -7,8 +7,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from zeroshop_steps.networks.layers import Mlp
 from zeroshop_steps.networks.vggt.dpt_head import DptHead
-from zeroshop_steps.networks.vggt.layers import Mlp
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.update_transformer import UpdateTransformer
 

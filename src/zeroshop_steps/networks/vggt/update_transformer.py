@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from zeroshop_steps.networks.vggt.layers import Mlp
+from zeroshop_steps.networks.layers import Mlp
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
 

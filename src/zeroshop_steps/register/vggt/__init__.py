@@ -15,7 +15,7 @@ from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
 
-METHOD: dict[str, Any] = {"rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
+METHOD: dict[str, Any] = {"title": "VGGT", "rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,11 +8,11 @@ from urllib.parse import quote
 
 import jinja2
 
+from zeroshop_steps.methods import TITLES
 from zeroshop_steps.runtime.files import atomic_write
 
 PACKAGE = Path(__file__).parents[1]
 MARKS = {"good": "●", "sparse": "○", "none": "×", None: "…"}
-NAMES = {"2dgs": "2DGS", "svraster": "SVRaster", "trellis": "Trellis", "colmap": "COLMAP", "mast3r": "MASt3R", "vggt": "VGGT"}
 SCENES = {"su_l": "plain ground", "su_h": "textured ground", "se": "no ground", "su_b": "with a printed board", "video": "photos"}
 
 
@@ -57,7 +57,7 @@ def make_link(page: str, place: str) -> str:
 
 def format_method(name: str) -> str:
     """The name of a method as papers write it."""
-    return NAMES.get(name, name)
+    return TITLES.get(name, name)
 
 
 def format_number(value: object, digits: int = 3) -> str:

@@ -10,6 +10,7 @@ from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, rea
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.report.site.html import format_method
 from zeroshop_steps.report.site.mesh_reduction import ReducedMesh, reduce_mesh
 from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.viewer_data import encode_array, encode_mesh, encode_scene, quantize_distances, write_data
@@ -98,7 +99,7 @@ def _write_cell(cell: Cell, run: Run, truth: TrueModel | None, out: Path, max_fa
     mesh = read_ply(cell.folder / "mesh.ply")
     small = reduce_mesh(mesh, max_faces, texture_px)
     file = f"mesh-{cell.key}.js"
-    pane: dict[str, Any] = {"key": cell.key, "title": cell.nvs, "grade": cell.grade, "file": file, "faces": len(mesh.faces)}
+    pane: dict[str, Any] = {"key": cell.key, "title": format_method(cell.nvs), "grade": cell.grade, "file": file, "faces": len(mesh.faces)}
     pane["known_scale"] = cell.facts["mesh"].get("scale") == "known"
     if truth is None:
         write_data(out / file, encode_mesh(small))

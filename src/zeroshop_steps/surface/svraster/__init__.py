@@ -17,6 +17,7 @@ CACHED = Cached(
 )
 
 METHOD = {
+    "title": "SVRaster",
     "rank": 1,
     "model": "voxels/voxels.npz",
     "mesh": "svraster_mesh",

@@ -19,6 +19,7 @@ CACHED = Cached(
 
 METHOD = {
     "name": "2dgs",
+    "title": "2DGS",
     "rank": 0,
     "model": "splats/splats.ply",
     "mesh": "fuse",

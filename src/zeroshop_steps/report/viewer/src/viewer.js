@@ -7,7 +7,6 @@ import { axes, cameras, points } from "./overlays.js";
 import { MODES } from "./solid.js";
 import { Stage } from "./stage.js";
 
-const NAMES = { "2dgs": "2DGS", svraster: "SVRaster", trellis: "Trellis" };
 const SCENES = { su_l: "plain ground", su_h: "textured ground", se: "no ground", su_b: "printed board", video: "photos" };
 const OVERLAYS = ["axes", "cameras", "points"];
 const STEP = Math.PI / 18;
@@ -81,7 +80,7 @@ class Viewer {
   async show(run) {
     this.run = run;
     this.root.setAttribute("aria-busy", "true");
-    const wanted = run.panes.map((pane) => ({ ...pane, title: NAMES[pane.title] ?? pane.title }));
+    const wanted = [...run.panes];
     if (this.manifest.truth) wanted.push({ title: "true model", file: this.manifest.truth, matrix: run.panes[0]?.object_from_truth });
     const data = await Promise.all(wanted.map((pane) => load(this.base + pane.file)));
     this.scene = run.scene_file ? await load(this.base + run.scene_file) : null;
