@@ -31,8 +31,11 @@ def read_with_a_huge_count(folder: Path, name: str) -> None:
 DAMAGED = r"(is damaged or cut off|holds no readable COLMAP model).*run registration again"
 NAMES = ("cameras.bin", "frames.bin", "images.bin", "points3D.bin", "rigs.bin")
 FAULTS = [
-    *(Fault(f"cut {name} ({left})", lambda folder, name=name, left=left: read_cut(folder, name, left), (DAMAGED, name))
-      for name in NAMES for left in (0, 7)),
+    *(
+        Fault(f"cut {name} ({left})", lambda folder, name=name, left=left: read_cut(folder, name, left), (DAMAGED, name))
+        for name in NAMES
+        for left in (0, 7)
+    ),
     *(Fault(f"half of {name}", lambda folder, name=name: read_cut(folder, name, 20), (DAMAGED, name)) for name in NAMES[:3]),
     *(Fault(f"2^60 entries in {name}", lambda folder, name=name: read_with_a_huge_count(folder, name), (DAMAGED, name)) for name in NAMES),
-]  # fmt: skip
+]

@@ -82,9 +82,11 @@ def name_in_latin_1(photos: Path) -> None:
 FAULTS = [
     Fault("a name in Latin-1", capture_with(name_in_latin_1), (r"Gr\\xfc\\xdfe\.jpg is not UTF-8", "rename it")),
     *(
-        Fault(f"photos of {width} x {height} px",
-              lambda folder, width=width, height=height: register_small(folder, width, height),
-              (rf"0\.jpg is {width} x {height} px", "at least 32 px", "take the photo as the camera stored it"))
+        Fault(
+            f"photos of {width} x {height} px",
+            lambda folder, width=width, height=height: register_small(folder, width, height),
+            (rf"0\.jpg is {width} x {height} px", "at least 32 px", "take the photo as the camera stored it"),
+        )
         for width, height in ((8, 6), (14, 14), (20, 15), (31, 80))
     ),
     Fault("a folder named .jpg", capture_with(lambda photos: (photos / "x.jpg").mkdir()), (r"x\.jpg is a folder", "remove it")),
@@ -95,4 +97,4 @@ FAULTS = [
     Fault("an empty file", capture_with(fill("3.jpg", b"")), (r"3\.jpg", "empty, damaged", "export it again")),
     Fault("half a header", capture_with(fill("3.jpg", b"\xff\xd8\xff\xe0")), (r"3\.jpg", "export it again")),
     Fault("text named .jpg", capture_with(fill("3.jpg", b"a photo")), (r"3\.jpg", "export it again")),
-]  # fmt: skip
+]

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from faults import cameras, photos
+from faults import cameras, models, photos, poses
 from helpers.faults import CLEAR, Fault, judge
 
-TABLE = [(module.__name__.rpartition(".")[2], fault) for module in (cameras, photos) for fault in module.FAULTS]
+TABLE = [(module.__name__.rpartition(".")[2], fault) for module in (cameras, models, photos, poses) for fault in module.FAULTS]
 
 
 @pytest.mark.parametrize("fault", [pytest.param(fault, id=f"{room}: {fault.name}") for room, fault in TABLE])

@@ -16,6 +16,18 @@ def square(texture: bool = True) -> Mesh:
     return Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), uv=uv).with_normals()
 
 
+@pytest.mark.parametrize("change", ["loose vertex", "coinciding vertices"])
+def test_texture_coordinates_stay_with_their_vertices(tmp_path: Path, change: str) -> None:
+    first, extra = ("9 9 9", "9 9 9") if change == "loose vertex" else ("0 0 0", "0 0 0")
+    corners = ["0 0 0 0.1 0.1", "10 0 0 0.9 0.1", "10 20 0 0.9 0.8", "0 20 0 0.1 0.8"]
+    properties = [f"property float {name}" for name in ("x", "y", "z", "texture_u", "texture_v")]
+    header = ["ply", "format ascii 1.0", "element vertex 6", *properties, "element face 2", "property list uchar int vertex_indices"]
+    lines = [*header, "end_header", f"{first} 0.4 0.4", *corners, f"{extra} 0.2 0.2", "3 1 2 3", "3 1 3 4"]
+    (tmp_path / "other.ply").write_text("\n".join(lines) + "\n")
+    mesh = read_ply(tmp_path / "other.ply")
+    assert np.allclose(mesh.uv[mesh.faces], np.where(mesh.vertices[mesh.faces][..., :2] > [5, 5], [0.9, 0.8], 0.1))
+
+
 def test_a_mesh_survives_the_disk_and_other_readers(tmp_path: Path) -> None:
     import trimesh
 

@@ -13,6 +13,9 @@ from zeroshop_steps.runtime.files import atomic_write
 
 SAME_TIME_S = 1e-3  # times of an image that differ by less are the same, rounded differently
 
+LARGEST_SIDE_PX, LARGEST_IMAGE_PX = 65_536, 250_000_000
+"""Of an image whose masks are read: COCO's code counts pixels in 32 bits, and a mask takes as many bytes."""
+
 
 @dataclass(frozen=True)
 class Detection:
@@ -117,6 +120,9 @@ def _compress(path: Path, index: int, mask: dict) -> dict:
     if "size" not in mask or "counts" not in mask:
         raise StepError(f"{path}: entry {index}: segmentation lacks size or counts; expected run lengths")
     height, width = mask["size"]
+    if max(height, width) > LARGEST_SIDE_PX or height * width > LARGEST_IMAGE_PX:
+        size = f"{height} x {width} px"
+        raise StepError(f"{path}: entry {index}: its segmentation has the size {size}, larger than any image; is the file whole?")
     counts = mask["counts"]
     if isinstance(counts, str):
         try:

@@ -1,5 +1,6 @@
 """Estimated poses in BOP's result CSV: scene_id,im_id,obj_id,score,R,t,time; one row per estimate."""
 
+import codecs
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from zeroshop_steps.runtime.files import atomic_write
 HEADER = "scene_id,im_id,obj_id,score,R,t,time"
 NUMBERS = 17  # per row: three identifiers, the score, nine of R, three of t, the time
 BLOCK_BYTES = 1 << 25  # read at a time: 32 MB, so that files of any size need little memory
+LINE_BYTES = 10_000  # of one row at most; 17 numbers with all their digits take 450
 SAME_TIME_S = 1e-3  # times of an image that differ by less are the same, rounded differently
 
 
@@ -58,9 +60,11 @@ def read_estimates(path: Path) -> Estimates:
         raise StepError(f"result file {path} does not exist")
     blocks = []
     with path.open("rb") as file:
-        line = first_line = 2 if file.readline().strip() == HEADER.encode() else 1
+        start = len(codecs.BOM_UTF8) if file.read(len(codecs.BOM_UTF8)) == codecs.BOM_UTF8 else 0
+        file.seek(start)
+        line = first_line = 2 if file.readline(LINE_BYTES).strip() == HEADER.encode() else 1
         if first_line == 1:
-            file.seek(0)
+            file.seek(start)
         while lines := file.readlines(BLOCK_BYTES):
             blocks.append(_parse(path, lines, line))
             line += len(lines)
@@ -86,6 +90,8 @@ def _parse(path: Path, lines: list[bytes], first_line: int) -> np.ndarray:
     """(N, 17) numbers of N lines, of which the first has the number `first_line`."""
     words: list[bytes] = []
     for offset, line in enumerate(lines):
+        if len(line) > LINE_BYTES:
+            raise StepError(f"{path}, line {first_line + offset} is {len(line)} bytes long; expected {NUMBERS} numbers: {HEADER}")
         fields = line.split(b",")
         if len(fields) != 7:
             what = f"has {len(fields)} fields" if line.strip() else "is empty"

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
 from zeroshop_steps.bop.schema import read_validated
-from zeroshop_steps.bop.symmetry import list_symmetry_transforms
+from zeroshop_steps.bop.symmetry import check_symmetries, list_symmetry_transforms
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.runtime.errors import StepError
 
@@ -42,9 +42,14 @@ def model_path(folder: Path, object_id: int) -> Path:
     return Path(folder) / f"obj_{object_id:06d}.ply"
 
 
+def read_models_info(folder: Path) -> dict[str, dict]:
+    """models_info.json of a folder of models. Raises StepError where it is missing or an entry has the wrong form."""
+    return read_validated(Path(folder) / "models_info.json", "models_info")
+
+
 def list_objects(folder: Path) -> list[int]:
     """The objects that have a model and an entry in models_info.json, in order."""
-    listed = read_validated(Path(folder) / "models_info.json", "models_info")
+    listed = read_models_info(folder)
     return sorted(int(key) for key in listed if model_path(folder, int(key)).is_file())
 
 
@@ -55,7 +60,7 @@ def read_models(folder: Path, object_ids: Iterable[int]) -> dict[int, ObjectMode
         StepError: an object has no model or no entry in models_info.json, or a mesh is damaged or not in mm.
     """
     folder = Path(folder)
-    listed = read_validated(folder / "models_info.json", "models_info")
+    listed = read_models_info(folder)
     models = {}
     for object_id in sorted(set(object_ids)):
         path = model_path(folder, object_id)
@@ -64,6 +69,7 @@ def read_models(folder: Path, object_ids: Iterable[int]) -> dict[int, ObjectMode
             raise StepError(f"object {object_id} has no model in {folder}: there is {lacking}; it has the objects {list_objects(folder)}")
         info, mesh = listed[str(object_id)], read_ply(path)
         check_diameter_mm(path, mesh, info["diameter"])
+        check_symmetries(info, f"object {object_id} in {folder / 'models_info.json'}")
         models[object_id] = ObjectModel(object_id, mesh, float(info["diameter"]), list_symmetry_transforms(info), info)
     return models
 

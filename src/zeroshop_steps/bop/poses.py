@@ -42,6 +42,11 @@ def check_translations(translations_mm: np.ndarray, where: Names, path: object) 
     wrong = np.flatnonzero(~np.isfinite(translations_mm).all(1))
     if len(wrong):
         raise StepError(f"{path}, {where[wrong[0]]}: t holds numbers that are not finite ({len(wrong)} such poses); expected millimetres")
+    if len(translations_mm) and np.median(translations_mm[:, 2]) <= 0:
+        raise StepError(
+            f"{path}: most objects are behind the camera (t_z is {np.median(translations_mm[:, 2]):.4g} in the median);"
+            " expected camera_from_model with x right, y down and z forward. Is it inverted, or with OpenGL's axes?"
+        )
     if len(translations_mm) and np.median(np.linalg.norm(translations_mm, axis=1)) < NEAREST_MM:
         raise StepError(
             f"{path}: objects are {np.median(np.linalg.norm(translations_mm, axis=1)):.3g} from the camera in the median;"

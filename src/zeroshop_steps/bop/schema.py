@@ -54,5 +54,5 @@ def _read_gzipped(path: Path) -> Any:
             return json.load(file)
     except FileNotFoundError:
         raise StepError(f"{path} does not exist; run the step that writes it first") from None
-    except (OSError, EOFError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, EOFError, UnicodeDecodeError, RecursionError, json.JSONDecodeError) as error:
         raise StepError(f"{path} is not gzipped JSON ({error}); fetch it again") from None

@@ -8,13 +8,18 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from zeroshop_steps.bop.estimates import Estimates, read_estimates
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.recall import ERRORS, PosePairs, average_recall, measure_pose_errors, pair_up
-from zeroshop_steps.bop.targets import Target, read_target_frames, read_targets
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.tables import write_table
 
+OTHER_UNIT = 4.0
+"""Ratio of median distances from which estimates are taken for ones in another unit; the nearest unit differs by 10."""
+UNITS_MM = {"micrometres": 1e-3, "tenths of millimetres": 0.1, "centimetres": 10.0, "inches": 25.4, "metres": 1e3}
 ROW = ("measure", "object", "value")
 ERROR_ROW = ("scene_id", "im_id", "obj_id", "estimate", "score", "instance")
 
@@ -40,6 +45,7 @@ def run(args: argparse.Namespace) -> None:
     estimates = read_estimates(args.estimates)
     check_objects(estimates, args)
     pairs = pair_up(estimates, targets, frames)
+    check_estimates(estimates, targets, frames, args)
     size = next((size for frame in frames.values() if (size := frame.size_px())), None)
     width_px = size[0] if size else args.image_width
     errors = measure_pose_errors(pairs, estimates, targets, frames, models, args.errors, width_px, args.delta_mm)
@@ -64,6 +70,38 @@ def check_objects(estimates: Estimates, args: argparse.Namespace) -> None:
         raise StepError(
             f"{args.estimates}: estimates name the objects {strange}, which have no model in {args.models}; it has {there}."
             " Score estimates with the models of their dataset"
+        )
+
+
+def check_estimates(estimates: Estimates, targets: Sequence[Target], frames: Frames, args: argparse.Namespace) -> None:
+    """Look for mistakes that would give every estimate the score 0; rows that name no target are warned of where others do.
+
+    Raises:
+        StepError: no row names a target, or objects are so near or so far that the unit must be another one.
+    """
+    asked = {(target.scene_id, target.im_id, target.obj_id) for target in targets}
+    rows = list(zip(estimates.scene_ids.tolist(), estimates.image_ids.tolist(), estimates.object_ids.tolist(), strict=True))
+    used = np.array([row in asked for row in rows], bool)
+    if not len(rows):
+        return
+    if not used.any():
+        scene_id, image_id, object_id = rows[0]
+        raise StepError(
+            f"{args.estimates}: none of the {len(rows)} rows names a target of {args.targets}; the first row names scene {scene_id}, image"
+            f" {image_id}, object {object_id}. Estimates and targets must belong to the same test set, and count scenes and images alike"
+        )
+    if not used.all():
+        warn(f"{args.estimates}: {(~used).sum()} of {len(rows)} rows name no target of {args.targets}, and do not count")
+    true_mm = np.median([
+        np.linalg.norm(instance.camera_from_model[:3, 3])
+        for frame in frames.values() for instance in frame.instances if (frame.scene_id, frame.image_id, instance.object_id) in asked
+    ])  # fmt: skip
+    found_mm = np.median(np.linalg.norm(estimates.translations_mm[used], axis=1))
+    if not 1 / OTHER_UNIT < found_mm / true_mm < OTHER_UNIT:
+        unit = min(UNITS_MM, key=lambda name: abs(np.log(found_mm * UNITS_MM[name] / true_mm)))
+        raise StepError(
+            f"{args.estimates}: objects are {found_mm:.4g} from the camera in the median, the true ones {true_mm:.4g} mm;"
+            f" t looks like {unit}, millimetres are expected"
         )
 
 

@@ -15,6 +15,8 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 FACE_TYPE = np.dtype([("count", "u1"), ("index", "<i4", 3)])
+LARGEST_TEXTURE_COORDINATE = 1e4
+"""Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 SEEN_QUALITY, MEASURED_QUALITY = 0.25, 0.75  # mean quality of a face's corners, halfway between the classes 0, 0.5 and 1
 
 
@@ -145,8 +147,13 @@ def read_ply(path: Path) -> Mesh:
         return np.stack([np.asarray(data[key], float).reshape(-1) for key in keys], 1) if set(keys) <= set(names) else None
 
     uv = columns("texture_u", "texture_v")
-    texture_name = read_texture_name(path)
-    texture = read_image(path.parent / texture_name) if texture_name and uv is not None else None
+    if uv is not None and not (np.abs(uv) <= LARGEST_TEXTURE_COORDINATE).all():
+        raise StepError(
+            f"mesh {path} has texture coordinates that are not finite or larger than {LARGEST_TEXTURE_COORDINATE:g};"
+            " 0 to 1 is the image: unwrap it again"
+        )
+    texture_path = find_texture(path) if uv is not None else None
+    texture = read_image(texture_path) if texture_path else None
     quality = columns("quality")
     return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture, None if quality is None else quality[:, 0])
 
@@ -180,7 +187,7 @@ def _read_with_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray |
     import trimesh
 
     try:
-        loaded: Any = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True)
+        loaded: Any = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True, fix_texture=False)
         data = loaded.metadata["_ply_raw"]["vertex"]["data"]
         return np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64), data
     except Exception as error:
@@ -230,6 +237,20 @@ def read_texture_name(path: Path) -> str | None:
             if line == "end_header":
                 return None
     return None
+
+
+def find_texture(path: Path) -> Path | None:
+    """The image that a PLY names in its `TextureFile` comment, or None.
+
+    Raises:
+        StepError: it names a file outside its own folder, which a model from elsewhere could use to have any file copied.
+    """
+    name = read_texture_name(path)
+    if name is None:
+        return None
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise StepError(f"mesh {path} names the texture {name}, which is outside its folder; put the image beside the mesh and name that")
+    return path.parent / name
 
 
 def diameter_of(mesh: Mesh) -> float:

@@ -114,3 +114,7 @@ def read_json(path: Path) -> Any:
         raise StepError(f"{path} does not exist; run the step that writes it first") from None
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise StepError(f"{path} is not valid JSON ({error}); delete it and run its step again") from None
+    except RecursionError:
+        raise StepError(f"{path} is nested deeper than any record; delete it and run its step again") from None
+    except OSError as error:
+        raise StepError(f"{path} cannot be read: {error.strerror}. {remedy_for(error)}") from error

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import check_diameter_mm
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, read_texture_name, write_ply
+from zeroshop_steps.bop.models import check_diameter_mm, read_models_info
+from zeroshop_steps.bop.symmetry import check_symmetries
+from zeroshop_steps.geometry.meshes import Mesh, find_texture, read_ply, write_ply
 from zeroshop_steps.runtime.downloads import download, locked
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.runtime.files import atomic_directory, write_json
 
 HOSTED_MODELS = {"ycbv": "https://huggingface.co/datasets/bop-benchmark/ycbv/resolve/main/ycbv_models.zip"}
 """The archives that hold `models/obj_*.ply`, by dataset."""
@@ -76,9 +77,8 @@ def copy_model(models: Path, dataset: str, name: str, out: Path) -> None:
     if mesh.normals is None:
         mesh = mesh.with_normals()
     info = make_model_info(path, mesh, dataset, models)
-    texture_name = read_texture_name(path)
-    assert texture_name is not None, "a mesh with a texture names it"
-    texture = path.parent / texture_name
+    texture = find_texture(path)
+    assert texture is not None, "a mesh with a texture names it"
     with atomic_directory(out) as folder:
         target = folder / f"model{texture.suffix.lower()}"
         shutil.copyfile(texture, target)
@@ -94,7 +94,8 @@ def make_model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
     """
     digits = path.stem.removeprefix("obj_")
     object_id = int(digits) if digits.isdigit() else 0
-    listed = read_json(models / "models_info.json").get(str(object_id), {}) if (models / "models_info.json").exists() else {}
+    listed = read_models_info(models).get(str(object_id), {}) if (models / "models_info.json").exists() else {}
+    check_symmetries(listed, f"object {object_id} in {models / 'models_info.json'}")
     low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
     measured_mm = check_diameter_mm(path, mesh, listed.get("diameter"))
     info = {"name": path.stem, "diameter": measured_mm}
