@@ -29,8 +29,10 @@ class MadeScene:
             write_image(folder / "images" / camera.name, np.where(mask, 200, 90).astype(np.uint8)[..., None].repeat(3, axis=2))
             write_mask(folder / "masks" / camera.name, mask)
         names = [camera.name for camera in self.cameras]
-        size = (self.cameras[0].width_px, self.cameras[0].height_px)
-        return ImageSet(tuple(folder / "images" / name for name in names), tuple(folder / "masks" / name for name in names), size)
+        sizes = tuple((camera.width_px, camera.height_px) for camera in self.cameras)
+        return ImageSet(
+            tuple(folder / "images" / name for name in names), tuple(folder / "masks" / name for name in names), (size,) * len(names)
+        )
 
 
 def made_scene(

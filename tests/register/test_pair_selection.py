@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.register.match_database import find_long_tracks
-from zeroshop_steps.register.pair_selection import choose_pairs
+from zeroshop_steps.register.pair_selection import choose_alike_pairs, choose_pairs
 
 
 def ring_similarities(count):
@@ -42,3 +42,19 @@ def test_keypoints_count_from_tracks_of_enough_images_on():
     assert all(mask.all() for mask in find_long_tracks(counts, matches, 2))
     assert not any(mask.any() for mask in find_long_tracks(counts, matches, 5))
     assert find_long_tracks([0, 0], {}, 2)[0].shape == (0,)
+
+
+@pytest.mark.parametrize("count", [31, 100])
+def test_features_are_matched_between_alike_images_that_hang_together(count):
+    angle = np.linspace(0, 2 * np.pi, count // 2 + 1)
+    ring = np.maximum(0, 60 * np.cos(angle[:, None] - angle)).round()
+    # Two rounds around the object that have hardly anything in common, except in one place.
+    similar = np.kron(np.eye(2), ring)
+    similar[0, len(ring)] = similar[len(ring), 0] = 3
+    pairs = choose_alike_pairs(similar, 6)
+    assert all(first < second for first, second in pairs) and len(pairs) <= 6 * len(similar) + 1
+    assert (0, len(ring)) in pairs and (0, 1) in pairs
+    reached = {0}
+    for _ in similar:
+        reached |= {b for a, b in pairs if a in reached} | {a for a, b in pairs if b in reached}
+    assert reached == set(range(len(similar)))

@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
     views = [replace(view, camera=transform_camera(view.camera, object_from_registration)) for view in views]
     record = read_json(args.cameras / "registration.json")
     mesh = read_ply(args.mesh)
-    values = measure_mesh(drop_underside(mesh, metadata), views, record["images"], facts["bottom_z"])
+    values = measure_mesh(drop_underside(mesh, metadata), views, record["images"] - len(record.get("foreign", [])), facts["bottom_z"])
     if args.evidence:
         values["assumed_share"] = compute_area_shares(drop_underside(with_surface_support(mesh, args.evidence), metadata))["assumed"]
     true_values = None

@@ -1,4 +1,4 @@
-"""Classical structure from motion with COLMAP: SIFT, exhaustive matching, one shared camera, incremental mapping.
+"""Classical structure from motion with COLMAP: SIFT, matching of pairs, a camera for each lens, incremental mapping.
 
 The cameras are checked against the masks, if there are any, which had no part in finding them. Then images and masks are
 undistorted. Too few registered images, or cameras that the images contradict, are a failure with a reason.
@@ -13,8 +13,8 @@ import pycolmap
 
 from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, add_estimation_arguments, write_registration
-from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source, match_features
+from zeroshop_steps.register.record import OBJECT_ONLY, PHOTO_SCENES, add_common_arguments, add_estimation_arguments, write_registration
+from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, match_features
 from zeroshop_steps.register.stretched_features import add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
@@ -30,6 +30,7 @@ class ColmapOptions:
     Attributes:
         sift: extraction and matching.
         object_only: features inside the masks only, for images without a surface.
+        leave_out: whether images may be of another scene, which are left out then.
         weak_matches, weak_share: views with fewer verified matches, over all pairs, or less than this share of what a
             well-matched view has, get features of a stretched copy, too.
         tilt: how much that copy is stretched (5 suits a surface seen under 8 to 20 degrees).
@@ -40,6 +41,7 @@ class ColmapOptions:
 
     sift: SiftOptions = field(default_factory=SiftOptions)
     object_only: bool = False
+    leave_out: bool = False
     weak_matches: int = 1000
     weak_share: float = 0.5
     tilt: float = 5.0
@@ -65,7 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    options = ColmapOptions(object_only=args.scene in OBJECT_ONLY, min_share=args.min_share, min_images=args.min_images)
+    options = ColmapOptions(
+        object_only=args.scene in OBJECT_ONLY,
+        leave_out=args.scene in PHOTO_SCENES,
+        min_share=args.min_share,
+        min_images=args.min_images,
+    )
     features = replace(options.sift, max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
     options = replace(options, sift=features)
     image_set = read_image_set(args.capture)
@@ -91,15 +98,24 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         figures["median_features"] = extract_features(database, image_set, options.sift, scratch / "masks" if options.object_only else None)
         figures["focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
         stopwatch.lap("extract")
-        match_features(database, options.sift)
+        pairs = choose_name_pairs(image_set, options.sift, options.object_only)
+        stopwatch.lap("choose")
+        match_features(database, options.sift, pairs)
+        figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
         stopwatch.lap("match")
         weak = [] if options.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
         flattened = find_flattened(database, weak)
         if flattened:
-            add_stretched_features(database, image_set, flattened, options.tilt, options.sift)
+            add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
         figures["stretched"] = sorted(flattened)
         stopwatch.lap("stretch")
         needs = StructureOptions(
-            options.min_share, options.min_images, options.max_dropped, options.limits, options.sift.seed, options.object_only
+            options.min_share,
+            options.min_images,
+            options.max_dropped,
+            options.limits,
+            options.sift.seed,
+            options.object_only,
+            options.leave_out,
         )
         return reconstruct(database, image_set, out, needs, figures, stopwatch)

@@ -8,6 +8,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 
 REFERENCE_PX = 1000  # the longer side of the images on which limits in pixels were set
 MIN_IMAGES = 3  # with two views, nothing can be checked
@@ -21,11 +22,13 @@ class ImageSet:
         images: image files, sorted by name.
         masks: mask files, in the order of the images; None for a whole scene.
         sizes_px: (width, height) of each image.
+        sources: how the user names the images, in their order; empty where they have no other name.
     """
 
     images: tuple[Path, ...]
     masks: tuple[Path, ...] | None
     sizes_px: tuple[tuple[int, int], ...]
+    sources: tuple[str, ...] = ()
 
     @property
     def names(self) -> list[str]:
@@ -43,6 +46,11 @@ class ImageSet:
                 " array; use the registration colmap or mast3r, or give images of one size"
             )
         return sizes[0]
+
+    @property
+    def shown(self) -> dict[str, str]:
+        """{image name: the name that the user knows}."""
+        return dict(zip(self.names, self.sources or self.names, strict=True))
 
     @property
     def scales(self) -> dict[str, float]:
@@ -80,7 +88,15 @@ def read_image_set(capture: Path) -> ImageSet:
         masks.append(mask)
     if len(digests) == 1:
         raise StepError(f"all images in {capture / 'images'} are alike; the camera must move around the object")
-    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px))
+    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px), _read_sources(capture, images))
+
+
+def _read_sources(capture: Path, images: list[Path]) -> tuple[str, ...]:
+    """The user's names of a capture's photos; empty where it tells none, or was changed since."""
+    record = capture / "capture.json"
+    names = read_json(record).get("source_names", []) if record.is_file() else []
+    numbers = [int(path.stem) if path.stem.isdigit() else -1 for path in images]
+    return tuple(names[number] for number in numbers) if names and all(0 <= number < len(names) for number in numbers) else ()
 
 
 def read_masks(image_set: ImageSet, names: list[str] | None = None) -> dict[str, np.ndarray]:

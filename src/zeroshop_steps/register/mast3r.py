@@ -26,6 +26,7 @@ from zeroshop_steps.register.match_database import PairMatches, write_matches
 from zeroshop_steps.register.pair_selection import choose_pairs
 from zeroshop_steps.register.record import (
     OBJECT_ONLY,
+    PHOTO_SCENES,
     RegistrationFailed,
     add_common_arguments,
     add_estimation_arguments,
@@ -106,7 +107,9 @@ def run(args: argparse.Namespace) -> None:
         min_confidence=min(args.min_confidence, CONFIDENCE_WITHOUT_SURFACE) if bare else args.min_confidence,
         min_track=args.min_track,
         focal_px=args.focal_px,
-        structure=StructureOptions(min_share=args.min_share, min_images=args.min_images, seed=args.seed, object_only=bare),
+        structure=StructureOptions(
+            min_share=args.min_share, min_images=args.min_images, seed=args.seed, object_only=bare, leave_out=args.scene in PHOTO_SCENES
+        ),
     )
     device = torch.device(choose_device(args.device))
     weights = resolve_weights(args.weights, NAME, SIZES)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 
 def choose_pairs(count: int, anchors: int, neighbours: int, similarities: Callable[[], np.ndarray]) -> list[tuple[int, int]]:
@@ -29,6 +30,28 @@ def choose_pairs(count: int, anchors: int, neighbours: int, similarities: Callab
         if image not in chosen:
             alike.append(chosen[int(np.argmax(similar[image, chosen]))])
         pairs |= {(min(image, other), max(image, other)) for other in alike if other != image}
+    return sorted(pairs)
+
+
+def choose_alike_pairs(similar: np.ndarray, neighbours: int) -> list[tuple[int, int]]:
+    """Pairs (i, j) with i < j of each image with those most like it, and those that connect all images along the likest pairs.
+
+    For features that match only nearby views, unlike a network's (`choose_pairs`).
+
+    Args:
+        similar: (N, N) symmetric, 0 or more.
+        neighbours: of each image.
+    """
+    alike = np.array(similar, float)
+    np.fill_diagonal(alike, -np.inf)
+    pairs = {
+        (min(image, other), max(image, other))
+        for image in range(len(alike))
+        for other in np.argsort(-alike[image], kind="stable")[: min(neighbours, len(alike) - 1)].tolist()
+    }
+    distance = 1.0 / (1.0 + np.where(np.isfinite(alike), alike, 0.0))
+    one, other = minimum_spanning_tree(distance).nonzero()
+    pairs |= {(int(min(pair)), int(max(pair))) for pair in zip(one, other, strict=True)}
     return sorted(pairs)
 
 

@@ -20,7 +20,8 @@ from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
 OBJECT_ONLY = ("se", "video_segmented")
-"""Scenes that are registered by the object alone: there is no ground, or the object was turned on it."""
+PHOTO_SCENES = ("video", "video_segmented")
+"""Scenes that are registered by the object alone: there is no ground, or the object was turned on it. And those of the user's photos."""
 
 
 class RegistrationFailed(StepError):
@@ -57,7 +58,7 @@ def write_registration(out: Path, register: Callable[[Path], dict[str, Any]]) ->
     with atomic_directory(out) as folder:
         record = {"status": "ok", "reason": None, **register(folder)} | record_view_coverage(folder)
         write_json(folder / "registration.json", record)
-    for line in record["advice"]:
+    for line in [*record.get("warnings", []), *record["advice"]]:
         warn(line)
 
 

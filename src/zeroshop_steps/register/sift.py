@@ -1,4 +1,4 @@
-"""SIFT features and their verified matches between all image pairs, in a COLMAP database.
+"""SIFT features and their verified matches between image pairs, in a COLMAP database.
 
 Affine shape estimation is what carries over the wide baselines of ten views a ring: without it, half a ring can end
 up a metre off with a reprojection error of 0.2 px.
@@ -11,9 +11,11 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.lenses import import_images
+from zeroshop_steps.register.pair_selection import choose_alike_pairs
 
 RIM_SHARE = 1 / 500  # of the longer side: width of the rim of a mask that gives no features
 
@@ -27,6 +29,9 @@ class SiftOptions:
         first_octave: 0 starts at the image's own resolution, -1 at twice that (four times the work).
         enough_features: extraction is repeated at octave -1 when the median image has fewer features (and less than half the most).
         focal_px: known focal length; None reads EXIF, else estimates.
+        max_side_px: larger images are reduced to it for the features alone.
+        all_pairs: up to so many images, all pairs are matched; of more, each with those that are most like it ...
+        neighbours: ... and these are so many.
         threads: worker threads of the extraction.
         seed: of RANSAC.
     """
@@ -35,6 +40,9 @@ class SiftOptions:
     first_octave: int = 0
     enough_features: int = 1500
     focal_px: float | None = None
+    max_side_px: int = 1600
+    all_pairs: int = 30
+    neighbours: int = 14
     threads: int = 2
     seed: int = 0
 
@@ -79,15 +87,39 @@ def extract_features(
     return median
 
 
-def match_features(database: Path, options: SiftOptions) -> None:
-    """Match all image pairs and keep what one epipolar geometry (or homography) explains."""
-    pycolmap.match_exhaustive(database, make_matching_options(), verification_options=make_verification_options(options.seed))
+def match_features(database: Path, options: SiftOptions, pairs: list[tuple[str, str]] | None = None) -> None:
+    """Match image pairs and keep what one epipolar geometry (or homography) explains.
+
+    Args:
+        database: with the features of all images.
+        options: see `SiftOptions`.
+        pairs: names of the images of each pair; None for all pairs.
+    """
+    verification = make_verification_options(options.seed)
+    if pairs is None:
+        pycolmap.match_exhaustive(database, make_matching_options(), verification_options=verification)
+        return
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = Path(database).with_name("pairs.txt")
+    Path(pairing.match_list_path).write_text("".join(f"{first} {second}\n" for first, second in pairs))
+    pycolmap.match_image_pairs(database, make_matching_options(), pairing, verification)
+
+
+def choose_name_pairs(image_set: ImageSet, options: SiftOptions, object_only: bool = False) -> list[tuple[str, str]] | None:
+    """The pairs of images to match, by their names, found from few features of small copies; None for all pairs."""
+    if len(image_set.images) <= options.all_pairs:
+        return None
+    masks = read_masks(image_set) if object_only else {}
+    descriptors = [describe_view(read_image(path), masks.get(path.name)) for path in image_set.images]
+    chosen = choose_alike_pairs(count_common_features(descriptors), options.neighbours)
+    return [(image_set.names[one], image_set.names[other]) for one, other in chosen]
 
 
 def make_extraction_options(options: SiftOptions, first_octave: int) -> pycolmap.FeatureExtractionOptions:
     """Options of the extraction: SIFT with affine shapes."""
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.num_threads = options.threads
+    extraction.max_image_size = options.max_side_px
     extraction.sift.estimate_affine_shape = True
     extraction.sift.max_num_features = options.max_features
     extraction.sift.first_octave = first_octave

@@ -15,7 +15,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, make_matching_options, make_verification_options
+from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, match_features
 
 LEAST_FLATTENING = 0.3
 """Median logarithm of the ratio of a feature's extents: 0.9 in views under 8 degrees, 0.2 under 40 degrees, 0 +- 0.25 in photos of a table
@@ -56,8 +56,15 @@ def find_flattened(database: Path, names: list[str]) -> dict[str, int]:
     return axes
 
 
-def add_stretched_features(database: Path, image_set: ImageSet, axes: dict[str, int], tilt: float, options: SiftOptions) -> None:
-    """Add features of stretched copies to some images, and match these images anew with all images.
+def add_stretched_features(
+    database: Path,
+    image_set: ImageSet,
+    axes: dict[str, int],
+    tilt: float,
+    options: SiftOptions,
+    among: list[tuple[str, str]] | None = None,
+) -> None:
+    """Add features of stretched copies to some images, and match these images anew.
 
     Args:
         database: with features and matches of all images; changed in place.
@@ -65,6 +72,7 @@ def add_stretched_features(database: Path, image_set: ImageSet, axes: dict[str, 
         axes: the axis along which to stretch, 0 for x and 1 for y, by the name of the image.
         tilt: ratio of the copies' magnification along that axis to that along the other.
         options: as for the first extraction.
+        among: the pairs of names that may be matched; None for all.
     """
     names = sorted(axes)
     folder = Path(database).parent / "stretched"
@@ -73,7 +81,7 @@ def add_stretched_features(database: Path, image_set: ImageSet, axes: dict[str, 
     for path in image_set.images:
         if path.name in axes:
             image = read_image(path)
-            copies[path.name] = _scale_copy(sizes[path.name], axes[path.name], tilt)
+            copies[path.name] = _scale_copy(sizes[path.name], axes[path.name], tilt, options.max_side_px)
             shrunk = cv2.resize(image, tuple(np.minimum(copies[path.name], sizes[path.name]).tolist()), interpolation=cv2.INTER_AREA)
             write_image(folder / f"{path.name}.png", cv2.resize(shrunk, copies[path.name], interpolation=cv2.INTER_CUBIC))
     stretched_database = Path(database).with_name("stretched.db")
@@ -81,6 +89,7 @@ def add_stretched_features(database: Path, image_set: ImageSet, axes: dict[str, 
     pycolmap.Database.open(stretched_database).close()
     pycolmap.import_images(stretched_database, folder, pycolmap.CameraMode.PER_IMAGE, stretched_names)
     extraction = make_extraction_options(options, first_octave=0)
+    extraction.max_image_size = max(map(max, copies.values()))
     pycolmap.extract_features(stretched_database, folder, stretched_names, pycolmap.CameraMode.PER_IMAGE, extraction_options=extraction)
     with pycolmap.Database.open(database) as opened, pycolmap.Database.open(stretched_database) as stretched:
         images = {image.name: image.image_id for image in opened.read_all_images()}
@@ -98,17 +107,17 @@ def add_stretched_features(database: Path, image_set: ImageSet, axes: dict[str, 
         opened.clear_descriptors()
         for image_id, data in sorted(descriptors.items()):
             opened.write_descriptors(image_id, data)
-        pairs = sorted({tuple(sorted((name, other))) for name in names for other in images if other != name})
+        pairs = sorted({(min(name, other), max(name, other)) for name in names for other in images if other != name})
+        if among is not None:
+            pairs = sorted(set(pairs) & {(min(pair), max(pair)) for pair in among})
         for first, second in pairs:
             opened.delete_matches(images[first], images[second])
             opened.delete_two_view_geometry(images[first], images[second])
-    pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = Path(database).with_name("pairs.txt")
-    Path(pairing.match_list_path).write_text("".join(f"{first} {second}\n" for first, second in pairs))
-    pycolmap.match_image_pairs(database, make_matching_options(), pairing, make_verification_options(options.seed))
+    match_features(database, options, pairs)
 
 
-def _scale_copy(size_px: tuple[int, int], axis: int, tilt: float) -> tuple[int, int]:
-    """(width, height) of an image's copy that is stretched along an axis."""
-    factors = (COPY_WIDTH * tilt, COPY_WIDTH) if axis == 0 else (COPY_WIDTH, COPY_WIDTH * tilt)
+def _scale_copy(size_px: tuple[int, int], axis: int, tilt: float, max_side_px: int) -> tuple[int, int]:
+    """(width, height) of the copy of an image, reduced to `max_side_px`, that is stretched along an axis."""
+    reduced = min(1.0, max_side_px / max(size_px))
+    factors = (reduced * COPY_WIDTH * tilt, reduced * COPY_WIDTH) if axis == 0 else (reduced * COPY_WIDTH, reduced * COPY_WIDTH * tilt)
     return round(size_px[0] * factors[0]), round(size_px[1] * factors[1])

@@ -11,9 +11,13 @@ import pycolmap
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
+from zeroshop_steps.register.photo_groups import describe_groups, find_groups
 from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model
 from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.undistort import undistort
+
+LEAST_COMMON_SHARE = 0.5
+"""Share of the photos that must belong together: with fewer, nothing tells which of them show the object that is meant."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,8 @@ class StructureOptions:
         limits: from where on a model counts as wrong.
         seed: of all RANSAC loops.
         object_only: whether nothing but the object was registered; decides the advice.
+        leave_out: whether images may belong to another scene: those without matches with the others are left out, and `min_share`
+            counts the rest, which must be at least `LEAST_COMMON_SHARE` of all.
     """
 
     min_share: float = 0.8
@@ -34,6 +40,7 @@ class StructureOptions:
     limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
     seed: int = 0
     object_only: bool = False
+    leave_out: bool = False
 
 
 class Stopwatch:
@@ -69,7 +76,8 @@ def reconstruct(
         RegistrationFailed: too few images, or an inconsistent model.
     """
     count, scratch = len(image_set.images), database.parent
-    needed = max(options.min_images, math.ceil(options.min_share * count))
+    expected = _count_common(database, image_set, options, figures) if options.leave_out else count
+    needed = max(options.min_images, math.ceil(options.min_share * expected))
     mapper = make_mapping_options(min(needed, count), options.seed)
     model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
     stopwatch.lap("map")
@@ -83,6 +91,12 @@ def reconstruct(
             f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, or {way_out}",
             figures,
         )
+    placed = {image.name for image in model.images.values() if image.has_pose}
+    missing = [name for name in image_set.names if name not in placed]
+    figures["unregistered"] = missing
+    if missing:
+        shown = ", ".join(image_set.shown[name] for name in missing)
+        figures["warnings"] = [f"left out, {len(missing)} of {count} photos have no sure place among the others: {shown}"]
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
     figures |= describe_lenses(model)
@@ -91,6 +105,21 @@ def reconstruct(
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
     return figures
+
+
+def _count_common(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> int:
+    """How many images show one scene. Raises RegistrationFailed where these are too few of all."""
+    groups = find_groups(database)
+    count, common = len(image_set.images), len(groups[0])
+    if common < max(options.min_images, math.ceil(LEAST_COMMON_SHARE * count)) and any(len(names) > 1 for names in groups[1:]):
+        found = describe_groups(groups, image_set.shown)
+        raise RegistrationFailed(
+            f"the {count} photos do not show one scene, or do not overlap: {found} fit together; give the photos of one object that was"
+            " not moved, or take more pictures in between, on a ground with plenty of print",
+            figures,
+        )
+    figures["foreign"] = sorted(set(image_set.names) - set(groups[0]))
+    return max(common, math.ceil(LEAST_COMMON_SHARE * count))
 
 
 def _settle(
