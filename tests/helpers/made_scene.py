@@ -30,9 +30,7 @@ class MadeScene:
             write_mask(folder / "masks" / camera.name, mask)
         names = [camera.name for camera in self.cameras]
         sizes = tuple((camera.width_px, camera.height_px) for camera in self.cameras)
-        return ImageSet(
-            tuple(folder / "images" / name for name in names), tuple(folder / "masks" / name for name in names), (size,) * len(names)
-        )
+        return ImageSet(tuple(folder / "images" / name for name in names), tuple(folder / "masks" / name for name in names), sizes)
 
 
 def made_scene(
