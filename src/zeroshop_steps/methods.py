@@ -19,6 +19,8 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.runtime.errors import StepError
 
 SOURCES = Path(__file__).parent
+WITHOUT_CAMERAS = "none"
+"""The place of a registration in the path of a surface method that needs none."""
 
 
 @dataclass(frozen=True)

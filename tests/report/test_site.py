@@ -103,6 +103,7 @@ def test_cells_say_what_helps(report):
         ),
         ("register", "the network finds no matches between the images", "matched no pictures"),
         ("register", "the network found no camera for a.jpg", "register by colmap"),
+        ("evaluate", "the raw mesh was made without cameras", "surface method that uses cameras"),
         ("register", "other views confirm only 3 % of the depth", "sharper pictures"),
     ],
 )

@@ -1,5 +1,6 @@
 """A method is a file and a line of config: a new registration and two new surface methods, added as a user would, run in cells."""
 
+import csv
 import os
 import shutil
 import subprocess
@@ -148,10 +149,25 @@ def test_wrong_options_and_unknown_names_are_said(checkout):
     assert unknown.returncode != 0 and "Known: 2dgs, svraster, guess, hull" in unknown.stdout
 
 
-def test_tables_go_without_a_surface_that_needs_no_cameras(checkout):
-    _, call = checkout
+def test_a_surface_without_cameras_is_a_row_with_its_reason(checkout):
+    folder, call = checkout
     plan = call("-n", "results/demo/mug/cells.csv", "--config", "tables={nvs: all}")
     assert plan.returncode == 0, plan.stdout
-    assert "train_hull" in plan.stdout and "train_guess" not in plan.stdout
-    named = call("-n", "results/demo/mug/cells.csv")
-    assert named.returncode != 0 and "tables.nvs: cells of guess end with their raw mesh" in named.stdout
+    assert "train_hull" in plan.stdout and "results/demo/mug/su_h/none/guess/raw_mesh.ply" in plan.stdout
+    assert "copied/guess" not in plan.stdout and "none/hull" not in plan.stdout
+    row = "results/demo/tables/su_h/none/guess.csv"
+    run = call(row, "--config", "datasets={demo: {objects: [tuna_can]}}")
+    assert run.returncode == 0, run.stdout
+    [cell] = csv.DictReader((folder / row).read_text().splitlines())
+    assert (cell["object"], cell["registration"], cell["nvs"]) == ("tuna_can", "none", "guess")
+    assert (cell["measure"], cell["value"]) == ("grade", "none") and "made without cameras" in cell["reason"]
+
+
+def test_tables_of_finished_meshes_go_without_it(checkout):
+    _, call = checkout
+    cameras = call("-n", "results/demo/tables/cameras.csv", "--config", "tables={nvs: all}")
+    assert cameras.returncode == 0 and "guess" not in cameras.stdout, cameras.stdout
+    mixed = call("-n", "results/demo/tables/su_h/copied/guess.csv")
+    assert mixed.returncode != 0 and "guess goes with registration none" in mixed.stdout
+    heights = call("-n", "results/demo/tables/height.csv", "--config", "tables={nvs: [guess]}")
+    assert heights.returncode != 0 and "the table of heights needs a surface method that uses cameras" in heights.stdout

@@ -16,6 +16,7 @@ from snakemake.logging import logger
 
 from zeroshop_steps.runtime import failures
 
+SURFACES_WITHOUT_CAMERAS = [name for name, method in methods.SURFACES.items() if not method.registration]
 AXES = {
     "registrations": methods.REGISTRATIONS,
     "nvs": methods.SURFACES,
@@ -27,17 +28,19 @@ AXES = {
 def table_axis(
     axis,
 ):
-    """The names that the config wants on an axis of the tables.
+    """The names that the config wants on an axis of the tables."""
+    wanted = config["tables"][axis]
+    return [name for name, method in AXES[axis].items() if not methods.lacks(method)] if wanted == "all" else wanted
 
-    A surface method that needs no registration is on none: its cells end with their raw mesh, which nothing here can measure.
-    """
-    wanted, known = config["tables"][axis], AXES[axis]
-    if wanted == "all":
-        return [name for name, method in known.items() if method.registration and not methods.lacks(method)]
-    for name in wanted:
-        if not known[name].registration:
-            raise WorkflowError(f"tables.{axis}: cells of {name} end with their raw mesh, which tables cannot measure; leave it out")
-    return wanted
+
+def surfaces_with_cameras(
+    what,
+):
+    """Those of the surface methods in tables whose meshes are finished and measured; `what` asks for them, and needs one."""
+    names = [name for name in table_axis("nvs") if methods.SURFACES[name].registration]
+    if not names:
+        raise WorkflowError(f"tables.nvs: {what} needs a surface method that uses cameras; add one")
+    return names
 
 
 @functools.cache
@@ -57,17 +60,27 @@ def cells_of(
     registrations=None,
     nvs=None,
 ):
-    """The coordinates of cells as dictionaries: these objects in every combination of the axes, by default those of the config."""
+    """The coordinates of cells as dictionaries: these objects in every combination of the axes, by default those of the config.
+
+    A surface method that needs no cameras has cells of one registration, WITHOUT_CAMERAS, and the others have none of it.
+    """
     virtual_dataset(dataset, "Tables compare with the truth, which photos lack.")
     if not (registrations and nvs):
         say_what_is_left_out("registrations", "nvs")
     axes = {
         "object": objects,
         "scene": scenes or (VIRTUAL_SCENES if config["tables"]["scenes"] == "all" else config["tables"]["scenes"]),
-        "registration": registrations or table_axis("registrations"),
+        "registration": registrations or [*table_axis("registrations"), methods.WITHOUT_CAMERAS],
         "nvs": nvs or table_axis("nvs"),
     }
-    return [{"dataset": dataset, **dict(zip(axes, values))} for values in itertools.product(*axes.values())]
+    cells = [{"dataset": dataset, **dict(zip(axes, values))} for values in itertools.product(*axes.values())]
+    cells = [cell for cell in cells if (cell["registration"] == methods.WITHOUT_CAMERAS) == (cell["nvs"] in SURFACES_WITHOUT_CAMERAS)]
+    if not cells:
+        raise WorkflowError(
+            f"there is no such cell: {', '.join(SURFACES_WITHOUT_CAMERAS) or 'no surface method'} goes with registration"
+            f" {methods.WITHOUT_CAMERAS}, every other surface method with a registration"
+        )
+    return cells
 
 
 def cells_of_object(
@@ -85,11 +98,18 @@ def cells_of_column(
     return cells_of(wildcards.dataset, objects_of(wildcards.dataset), [wildcards.scene], [wildcards.registration], [wildcards.nvs])
 
 
-def cells_of_table(
+def rows_of_table(
     wildcards,
 ):
     """One table: every cell that the config wants in it."""
     return cells_of(wildcards.dataset, objects_of(wildcards.dataset))
+
+
+def cells_of_table(
+    wildcards,
+):
+    """Those of them that have cameras, and so a finished mesh with a grade, unless they failed."""
+    return [cell for cell in rows_of_table(wildcards) if cell["registration"] != methods.WITHOUT_CAMERAS]
 
 
 def figures_of(
@@ -124,12 +144,15 @@ def measurements_of(
     wildcards,
 ):
     """The measurements of a cell, where there is a truth, and its grade; of one that failed, the record of its failure."""
+    if wildcards.registration == methods.WITHOUT_CAMERAS:
+        return f"{CELL}/outcome.json".format(**wildcards)
     return outcome_or("quality.csv", "grade.csv")(wildcards) if is_virtual(wildcards.dataset) else outcome_or("grade.csv")(wildcards)
 
 
 # On a cluster, what takes a second is done where Snakemake runs.
 localrules:
     outcome,
+    outcome_without_cameras,
     cell,
     object_table,
     column_table,
@@ -144,6 +167,8 @@ checkpoint outcome:
         f"{CELL}/logs/outcome.log",
     benchmark:
         f"{CELL}/benchmarks/outcome.tsv"
+    wildcard_constraints:
+        registration=f"(?!{methods.WITHOUT_CAMERAS}/)[^/]+",
     resources:
         mem_mb=per_attempt(500),
         runtime=per_attempt(5),
@@ -151,6 +176,27 @@ checkpoint outcome:
         "Noting how {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, ended"
     shell:
         "python -m zeroshop_steps.evaluate --method outcome --parts {input.parts} --out {output.outcome}"
+        " --record-failure {output} > {log} 2>&1"
+
+
+rule outcome_without_cameras:
+    input:
+        mesh=raw_mesh_of,
+    output:
+        outcome=f"{CELL}/outcome.json",
+    log:
+        f"{CELL}/logs/outcome.log",
+    benchmark:
+        f"{CELL}/benchmarks/outcome.tsv"
+    wildcard_constraints:
+        registration=methods.WITHOUT_CAMERAS,
+    resources:
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
+    message:
+        "Noting that {wildcards.object}, scene {wildcards.scene}, {wildcards.nvs}, ended with its raw mesh"
+    shell:
+        "python -m zeroshop_steps.evaluate --method outcome --parts {input.mesh} --without-cameras --out {output.outcome}"
         " --record-failure {output} > {log} 2>&1"
 
 

@@ -4,9 +4,6 @@ A registration that fails is a result too: its record says so and why. The steps
 on with its other cells (matrix.smk).
 """
 
-# The place of a registration in the path of a surface method that needs none.
-WITHOUT_CAMERAS = "none"
-
 
 def registrations_of(
     dataset,
@@ -24,10 +21,10 @@ def capture_of(
 ):
     """The capture that a registration reads, with every part of its path checked."""
     check_object(wildcards)
-    if wildcards.registration == WITHOUT_CAMERAS:
+    if wildcards.registration == methods.WITHOUT_CAMERAS:
         raise WorkflowError(
-            f"a cell of registration {WITHOUT_CAMERAS} ends with its raw mesh: finishing, height and grade need cameras."
-            f" Take one of {', '.join(registrations_of(wildcards.dataset))} in place of {WITHOUT_CAMERAS}"
+            f"a cell of registration {methods.WITHOUT_CAMERAS} ends with its raw mesh: finishing, height and grade need cameras."
+            f" Take one of {', '.join(registrations_of(wildcards.dataset))} in place of {methods.WITHOUT_CAMERAS}"
         )
     virtual = is_virtual(wildcards.dataset)
     kind = "virtual" if virtual else "photo"

@@ -18,7 +18,7 @@ def cells_of_page(
         return []
     if not is_virtual(wildcards.dataset):
         cell = {"dataset": wildcards.dataset, "object": wildcards.object, **config["chosen"]["photos"]}
-        return [{**cell, "nvs": nvs} for nvs in table_axis("nvs")]
+        return [{**cell, "nvs": nvs} for nvs in surfaces_with_cameras("the report")]
     if config["report"]["cells"] == "all":
         return cells_of_object(wildcards)
     chosen = config["chosen"]["virtual"]

@@ -76,7 +76,7 @@ for method in methods.SURFACES.values():
         benchmark:
             f"{folder}/benchmarks/{logs[0]}.tsv"
         wildcard_constraints:
-            registration="[^/]+" if method.registration else WITHOUT_CAMERAS,
+            registration="[^/]+" if method.registration else methods.WITHOUT_CAMERAS,
         threads: method.threads
         resources:
             mem_mb=per_attempt(method.mem_mb),

@@ -23,7 +23,11 @@ def board_cells(
 ):
     """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
     virtual_dataset(wildcards.dataset)
-    cell = {"dataset": wildcards.dataset, "registration": config["chosen"]["virtual"]["registration"], "nvs": table_axis("nvs")[0]}
+    cell = {
+        "dataset": wildcards.dataset,
+        "registration": config["chosen"]["virtual"]["registration"],
+        "nvs": surfaces_with_cameras("the table of heights")[0],
+    }
     return [
         f"{CELL}/height_by_board.json".format(**cell, object=name, scene=scene)
         for name in objects_of(wildcards.dataset)
@@ -39,7 +43,7 @@ def film_files(
     def files(
         wildcards,
     ):
-        registration, nvs = config["chosen"]["photos"]["registration"], table_axis("nvs")[0]
+        registration, nvs = config["chosen"]["photos"]["registration"], surfaces_with_cameras("the table of films")[0]
         run = {"dataset": wildcards.dataset, "scene": WHOLE_SCENE, "registration": registration, "nvs": nvs}
         return [path.format(**run, object=name) for name in objects_of(wildcards.dataset)]
 
@@ -55,7 +59,7 @@ def scores_of_table(
     detectors, estimators = table_axis("detectors"), table_axis("estimators")
     runs = [f"{detector}-MODELS/precision" for detector in detectors]
     runs += [f"{estimator}-{masks}-MODELS/scores" for estimator in estimators for masks in ["truth", *detectors]]
-    folders = ["models", *(f"models_{nvs}" for nvs in table_axis("nvs"))]
+    folders = ["models", *(f"models_{nvs}" for nvs in surfaces_with_cameras("the table of the benchmark"))]
     return [f"results/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
 
 
@@ -101,7 +105,7 @@ rule camera_table:
 
 use rule camera_table as reconstruction_table with:
     input:
-        cells=figures_of(cells_of_table),
+        cells=figures_of(rows_of_table),
     output:
         table=report(
             f"{TABLES}/reconstruction.csv",

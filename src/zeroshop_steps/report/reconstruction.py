@@ -12,6 +12,7 @@ from statistics import mean, median
 
 import pandas as pd
 
+from zeroshop_steps.methods import WITHOUT_CAMERAS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.runtime.tables import read_table
@@ -86,8 +87,9 @@ def render_page(cells: pd.DataFrame, published: pd.DataFrame | None = None) -> s
     objects, methods = cells.object.unique(), cells.nvs.unique()
     shown = pd.concat([cells, published[published.object.isin(objects)]]) if published is not None else cells
     parts = [title, *(f"## {nvs}\n\n{render_marks(shown[shown.nvs == nvs], objects)}" for nvs in methods)]
-    if len(methods) > 1:
-        parts.append("## The methods against each other\n\n" + _compare_methods(cells, methods))
+    finished = cells[cells.registration != WITHOUT_CAMERAS]
+    if finished.nvs.nunique() > 1:
+        parts.append("## The methods against each other\n\n" + _compare_methods(finished, finished.nvs.unique()))
     parts.append("## Why cells are not good\n\n" + _render_list(_list_shortcomings(cells)))
     parts.append("## Where photos alone would have judged otherwise\n\n" + _list_disagreements(cells))
     return "\n\n".join(parts) + "\n"
