@@ -47,6 +47,7 @@ class Method:
         prompt: it takes the words that describe the object.
 
     Of heights:
+        given_height: it needs the object's height in metres.
         columns: columns of objects.tsv with folders of photos that it reads.
         required: those of them without which it cannot work.
         original_photos: it needs the photos as they were taken, not frames of a video nor undistorted ones.
@@ -80,6 +81,7 @@ class Method:
     given: bool = False
     in_scene: bool = False
     prompt: bool = False
+    given_height: bool = False
     columns: tuple[str, ...] = ()
     required: tuple[str, ...] = ()
     original_photos: bool = False

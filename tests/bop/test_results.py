@@ -136,3 +136,11 @@ def test_a_bad_detection_is_named(tmp_path, change, message):
     path.write_text(json.dumps([entry]))
     with pytest.raises(StepError, match=message):
         read_detections(path)
+
+
+def test_a_byte_order_mark_is_skipped(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + f"{HEADER}\n1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 500,1.0\n".encode())
+    assert read_estimates(path).scene_ids.tolist() == [1]
+    path.write_bytes(b"\xef\xbb\xbf1,2,3,0.5,1 0 0 0 1 0 0 0 1,0 0 500,1.0\n")
+    assert len(read_estimates(path)) == 1

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from faults.photos import take_photos
 from helpers.camera_ring import ring_camera
 from helpers.faults import largest_file, small_disk, step
 from zeroshop_steps.geometry.cameras import write_cameras
@@ -100,6 +101,16 @@ def test_a_capture_of_photos_under_a_limit(tmp_path: Path, capsys: pytest.Captur
         assert step("capture", "photos", images=photos, out=tmp_path / "capture") == 1
     assert "ulimit -f" in capsys.readouterr().err
     assert sorted(os.listdir(tmp_path)) == ["photos"]
+
+
+def test_a_registration_on_a_disk_that_becomes_full(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    take_photos(tmp_path, 640, 480).rename(tmp_path / "images")
+    for room_bytes in (8 << 10, 64 << 10, 400 << 10):
+        with small_disk(tmp_path / "disk", room_bytes) as disk:
+            assert step("register", "colmap", capture=tmp_path, scene="video", out=disk / "cameras") == 1
+            text = capfd.readouterr().err
+            assert "Check free disk space" in text and "Traceback" not in text, (room_bytes, text)
+            assert list(disk.iterdir()) == []
 
 
 def test_no_module_lets_a_library_write_files_that_does_not_tell_of_a_full_disk() -> None:

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from faults import cameras, models, photos, poses
+from faults import cameras, machine, models, photos, plans, poses
 from helpers.faults import CLEAR, Fault, judge
 
-TABLE = [(module.__name__.rpartition(".")[2], fault) for module in (cameras, models, photos, poses) for fault in module.FAULTS]
+ROOMS = (cameras, machine, models, photos, plans, poses)
+TABLE = [(room.__name__.rpartition(".")[2], fault) for room in ROOMS for fault in room.FAULTS]
 
 
 @pytest.mark.parametrize("fault", [pytest.param(fault, id=f"{room}: {fault.name}") for room, fault in TABLE])

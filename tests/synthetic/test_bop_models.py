@@ -81,13 +81,16 @@ def test_bad_folders_and_models_are_named(models, tmp_path):
 
 def test_hosted_archive_is_fetched_once_and_unpacked(archive, tmp_path, monkeypatch):
     monkeypatch.setitem(bop_models.HOSTED_MODELS, "boxes", archive.as_uri())
-    folder = download_models("boxes", tmp_path / "resources")
+    folder, source = download_models("boxes", tmp_path / "resources")
+    assert source["url"].startswith("file:") and len(source["sha256"]) == 64
+    with pytest.raises(StepError, match="expected 0000"):
+        download_models("boxes", tmp_path / "resources", "0" * 64)
     copy_model(folder, "boxes", "obj_000007", tmp_path / "out")
     stored = tmp_path / "resources" / "downloads" / "boxes_models.zip"
     digest = hashlib.sha256(archive.read_bytes()).hexdigest()
     assert stored.with_name("boxes_models.zip.sha256").read_text().split() == [digest, "boxes_models.zip"]
     archive.unlink()
-    assert download_models("boxes", tmp_path / "resources") == folder
+    assert download_models("boxes", tmp_path / "resources", source["sha256"]) == (folder, source)
     with pytest.raises(StepError, match="no download is known for the dataset lm.*models_folder"):
         download_models("lm", tmp_path / "resources")
 
@@ -139,7 +142,7 @@ def test_file_put_there_by_hand_is_used(archive, tmp_path, monkeypatch):
     monkeypatch.setitem(bop_models.HOSTED_MODELS, "boxes", "http://127.0.0.1:9/boxes_models.zip")
     (tmp_path / "resources" / "downloads").mkdir(parents=True)
     shutil.copy(archive, tmp_path / "resources" / "downloads" / "boxes_models.zip")
-    assert (download_models("boxes", tmp_path / "resources") / "obj_000007.ply").is_file()
+    assert (download_models("boxes", tmp_path / "resources")[0] / "obj_000007.ply").is_file()
 
 
 def test_archive_that_is_no_zip_is_named(tmp_path, monkeypatch):

@@ -51,5 +51,5 @@ def test_a_killed_step_is_a_clear_failure_with_a_remedy(tmp_path):
         time.sleep(0.05)
     output = run.communicate(timeout=120)[0]
     assert killed and run.returncode != 0
-    assert "error: the step was killed, most often because memory ran out; give it more" in output
+    assert "error: the step was killed or crashed, most often because memory or the disk ran out; give it more" in output
     assert not (tmp_path / "results/demo/mug/model").exists()

@@ -30,6 +30,11 @@ def photo_place(
     if is_filmed(wildcards.dataset):
         return row[column]
     path = Path(os.path.relpath(ROOT / row[column]))
+    if not has_plain_name(Path(str(path).replace("/", "_"))):
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the path of its {column}, {ascii(row[column])}, holds braces or"
+            " is not UTF-8; rename the folder or the video with plain letters and digits"
+        )
     if not path.is_dir() and not (column == "images" and path.is_file()):
         raise WorkflowError(
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the {'video or ' if column == 'images' else ''}folder of its "
@@ -49,9 +54,35 @@ def photo_files(
         place = Path(photo_place(wildcards, column))
         if place.is_file() or is_filmed(wildcards.dataset):
             return [str(place)]
-        return sorted(str(path) for path in place.iterdir() if path.is_file() and not path.name.startswith("."))
+        return sorted(str(path) for path in visible_files(place) if has_plain_name(path))
 
     return files
+
+
+def visible_files(
+    folder,
+):
+    """The files of a folder of the user's, without hidden ones."""
+    try:
+        return [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
+    except OSError as error:
+        raise WorkflowError(f"the folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
+
+
+def has_plain_name(
+    path,
+):
+    """Whether Snakemake can name a file: it takes braces for wildcards, and fails at names that are not UTF-8."""
+    return is_text(path.name) and not set("{}") & set(path.name)
+
+
+def odd_names(
+    wildcards,
+):
+    """Photos that cannot be inputs because of their names, with size and time: a parameter, so that a changed one is noticed as well."""
+    place = Path(photo_place(wildcards))
+    odd = [] if place.is_file() or is_filmed(wildcards.dataset) else [path for path in visible_files(place) if not has_plain_name(path)]
+    return [f"{ascii(path.name)} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in sorted(odd)]
 
 
 def mask_files(
@@ -101,6 +132,7 @@ rule capture_photos:
     params:
         images=photo_place,
         method=capture_method,
+        odd_names=odd_names,
         options=capture_options,
     message:
         "Taking the pictures of {wildcards.dataset} {wildcards.object}"

@@ -8,8 +8,10 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from zeroshop_steps import methods
+from zeroshop_steps.evaluate.grading import check_limits
+from zeroshop_steps.geometry.image_files import is_text
 from zeroshop_steps.runtime.cache import check_cache
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, remedy_for
 from zeroshop_steps.runtime.settings import check_config, name_error, read_config_schema, read_objects
 
 ROOT = Path(workflow.snakefile).parents[2]
@@ -35,15 +37,22 @@ os.environ.update(
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
 shell.prefix(
     'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
-    # A killed step cannot say so itself.
-    "trap '[ $? -ne 137 ] || echo \"error: the step was killed, most often because memory ran out;"
-    " give it more (--set-resources RULE:mem_mb=N) or run less beside it (--resources mem_mb=N)\" >&2' EXIT; "
+    # A step that was killed (137) or aborted by a library (134, 139) cannot say so itself.
+    "trap 'case $? in 134|137|139) echo \"error: the step was killed or crashed, most often because memory or the disk ran out;"
+    " give it more (--set-resources RULE:mem_mb=N) or run less beside it (--resources mem_mb=N)\" >&2;; esac' EXIT; "
 )
 
 try:
     check_cache()
     check_config(config, read_config_schema(ROOT / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS))
-    PHOTOS = read_objects(ROOT / config["objects_table"], ROOT / "workflow/schemas/objects.schema.yaml", methods.HEIGHTS)
+    for each, limits in config["finish"]["grade"].items():
+        check_limits(each, limits)
+    PHOTOS = read_objects(
+        ROOT / config["objects_table"],
+        ROOT / "workflow/schemas/objects.schema.yaml",
+        methods.HEIGHTS,
+        [name for name, method in methods.HEIGHTS.items() if method.given_height],
+    )
 except StepError as error:
     raise WorkflowError(str(error)) from None
 
@@ -51,7 +60,7 @@ except StepError as error:
 wildcard_constraints:
     dataset="[^/]+",
     # These folders hold what belongs to a whole dataset.
-    object=r"(?!(?:bop|tables)/)[^/]+",
+    object=r"(?!(?:bop|tables|report)/)[^/]+",
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",

@@ -29,9 +29,12 @@ def checked_object(
 def models_option(
     wildcards,
 ):
-    """The option that names a local folder of BOP models, if the config does."""
-    folder = config["datasets"][wildcards.dataset]["models_folder"]
-    return step_options({"models": folder and shlex.quote(os.path.relpath(ROOT / folder))})
+    """The option that names a local folder of BOP models, or the checksum of the archive to download, if the config does."""
+    dataset = config["datasets"][wildcards.dataset]
+    folder = dataset["models_folder"]
+    if folder:
+        return step_options({"models": shlex.quote(os.path.relpath(ROOT / folder))})
+    return step_options({"models_sha256": dataset.get("models_sha256")})
 
 
 def renderer_of(

@@ -10,11 +10,10 @@ from pathlib import Path
 
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.settings import RESERVED_NAMES
 
 DATASET = "photos"
 TABLE = Path("results") / DATASET / "captures.tsv"
-RESERVED = ("bop", "tables", "report")
-"""Folders of results/photos that belong to the whole dataset."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ def make_name(source: Path) -> str:
     """
     stem = source.stem if source.is_file() else source.name
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")
-    if not name or name in RESERVED:
+    if not name or name in RESERVED_NAMES:
         raise StepError(f"{source} gives no name for the results; give one with --name, of letters, digits, _ and -")
     return name
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from zeroshop_steps import __version__
 from zeroshop_steps.methods import SURFACES
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
 HEIGHT_M = (0.005, 3.0)
 
@@ -45,6 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _check(args) if checking else _make(args)
     except StepError as error:
         print(f"error: {error}", file=sys.stderr)
+        return 1
+    except (OSError, MemoryError) as error:
+        print(f"error: {explain_machine_fault(error) or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("\ninterrupted; the same command goes on where it stopped", file=sys.stderr)

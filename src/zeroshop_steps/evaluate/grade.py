@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.evaluate.grading import MEASURES, GradeResult, grade_by_worst
+from zeroshop_steps.evaluate.grading import MEASURES, GradeResult, check_limits, grade_by_worst
 from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
 from zeroshop_steps.evaluate.surface_measures import measure_largest_part_share, measure_open_boundary, measure_roughness_deg
 from zeroshop_steps.finish.underside import drop_underside
@@ -25,7 +25,6 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
 from zeroshop_steps.geometry.transforms import transform_camera
-from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import write_table
 
@@ -66,15 +65,6 @@ def run(args: argparse.Namespace) -> None:
     content = make_grade_record(values, true_values, limits)
     write_grade(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"grade: {content['grade']} {'; '.join(content['reasons'])}", file=sys.stderr)
-
-
-def check_limits(name: str, limits: list[float]) -> tuple[float, float]:
-    """The (good, sparse) limits of a measure. Raises StepError if that of sparse is stricter."""
-    measure = next(measure for measure in MEASURES if measure.name == name)
-    good, sparse = limits
-    if (good < sparse) if measure.at_least else (good > sparse):
-        raise StepError(f"finish.grade.{name} is [{good}, {sparse}]; the limit of good comes first and must be the stricter one")
-    return good, sparse
 
 
 def measure_mesh(mesh: Mesh, views: list[View], photos: int, support_z: float) -> dict[str, float]:

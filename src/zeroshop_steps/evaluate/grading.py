@@ -5,8 +5,10 @@ Each measure has a limit of good and a limit of sparse, and the worst measure de
 mesh unusable, however good the rest is.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+from zeroshop_steps.runtime.errors import StepError
 
 GRADES = ("none", "sparse", "good")
 
@@ -54,6 +56,15 @@ MEASURES = (
     Measure("recall_1_percent", "seen true surface within 1 %% of the diameter of the mesh", 0.9, 0.4, at_least=True, needs_truth=True),
     Measure("normal_error_deg", "mean angle to the true normals", 35.0, 60.0, needs_truth=True),
 )
+
+
+def check_limits(name: str, limits: Sequence[float]) -> tuple[float, float]:
+    """The (good, sparse) limits of a measure. Raises StepError if that of sparse is stricter."""
+    measure = next(measure for measure in MEASURES if measure.name == name)
+    good, sparse = limits
+    if (good < sparse) if measure.at_least else (good > sparse):
+        raise StepError(f"finish.grade.{name} is [{good}, {sparse}]; the limit of good comes first and must be the stricter one")
+    return good, sparse
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import argparse
 from zeroshop_steps.height.record import RULER_M, RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.runtime.errors import StepError
 
-METHOD = {"rank": 0}
+METHOD = {"rank": 0, "given_height": True}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

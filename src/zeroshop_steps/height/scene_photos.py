@@ -16,6 +16,7 @@ from zeroshop_steps.capture.photo_files import find_format_problems
 from zeroshop_steps.geometry.cameras import Camera, to_matrix, to_rigid
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.mapping import make_mapping_options
 from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, match_features
 from zeroshop_steps.runtime.errors import StepError
@@ -91,7 +92,7 @@ def _extract_features(database: Path, images: Path, objects: dict[str, Camera], 
     mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.PER_IMAGE
     pinhole, lens = pycolmap.ImageReaderOptions(), pycolmap.ImageReaderOptions()
     pinhole.camera_model, lens.camera_model = "PINHOLE", "SIMPLE_RADIAL"
-    pycolmap.Database.open(database).close()
+    create_database(database, len(objects) + len(scene))
     pycolmap.import_images(database, images, pycolmap.CameraMode.PER_IMAGE, sorted(objects), pinhole)
     pycolmap.import_images(database, images, mode, sorted(scene), lens)
     with pycolmap.Database.open(database) as opened:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pycolmap
 from PIL import Image
 
+from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.image_set import ImageSet
 
 MAKE, MODEL, EXIF_FOLDER, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
@@ -38,7 +39,7 @@ def import_images(database: Path, image_set: ImageSet, focal_px: float | None = 
     """
     sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
     longest_px = max(map(max, image_set.sizes_px))
-    pycolmap.Database.open(database).close()
+    create_database(database, len(image_set.images))
     for names in group_by_lens(image_set):
         reader = pycolmap.ImageReaderOptions()
         reader.camera_model = "SIMPLE_RADIAL"

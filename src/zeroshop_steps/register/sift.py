@@ -13,6 +13,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
+from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.pair_selection import choose_alike_pairs
@@ -154,7 +155,7 @@ def make_verification_options(seed: int) -> pycolmap.TwoViewGeometryOptions:
 def _import_with_cameras(database: Path, image_set: ImageSet, known_cameras: dict[str, pycolmap.Camera]) -> None:
     distinct = {(camera.width, camera.height, *camera.params) for camera in known_cameras.values()}
     mode = pycolmap.CameraMode.PER_IMAGE if len(distinct) > 1 else pycolmap.CameraMode.SINGLE
-    pycolmap.Database.open(database).close()
+    create_database(database, len(image_set.images))
     pycolmap.import_images(database, image_set.images[0].parent, mode, image_set.names)
     with pycolmap.Database.open(database) as opened:
         for image in opened.read_all_images():

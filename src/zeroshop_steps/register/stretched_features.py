@@ -14,6 +14,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.images import read_image, write_image
+from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, match_features
 
@@ -86,7 +87,7 @@ def add_stretched_features(
             write_image(folder / f"{path.name}.png", cv2.resize(shrunk, copies[path.name], interpolation=cv2.INTER_CUBIC))
     stretched_database = Path(database).with_name("stretched.db")
     stretched_names = [f"{name}.png" for name in names]
-    pycolmap.Database.open(stretched_database).close()
+    create_database(stretched_database, len(stretched_names))
     pycolmap.import_images(stretched_database, folder, pycolmap.CameraMode.PER_IMAGE, stretched_names)
     extraction = make_extraction_options(options, first_octave=0)
     extraction.max_image_size = max(map(max, copies.values()))

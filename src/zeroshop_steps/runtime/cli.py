@@ -17,7 +17,7 @@ from pathlib import Path
 
 from zeroshop_steps.runtime import failures
 from zeroshop_steps.runtime.cache import run_cached
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
 RECORD_FAILURE = "outputs (a folder's name ends in a slash) in place of which a failure is recorded; the status is 0 then"
 RUN = re.compile(r"^def run\(args\b", re.MULTILINE)
@@ -62,7 +62,7 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
         print("interrupted; nothing half-written was left behind", file=sys.stderr)
         return 130
     except Exception as error:
-        if not isinstance(error, StepError):
+        if not isinstance(error, StepError) and not explain_machine_fault(error):
             traceback.print_exc()
         failure = failures.Failure(step, failures.reason_of(error))
         details = error.write_details if isinstance(error, StepError) else None

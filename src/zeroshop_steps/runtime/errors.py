@@ -1,7 +1,11 @@
 """What a step says to its user: the one error type, and warnings."""
 
+import contextlib
 import errno
+import os
+import resource
 import sys
+import tempfile
 from pathlib import Path
 
 
@@ -37,13 +41,46 @@ def remedy_for(error: OSError) -> str:
     return _REMEDIES.get(error.errno or 0, "Check free disk space and permissions.")
 
 
-_NO_MEMORY = ("allocate memory", "Failed to allocate", "Insufficient memory", "not enough memory", "out of memory")
+_NO_MEMORY = ("allocate memory", "Failed to allocate", "Insufficient memory", "not enough memory", "out of memory", "bad_alloc")
+_NO_ROOM = ("No registered database factory succeeded", "database or disk is full", "disk I/O error", "No space left on device")
 
 
 def is_out_of_memory(error: BaseException) -> bool:
     """Whether memory ran out, in the words of Python, PyTorch, OpenCV or NumPy; by name, since few steps load PyTorch."""
     told = type(error).__name__ == "OutOfMemoryError" or any(words in str(error) for words in _NO_MEMORY)
     return isinstance(error, MemoryError) or (isinstance(error, Exception) and not isinstance(error, StepError) and told)
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Whether the disk took no more, in the words of COLMAP, whose errors have no number, and SQLite."""
+    return isinstance(error, RuntimeError | ValueError) and any(words in str(error) for words in _NO_ROOM)
+
+
+def explain_machine_fault(error: BaseException) -> str | None:
+    """What the machine did wrong, in one line with the remedy; None where an error has another cause."""
+    if isinstance(error, StepError):
+        return None
+    if is_out_of_memory(error):
+        return f"memory ran out ({_memory_there()}). Raise that, run less beside it, or take fewer or smaller images"
+    if is_disk_full(error):
+        return f"the disk of the results or of {tempfile.gettempdir()} is full or may not be written to. {_REMEDIES[errno.ENOSPC]}"
+    if isinstance(error, OSError) and error.errno is not None:
+        name = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
+        return f"{name}{error.strerror}. {remedy_for(error)}"
+    return None
+
+
+def _memory_there() -> str:
+    """How much memory this process may take and the machine has left."""
+    there = []
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY:
+        there.append(f"ulimit -v allows this process {limit / 1e6:.0f} MB")
+    with contextlib.suppress(OSError, StopIteration, ValueError):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free_kb = int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
+        there.append(f"the machine has {free_kb / 1e3:.0f} MB free")
+    return ", ".join([*there, "20 images of 1000 x 750 px need 2000 MB"])
 
 
 WARNING = "warning: "

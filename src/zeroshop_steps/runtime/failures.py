@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
+from zeroshop_steps.runtime.errors import StepError, explain_machine_fault, is_disk_full, is_out_of_memory
 from zeroshop_steps.runtime.files import atomic_directory, atomic_write
 
 START = b'{"failed": "'
@@ -95,11 +95,11 @@ def is_result(error: BaseException) -> bool:
     """Whether an error says something about the cell, and not about the machine."""
     machine = (OSError, MemoryError, ImportError)
     # Libraries raise these as errors of their own or as RuntimeErrors.
-    by_words = is_out_of_memory(error) or "CUDA error" in str(error) or "start new thread" in str(error)
+    by_words = is_out_of_memory(error) or is_disk_full(error) or "CUDA error" in str(error) or "start new thread" in str(error)
     return isinstance(error, Exception) and not by_words and not isinstance(error, machine) and not isinstance(error.__cause__, machine)
 
 
 def reason_of(error: BaseException) -> str:
     """An error in the words of a table: one line, without the colours that some libraries put into theirs."""
-    text = str(error) if isinstance(error, StepError) else f"unexpected {type(error).__name__}: {error}"
+    text = str(error) if isinstance(error, StepError) else explain_machine_fault(error) or f"unexpected {type(error).__name__}: {error}"
     return " ".join(re.sub(r"\x1b\[[0-9;]*m", "", text).split())

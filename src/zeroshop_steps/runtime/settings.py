@@ -14,9 +14,11 @@ from typing import Any
 import jsonschema
 import yaml
 
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, remedy_for
 
 Row = dict[str, Any]
+RESERVED_NAMES = ("bop", "tables", "report")
+"""Folders of a dataset's results that belong to all of it; no object may have such a name."""
 
 
 def name_error(what: str, name: str, names: Iterable[str], remedy: str = "") -> str:
@@ -52,9 +54,34 @@ def check_config(config: dict[str, Any], schema: Mapping[str, Any]) -> None:
         StepError: lists every fault with the key's path, what was found and what is allowed.
     """
     _read_numbers(config, schema)
-    faults = _faults(config, schema)
+    faults = [*_faults(config, schema), *_name_faults(config), *_number_faults(config)]
     if faults:
         raise StepError("the config has faults:\n  " + "\n  ".join(faults) + "\nEvery key is explained in config/README.md.")
+
+
+def _name_faults(config: Mapping[str, Any]) -> list[str]:
+    """Objects of the config with names that belong to the workflow."""
+    datasets = config.get("datasets")
+    faults = []
+    for name, dataset in datasets.items() if isinstance(datasets, Mapping) else ():
+        films = dataset.get("of") if isinstance(dataset, Mapping) else None
+        lists = {"objects": dataset.get("objects")} if isinstance(dataset, Mapping) else {}
+        lists |= {f"of.{source}": objects for source, objects in films.items()} if isinstance(films, Mapping) else {}
+        for key, objects in lists.items():
+            taken = sorted(set(RESERVED_NAMES) & set(map(str, objects if isinstance(objects, list) else [])))
+            if taken:
+                faults.append(f"datasets.{name}.{key}: {', '.join(taken)} is a folder of the whole dataset; give the object another name")
+    return faults
+
+
+def _number_faults(content: Any, key: str = "") -> list[str]:
+    """Numbers that are not finite: every comparison with NaN is false, so that it passes all ranges of a schema."""
+    if isinstance(content, float) and not math.isfinite(content):
+        return [f"{key}: {content} is not a finite number"]
+    if isinstance(content, Mapping | list):
+        items = content.items() if isinstance(content, Mapping) else enumerate(content)
+        return [fault for name, value in items for fault in _number_faults(value, f"{key}.{name}" if key else str(name))]
+    return []
 
 
 def config_changes(config: Mapping[str, Any], defaults_path: Path, ignored: Iterable[str] = ()) -> list[str]:
@@ -83,7 +110,9 @@ def _difference(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[
     return changed
 
 
-def read_objects(table: Path, schema_path: Path, height_methods: Iterable[str]) -> dict[tuple[str, str], Row]:
+def read_objects(
+    table: Path, schema_path: Path, height_methods: Iterable[str], given_heights: Iterable[str] = ()
+) -> dict[tuple[str, str], Row]:
     """Read the table of the user's own captures.
 
     Args:
@@ -91,6 +120,7 @@ def read_objects(table: Path, schema_path: Path, height_methods: Iterable[str]) 
             start with # are skipped.
         schema_path: the JSON schema of one row.
         height_methods: what the column height_method may name.
+        given_heights: those of them that need a height_m.
 
     Returns:
         rows by (dataset, object), in the table's order. `height_m` is a float or None; a column that is not there is empty.
@@ -104,6 +134,8 @@ def read_objects(table: Path, schema_path: Path, height_methods: Iterable[str]) 
         raise StepError(f"{table} does not exist; objects_table in the config names it") from None
     except UnicodeDecodeError:
         raise StepError(f"{table} is not UTF-8 text; save it as tab-separated text") from None
+    except OSError as error:
+        raise StepError(f"{table} cannot be read: {error.strerror}. objects_table in the config names it. {remedy_for(error)}") from None
     numbered = [(number, line) for number, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
     if not numbered:
         raise StepError(f"{table} is empty; its first line names the columns")
@@ -127,6 +159,10 @@ def read_objects(table: Path, schema_path: Path, height_methods: Iterable[str]) 
         faults = _faults(row, schema)
         if faults:
             raise StepError(f"{table}, line {number}: " + "; ".join(faults))
+        if row["object"] in RESERVED_NAMES:
+            raise StepError(f"{table}, line {number}: {row['object']} is a folder of the whole dataset; give the object another name")
+        if row["height_method"] in set(given_heights) and row["height_m"] is None:
+            raise StepError(f"{table}, line {number}: height_method {row['height_method']} needs the height in metres in height_m")
         key = row["dataset"], row["object"]
         if key in rows:
             raise StepError(f"{table}, line {number}: {key[0]} {key[1]} is there twice; give each capture a name of its own")

@@ -29,18 +29,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dataset", required=True, help="BOP's short name of the dataset, e.g. ycbv")
     parser.add_argument("--object", required=True, help="e.g. obj_000005")
     parser.add_argument("--models", type=Path, help="folder with obj_000001.ply ... and models_info.json (default: download)")
+    parser.add_argument("--models-sha256", help="SHA-256 that the downloaded archive must have (default: that of the first download)")
     parser.add_argument("--resources", type=Path, default=Path("resources"), help="folder for downloads (default resources)")
     parser.add_argument("--out", type=Path, required=True, help="model folder to write")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    models = args.models if args.models is not None else download_models(args.dataset, args.resources)
-    copy_model(models, args.dataset, args.object, args.out)
+    if args.models is not None:
+        copy_model(args.models, args.dataset, args.object, args.out)
+        return
+    models, source = download_models(args.dataset, args.resources, args.models_sha256)
+    copy_model(models, args.dataset, args.object, args.out, source)
 
 
-def download_models(dataset: str, resources: Path) -> Path:
-    """The folder of a hosted dataset's models under `resources`, downloaded and unpacked at first use."""
+def download_models(dataset: str, resources: Path, sha256: str | None = None) -> tuple[Path, dict[str, str]]:
+    """The folder of a hosted dataset's models under `resources`, downloaded and unpacked at first use, and where it is from.
+
+    Args:
+        dataset: BOP's short name.
+        resources: folder for downloads.
+        sha256: what the archive must have; None takes that of the first download, which is recorded beside it.
+
+    Returns:
+        the folder; the URL and the SHA-256 of the archive.
+
+    Raises:
+        StepError: no download is known, it failed, or the archive is another one than expected.
+    """
     if dataset not in HOSTED_MODELS:
         known = ", ".join(sorted(HOSTED_MODELS))
         raise StepError(
@@ -48,14 +64,14 @@ def download_models(dataset: str, resources: Path) -> Path:
         )
     url, folder = HOSTED_MODELS[dataset], Path(resources) / "bop" / dataset / "models"
     without = f"name a local folder of the models: datasets: {dataset}: models_folder in the config, --models on the command line"
-    archive = download(url, Path(resources) / "downloads" / url.rsplit("/", 1)[-1], without)
+    archive = download(url, Path(resources) / "downloads" / url.rsplit("/", 1)[-1], without, sha256=sha256)
     with locked(folder.parent / "models.lock"):
         if not folder.is_dir():
             _unpack(archive, folder)
-    return folder
+    return folder, {"url": url, "sha256": archive.with_name(archive.name + ".sha256").read_text().split()[0]}
 
 
-def copy_model(models: Path, dataset: str, name: str, out: Path) -> None:
+def copy_model(models: Path, dataset: str, name: str, out: Path, source: dict[str, str] | None = None) -> None:
     """Check one object of a BOP models folder and write model.ply, its texture and model_info.json into the folder `out`.
 
     Raises:
@@ -76,7 +92,7 @@ def copy_model(models: Path, dataset: str, name: str, out: Path) -> None:
         raise StepError(f"model {path} has no texture (texture_u, texture_v and a TextureFile comment are needed); take a textured model")
     if mesh.normals is None:
         mesh = mesh.with_normals()
-    info = make_model_info(path, mesh, dataset, models)
+    info = make_model_info(path, mesh, dataset, models) | ({"source": source} if source else {})
     texture = find_texture(path)
     assert texture is not None, "a mesh with a texture names it"
     with atomic_directory(out) as folder:

@@ -7,6 +7,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.repair import remove_images
 from zeroshop_steps.register.sift import make_verification_options
 from zeroshop_steps.register.vggt.tracks import TrackObservations
@@ -23,7 +24,7 @@ def write_database(
 
     Keypoint k of an image is the k-th track that it sees.
     """
-    pycolmap.Database.open(path).close()
+    create_database(path, len(names))
     pairs = path.with_suffix(".pairs.txt")
     with pycolmap.Database.open(path) as database:
         camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", focal_px, *size_px)

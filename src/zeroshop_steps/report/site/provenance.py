@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from zeroshop_steps.evaluate.grading import MEASURES
-from zeroshop_steps.report.site.results_index import Cell, Run, find_table
+from zeroshop_steps.report.site.results_index import Cell, Run, find_table, read_facts
 
 # Curves that a page shows of a training, in this order, as far as the method has them.
 CURVES = ("loss", "l1", "mask", "depth", "normal")
@@ -76,6 +76,7 @@ def list_provenance(cell: Cell, run: Run) -> list[tuple[str, str]]:
     """Names and texts of the parameters and records of a cell's steps."""
     mesh, training = cell.facts["mesh"], cell.facts["training"]
     records = {
+        "model": read_facts(cell.folder.parents[2] / "model/model_info.json").get("source"),
         "versions": mesh.get("versions") or run.registered.get("versions"),
         "pictures": run.captured,
         "parameters": mesh.get("parameters") or run.registered.get("parameters"),

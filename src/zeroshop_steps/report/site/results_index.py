@@ -104,7 +104,7 @@ class Run:
     @property
     def captured(self) -> dict:
         """The record of its pictures; empty where there is none yet."""
-        return _read_facts(self.capture / "capture.json")
+        return read_facts(self.capture / "capture.json")
 
     @property
     def failed(self) -> str | None:
@@ -118,7 +118,7 @@ def find_runs(folder: Path) -> list[Run]:
     runs = []
     for scene in _list_folders(folder, NO_SCENE):
         for registration in _list_folders(scene, NO_REGISTRATION):
-            registered = _read_facts(registration / "cameras/registration.json")
+            registered = read_facts(registration / "cameras/registration.json")
             cells = tuple(read_cell(path) for path in _list_folders(registration, NO_CELL) if _is_cell(path))
             if registered or cells or (registration / "cameras").exists():
                 runs.append(Run(scene.name, registration.name, registration, registered, cells))
@@ -129,8 +129,8 @@ def read_cell(folder: Path) -> Cell:
     """Read what exists of a cell."""
     failure = _find_failure(folder) or read_failure(folder.parent / "cameras")
     names = ("mesh", "quality", "grade", "frame", "clean", "unwrapped", "texture", "raw_mesh", "height", "closed")
-    facts = {name: _read_facts(folder / f"{name}.json") for name in names}
-    facts["training"] = next((found for name in TRAINED if (found := _read_facts(folder / name))), {})
+    facts = {name: read_facts(folder / f"{name}.json") for name in names}
+    facts["training"] = next((found for name in TRAINED if (found := read_facts(folder / name))), {})
     grade = facts["grade"].get("grade")
     done = (folder / "mesh.ply").is_file() and read_failure(folder / "mesh.ply") is None
     if not grade and (failure or not done):
@@ -166,7 +166,7 @@ def _is_made(path: Path) -> bool:
     return path.exists() and read_failure(path) is None
 
 
-def _read_facts(path: Path) -> dict[str, Any]:
+def read_facts(path: Path) -> dict[str, Any]:
     """The JSON object in a file; empty if the file is missing, damaged or records a failure."""
     if not path.is_file() or read_failure(path):
         return {}
