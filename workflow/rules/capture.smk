@@ -30,7 +30,7 @@ def photo_place(
     if is_filmed(wildcards.dataset):
         return row[column]
     path = Path(os.path.relpath(ROOT / row[column]))
-    if not has_plain_name(Path(str(path).replace("/", "_"))):
+    if not has_plain_name(path):
         raise WorkflowError(
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the path of its {column}, {ascii(row[column])}, holds braces or"
             " is not UTF-8; rename the folder or the video with plain letters and digits"
@@ -73,7 +73,7 @@ def has_plain_name(
     path,
 ):
     """Whether Snakemake can name a file: it takes braces for wildcards, and fails at names that are not UTF-8."""
-    return is_text(path.name) and not set("{}") & set(path.name)
+    return is_text(str(path)) and not set("{}") & set(str(path))
 
 
 def odd_names(
