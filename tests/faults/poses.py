@@ -1,5 +1,6 @@
 """Faults of pose estimates, detections and the benchmark's models."""
 
+import atexit
 import json
 import shutil
 from collections.abc import Callable
@@ -22,6 +23,7 @@ INFO, POSES = "models/models_info.json", "poses.csv"
 def make_once() -> tuple[Path, Estimates]:
     """A small dataset and its true poses."""
     folder = Path(mkdtemp(prefix="faults."))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder, true_estimates(make_dataset(folder))
 
 
@@ -64,6 +66,11 @@ def mapped_by(matrix: np.ndarray) -> Callable[[Path], None]:
 def rewrite(name: str, change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
     """Change the bytes of a file of the dataset."""
     return lambda folder: (folder / name).write_bytes(change((folder / name).read_bytes()))
+
+
+def fill_file(name: str, content: bytes) -> Callable[[Path], object]:
+    """Other content in a file of the dataset."""
+    return rewrite(name, lambda old: content)
 
 
 def scaled(factor: float) -> Callable[[Estimates], Estimates]:
@@ -139,6 +146,14 @@ FAULTS = [
         "other images",
         lambda folder: score(folder, nothing, lambda true: replace(true, image_ids=true.image_ids + 1000)),
         (r"poses\.csv: none of the 5 rows names a target", "same test set"),
+    ),
+    *(
+        Fault(
+            f"a depth image that is {name}",
+            lambda folder, content=content: score(folder, fill_file("test/000001/depth/000000.png", content)),
+            (r"000000\.png cannot be read: it is empty, damaged", "export it again"),
+        )
+        for name, content in (("empty", b""), ("cut off", b"\x89PNG\r\n\x1a\n"))
     ),
     Fault(
         "one word of 20 MB",

@@ -15,7 +15,7 @@ import numpy as np
 from zeroshop_steps.bop.poses import check_rotations, check_translations, make_transform
 from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.geometry.images import decode_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
@@ -93,8 +93,8 @@ class Frame:
             )
         if self.depth_scale is None:
             raise StepError(f"{self.folder / 'scene_camera.json'}: image {self.image_id} has depth but no depth_scale; add it")
-        raw = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-        if raw is None or raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
+        raw = decode_image(path, cv2.IMREAD_UNCHANGED)
+        if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
             raise StepError(f"depth image {path} cannot be read as one channel of whole numbers; export it again as 16-bit PNG")
         return raw.astype(np.float32) * np.float32(self.depth_scale)
 
@@ -110,9 +110,7 @@ class Frame:
         for kind in ("depth", "rgb", "gray"):
             path = self.image_path(kind)
             if path is not None:
-                image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-                if image is None:
-                    raise StepError(f"image {path} cannot be read: it is empty, damaged or not an image")
+                image = decode_image(path, cv2.IMREAD_UNCHANGED)
                 return image.shape[1], image.shape[0]
         return None
 

@@ -40,7 +40,7 @@ def read_image(path: Path) -> np.ndarray:
 
     EXIF rotation is ignored, because cameras are fitted to the stored pixels.
     """
-    return cv2.cvtColor(_decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION), cv2.COLOR_BGR2RGB)
+    return cv2.cvtColor(decode_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION), cv2.COLOR_BGR2RGB)
 
 
 def read_mask(path: Path, size_px: tuple[int, int] | None = None) -> np.ndarray:
@@ -50,7 +50,7 @@ def read_mask(path: Path, size_px: tuple[int, int] | None = None) -> np.ndarray:
         path: 8-bit image.
         size_px: (width, height) that the mask must have; not checked when None.
     """
-    mask = _decode(path, cv2.IMREAD_GRAYSCALE) >= 128
+    mask = decode_image(path, cv2.IMREAD_GRAYSCALE) >= 128
     if size_px is not None and mask.shape != (size_px[1], size_px[0]):
         raise StepError(
             f"mask {path} is {mask.shape[1]} x {mask.shape[0]} px, its image is {size_px[0]} x {size_px[1]} px; they must be equal"
@@ -60,7 +60,7 @@ def read_mask(path: Path, size_px: tuple[int, int] | None = None) -> np.ndarray:
 
 def read_depth_mm(path: Path) -> np.ndarray:
     """Read a 16-bit depth image in 0.1 mm steps as (height, width) float32 mm; 0 where nothing was hit."""
-    return _decode(path, cv2.IMREAD_UNCHANGED).astype(np.float32) * 0.1
+    return decode_image(path, cv2.IMREAD_UNCHANGED).astype(np.float32) * 0.1
 
 
 def write_image(path: Path, image: np.ndarray) -> None:
@@ -112,7 +112,8 @@ def sample_bilinear(image: np.ndarray, positions: np.ndarray, border_mode: int) 
     return sampled.reshape(rows * REMAP_COLUMNS, *image.shape[2:])[: len(positions)]
 
 
-def _decode(path: Path, flags: int) -> np.ndarray:
+def decode_image(path: Path, flags: int) -> np.ndarray:
+    """Read an image file with OpenCV's flags. Raises StepError where it is missing, empty, damaged, too large or may not be read."""
     path = Path(path)
     try:
         if not path.is_file():

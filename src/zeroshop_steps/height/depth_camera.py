@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.images import decode_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View
@@ -121,9 +122,7 @@ def find_depth_files(registered: RegisteredObject, folder: Path) -> list[tuple[V
 
 def read_depth(path: Path, view: View) -> np.ndarray:
     """(height, width) float32 steps. Raises StepError for an image that is no depth image, or not aligned with its photo."""
-    depth = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
-    if depth is None:
-        raise StepError(f"depth image {path} cannot be read; export it again as 16-bit PNG")
+    depth = decode_image(path, cv2.IMREAD_UNCHANGED)
     if depth.ndim != 2 or depth.dtype != np.uint16:
         kind = f"{depth.dtype} with {1 if depth.ndim == 2 else depth.shape[2]} channel(s)"
         raise StepError(f"depth image {path} is {kind}; expected a 16-bit PNG with one channel, in millimetres")
