@@ -18,14 +18,22 @@ from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import ProgressReport
 
-COARSE_STEPS, COARSE_RATE = 300, 0.07
+COARSE_STEPS, COARSE_RATE = 300, 0.07  # of Adam, and its rate at the start
 FINE_STEPS, FINE_RATE = 500, 0.01
+MOMENTA = (0.9, 0.9)  # by which Adam forgets the mean of the gradients and of their squares
 ERROR_PX = 1.0
 """From where on an error of the fine stage counts less than its square."""
-CELL_PX = 16
+CELL_PX = 16  # the depths of a picture are bent by one factor for each square of this size
 DEPTH_DEVIATION = 0.02
 """How far, as a share, the fine stage may bend the depths of a picture at little cost."""
-LEAST_MATCHES = 30
+BENDING_WEIGHT = 1e-2  # of that cost, beside the errors in the pictures
+LEAST_MATCHES = 30  # of a pair; pairs with fewer are left out
+TYPICAL_SHARE = 0.99
+"""Of the median confidence: pixels above it count for the size of a picture. Less than 1, so that some are left where all are alike."""
+EVERY = 7  # of the surer half of the pixels, only each so many-th takes part in the first similarity, to save time
+FOCAL_ROUNDS = 20  # of reweighting for the focal length
+LEAST_ERROR_PX = 0.1  # smaller errors weigh no more, so that no pixel decides alone
+NEAREST = 1e-3  # depth of a point before a camera at least, in units of the scene, so that its projection is finite
 COARSE_MATCHES, FINE_MATCHES = 4000, 8000
 """So many of all matches take part in a stage; of more, evenly chosen ones."""
 
@@ -106,17 +114,17 @@ def _predict_all_pairs(
     for maps in points:
         weight = np.sum([confidence for _, confidence in maps], axis=0)
         mean = np.sum([place * confidence[..., None] for place, confidence in maps], axis=0) / weight[..., None]
-        sizes = [np.log(np.median(place[..., 2][confidence > np.median(confidence) * 0.99])) for place, confidence in maps]
+        sizes = [np.log(np.median(place[..., 2][confidence > np.median(confidence) * TYPICAL_SHARE])) for place, confidence in maps]
         canonical.append(CanonicalView(mean[..., 2], weight / len(maps), estimate_focal_px(mean, weight), float(np.std(sizes))))
         mean_points.append(mean)
     relative = {}
     for (first, second), (place, confidence) in other.items():
         sure = confidence >= np.quantile(confidence, 0.5)
-        relative[first, second] = fit_similarity(mean_points[second][sure][::7], place[sure][::7])
+        relative[first, second] = fit_similarity(mean_points[second][sure][::EVERY], place[sure][::EVERY])
     return canonical, relative, matches
 
 
-def estimate_focal_px(points: np.ndarray, confidence: np.ndarray, rounds: int = 20) -> float:
+def estimate_focal_px(points: np.ndarray, confidence: np.ndarray, rounds: int = FOCAL_ROUNDS) -> float:
     """The focal length in pixels that best explains (height, width, 3) points about the middle of the picture, robustly (Weiszfeld)."""
     height, width = confidence.shape
     columns, rows = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
@@ -127,7 +135,7 @@ def estimate_focal_px(points: np.ndarray, confidence: np.ndarray, rounds: int = 
     focal = 1.0
     for _ in range(rounds):
         focal = float((weight * (directions * pixels).sum(1)).sum() / (weight * (directions**2).sum(1)).sum())
-        weight = sure / np.maximum(np.linalg.norm(pixels - focal * directions, axis=1), 0.1)
+        weight = sure / np.maximum(np.linalg.norm(pixels - focal * directions, axis=1), LEAST_ERROR_PX)
     return focal
 
 
@@ -218,7 +226,7 @@ class _Scene(torch.nn.Module):
         """(M,) how far (M, 3) points are projected from where the pictures show them."""
         rotations, places, focals = self._cameras(pixels)
         seen = (rotations * (points - places)[:, :, None]).sum(1)
-        return torch.linalg.norm(seen[:, :2] / seen[:, 2:].clamp(min=1e-3) * focals - pixels.centred + 1e-9, dim=1)
+        return torch.linalg.norm(seen[:, :2] / seen[:, 2:].clamp(min=NEAREST) * focals - pixels.centred + 1e-9, dim=1)
 
     def _cameras(self, pixels: _Pixels) -> tuple[Tensor, Tensor, Tensor]:
         """(M, 3, 3) rotations, (M, 3) places and (M, 1) focal lengths of the pictures that the pixels belong to."""
@@ -241,7 +249,7 @@ def _optimize(canonical: list[CanonicalView], matches: dict[tuple[int, int], Mat
         return (sure[few] * torch.linalg.norm(apart + 1e-9, dim=1)).sum() / sure[few].sum()
 
     def fine() -> Tensor:
-        loss = sum((bend**2).mean() for bend in scene.bend) / DEPTH_DEVIATION**2 * 1e-2
+        loss = sum((bend**2).mean() for bend in scene.bend) / DEPTH_DEVIATION**2 * BENDING_WEIGHT
         for here, there in ((first[many], second[many]), (second[many], first[many])):
             error = scene.errors_px(scene.in_world(here), there)
             loss = loss + (sure[many] * torch.log1p((error / ERROR_PX) ** 2)).sum() / sure[many].sum()
@@ -258,7 +266,7 @@ def _optimize(canonical: list[CanonicalView], matches: dict[tuple[int, int], Mat
 
 def _descend(loss: Callable[[], Tensor], parameters: Sequence[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
     """Adam, its rate falling to nothing as a cosine."""
-    optimizer = torch.optim.Adam(parameters, lr=rate, betas=(0.9, 0.9))
+    optimizer = torch.optim.Adam(parameters, lr=rate, betas=MOMENTA)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for _ in range(steps):
         optimizer.zero_grad()

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+# Sizes of the published network; its checkpoint has them.
 LEVEL_CHANNELS = (96, 192, 384, 768)
 FEATURES = 256
 LAST_FEATURES = 128

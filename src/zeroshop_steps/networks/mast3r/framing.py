@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.networks.mast3r.model import PATCH_PX
 from zeroshop_steps.runtime.errors import StepError
 
-LONG_SIDE_PX = 512
+LONG_SIDE_PX = 512  # what the published network was trained at
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from zeroshop_steps.networks.mast3r.model import PATCH_PX, ImagePrediction, MASt
 from zeroshop_steps.runtime.progress import track
 
 NAME = "MASt3R_ViTLarge_BaseDecoder_512_catmlpdpt_metric.pth"
-SMALLEST_SIDE_PX = 224
-RUNTIME_BYTES = 300_000_000
+SMALLEST_SIDE_PX = 224  # where memory is short, the pictures are made no smaller than this
+RUNTIME_BYTES = 300_000_000  # Python and PyTorch themselves
 BYTES_A_PIXEL = 2000
 """Of a pair, at the peak in the heads; 1430 were measured."""
 

@@ -14,7 +14,7 @@ from zeroshop_steps.networks.mast3r.transformer import NORM_EPSILON, DecoderBloc
 from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.runtime.errors import StepError
 
-PATCH_PX = 16
+PATCH_PX = 16  # of the published network
 SIZES = ".json"
 """Suffix of the file beside weights that tells the sizes of a network of one's own."""
 

@@ -6,6 +6,7 @@ from torch.nn import functional as F
 
 from zeroshop_steps.networks.layers import Mlp
 
+# Of the published network.
 ROTARY_BASE = 100.0
 NORM_EPSILON = 1e-6
 MLP_RATIO = 4

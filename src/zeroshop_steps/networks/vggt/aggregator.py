@@ -5,11 +5,12 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from zeroshop_steps.networks.vggt.layers import Block, Rotation
+from zeroshop_steps.networks.vggt.layers import LAYER_SCALE, Block, Rotation
 from zeroshop_steps.networks.vggt.patch_embed import PatchEmbed
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
-ROPE_BASE = 100.0
+ROPE_BASE = 100.0  # of the published network
+# Of ImageNet, by which the published network normalises.
 COLOR_MEAN, COLOR_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
@@ -20,8 +21,8 @@ class Aggregator(nn.Module):
         super().__init__()
         width, heads, self.settings = settings.width, settings.heads, settings
         self.patch_embed = PatchEmbed(settings)
-        self.frame_blocks = nn.ModuleList(Block(width, heads, True, 0.01) for _ in range(settings.depth))
-        self.global_blocks = nn.ModuleList(Block(width, heads, True, 0.01) for _ in range(settings.depth))
+        self.frame_blocks = nn.ModuleList(Block(width, heads, True, LAYER_SCALE) for _ in range(settings.depth))
+        self.global_blocks = nn.ModuleList(Block(width, heads, True, LAYER_SCALE) for _ in range(settings.depth))
         self.camera_token = nn.Parameter(torch.zeros(1, 2, 1, width))
         self.register_token = nn.Parameter(torch.zeros(1, 2, settings.registers, width))
 

@@ -8,6 +8,8 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.layers import Mlp
 
+LAYER_SCALE = 0.01  # of a block's branches at the start of training; checkpoints have their own values
+
 
 @dataclass(frozen=True)
 class Rotation:

@@ -13,7 +13,9 @@ from zeroshop_steps.register.sift import make_verification_options
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
 ERROR_LIMITS_PX = (64.0, 32.0, 16.0, 8.0, 4.0)  # per 1000 px of image width; a camera turned by one degree is wrong by 20
-MIN_ANGLE_DEG = 1.5
+MIN_ANGLE_DEG = 1.5  # between the rays to a point, as COLMAP's own filter has it
+LOSS_SHARE = 1 / 8  # of the limit of an error: from there on, an error counts less than its square in the adjustment
+LAST_ROUNDS = 50  # of the adjustment after images were left out
 MIN_VIEWS = 3  # of a point: any two rays meet somewhere
 
 
@@ -73,7 +75,7 @@ def adjust_cameras(cameras: list[Camera], seen: TrackObservations, rounds: int =
         _keep_long_tracks(model)
         if not model.num_points3D():
             return model
-        _adjust_bundle(model, limit_px / 8, rounds if limit > ERROR_LIMITS_PX[-1] else 5 * rounds)
+        _adjust_bundle(model, LOSS_SHARE * limit_px, rounds if limit > ERROR_LIMITS_PX[-1] else 5 * rounds)
         lens = model.cameras[1]
         poses = np.array([model.images[index].cam_from_world().matrix() for index in range(1, len(names) + 1)])
     pycolmap.ObservationManager(model).filter_all_points3D(ERROR_LIMITS_PX[-1] * width_px / 1000, MIN_ANGLE_DEG)
@@ -90,7 +92,7 @@ def drop_weak_images(model: pycolmap.Reconstruction, min_observations: int) -> p
     _keep_long_tracks(model)
     if model.num_points3D():
         limit_px = ERROR_LIMITS_PX[-1] * model.cameras[1].width / 1000
-        _adjust_bundle(model, limit_px / 8, 50)
+        _adjust_bundle(model, LOSS_SHARE * limit_px, LAST_ROUNDS)
         pycolmap.ObservationManager(model).filter_all_points3D(limit_px, MIN_ANGLE_DEG)
         _keep_long_tracks(model)
     return model

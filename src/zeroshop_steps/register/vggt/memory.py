@@ -4,7 +4,7 @@ from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.track_head import STRIDE, VOLUME_VALUES
 from zeroshop_steps.runtime.errors import StepError
 
-VALUE_BYTES = 4
+VALUE_BYTES = 4  # of a float32
 BASE_BYTES = 600_000_000  # Python and PyTorch themselves
 TOKEN_WIDTHS = 18  # values of a token that are alive at once in a block, as a multiple of the token's width; measured
 DENSE_MAPS = 3.2  # the same for a dense head, as a multiple of `features` at each pixel of the image; measured

@@ -8,6 +8,8 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.vggt.frames import Frames
 
+LEAST_QUALITY = 1e-4  # of a corner, as a share of the best one's; low, so that dull parts get points, too
+
 
 @dataclass(frozen=True)
 class TrackObservations:
@@ -44,7 +46,7 @@ def choose_query_points(pixels: np.ndarray, usable: np.ndarray, count: int) -> n
     """
     gray = cv2.cvtColor(np.rint(255 * pixels.transpose(1, 2, 0)).astype(np.uint8), cv2.COLOR_RGB2GRAY)
     apart_px = 0.5 * np.sqrt(usable.sum() / count)
-    corners = cv2.goodFeaturesToTrack(gray, count, 1e-4, max(1.0, apart_px), mask=usable.astype(np.uint8) * 255)
+    corners = cv2.goodFeaturesToTrack(gray, count, LEAST_QUALITY, max(1.0, apart_px), mask=usable.astype(np.uint8) * 255)
     return np.zeros((0, 2), np.float32) if corners is None else corners.reshape(-1, 2)
 
 
