@@ -12,8 +12,8 @@ from zeroshop_steps.capture.video import choose_frames, read_frames, scan_video
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
-ENOUGH_IMAGES = 20
-FRAMES = 20
+ENOUGH_IMAGES = 20  # different ones; with fewer, a warning asks for more
+FRAMES = 20  # of a film that are judged
 CHECKED_SIDE_PX = 1920  # longer photos are reduced to it: enough to see blur
 
 

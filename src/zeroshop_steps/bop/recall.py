@@ -26,7 +26,7 @@ THRESHOLDS = np.arange(0.05, 0.51, 0.05)
 THRESHOLDS_PX = np.arange(5.0, 51.0, 5.0)
 """Of MSPD in an image that is 640 px wide, as BOP defines them."""
 ERRORS = ("vsd", "mssd", "mspd")
-REFERENCE_WIDTH_PX = 640.0
+REFERENCE_WIDTH_PX = 640.0  # of the images that MSPD's thresholds are meant for
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from zeroshop_steps.runtime.files import atomic_directory
 from zeroshop_steps.runtime.progress import track
 
 CACHED = Cached(inputs=("models",))
-SUBDIVISIONS = {42: 1, 642: 3}
+SUBDIVISIONS = {42: 1, 642: 3}  # of an icosahedron, by the number of views at its corners
 DISTANCE_DIAMETERS = 3.0  # of the camera, in diameters of the bounding sphere; far enough that perspective is weak
 FILLED = 0.95  # of the side of the view, by the model's bounding sphere
 TURN_RAD, TURN_AXIS = 0.1, (1.0, 0.3, 0.2)  # of all directions together, so that no camera looks straight down, where up is undefined

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import fit_similarity
 from zeroshop_steps.geometry.printed_board import Board
+from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.board_photos import BoardView
 from zeroshop_steps.runtime.errors import StepError
 
@@ -23,7 +24,7 @@ LARGEST_STRETCH = 0.02  # of height to width of the print; more was fitted to an
 LEAST_ANGLE_DEG = 1.0  # between the rays to a corner; its depth is too uncertain below
 OUTLIER_MEDIANS = 3.0  # a triangulated corner this many median errors away is left out of the first fit
 FIT_ROUNDS = 10  # of that fit, which settles in fewer
-LEAST_CORNERS = 4
+LEAST_CORNERS = 4  # triangulated ones, for a fit of seven parameters
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def _estimate_deviation(parameters: np.ndarray, corners: np.ndarray, views: Sequ
     first, second = np.triu_indices(len(known), 1)
     ratios = np.linalg.norm(triangulated[known[first]] - triangulated[known[second]], axis=1)
     ratios /= np.linalg.norm(corners[known[first]] - corners[known[second]], axis=1)
-    spread = 1.4826 * np.median(np.abs(ratios / np.median(ratios) - 1.0)) / np.sqrt(len(known))
+    spread = DEVIATION_OF_MEDIAN * np.median(np.abs(ratios / np.median(ratios) - 1.0)) / np.sqrt(len(known))
     if len(views) < 3:
         return float(spread)
     without = [_refine(parameters, corners, [*views[:k], *views[k + 1 :]], stretched=False)[0] for k in range(len(views))]

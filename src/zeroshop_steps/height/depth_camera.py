@@ -16,6 +16,7 @@ from zeroshop_steps.geometry.images import decode_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.register.record import find_lens
 from zeroshop_steps.register.undistort import make_undistortion_map
@@ -93,7 +94,7 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
         raise StepError(f"{folder}: only {len(ratios)} depth images have measured depth on the object, {LEAST_IMAGES} are needed")
     values = np.array(list(ratios.values()))
     scale_mm = float(np.median(values))
-    spread = 1.4826 * float(np.median(np.abs(values / scale_mm - 1.0)))
+    spread = DEVIATION_OF_MEDIAN * float(np.median(np.abs(values / scale_mm - 1.0)))
     share = float(np.median(list(off.values())))
     if share > MOST_OFF or spread > OFF_DIAGONALS:
         worst = max(off, key=lambda name: off[name])

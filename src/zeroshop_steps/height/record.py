@@ -23,8 +23,8 @@ UNKNOWN = (
 HEIGHT_RANGE_M = (0.005, 3.0)  # of a height that a user gives; the table of photos has the same bounds
 RULER_M = 0.0005  # standard deviation of a height that is read off a ruler
 CONTRADICTION = 0.03
-"""Share by which a known height must differ from the measured one, besides three standard deviations, to contradict it."""
-DEVIATIONS = 3.0
+"""Share by which a known height must differ from the measured one to contradict it, and by DEVIATIONS as well."""
+DEVIATIONS = 3.0  # standard deviations of that difference; normal noise is beyond them in 0.3 % of cases
 BULGE = 0.02  # of the height: from here on a warning says that assumed surface lies above the top
 BULGES = (
     "the mesh reaches {:.0%} of the object's height above the surface that was measured, like a lid over a plain hollow; that part does"

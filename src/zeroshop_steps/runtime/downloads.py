@@ -31,8 +31,8 @@ from zeroshop_steps.runtime.progress import ProgressReport
 TIMEOUT_S = 30.0
 """Without a byte; hosts of weights answer within a few seconds."""
 ATTEMPTS = 3
-PAUSE_S = 3.0
-CHUNK_BYTES = 1 << 20
+PAUSE_S = 3.0  # before another attempt
+CHUNK_BYTES = 1 << 20  # between two steps of the progress bar
 FINAL_STATUSES = (400, 401, 403, 404, 410, 451)
 """HTTP answers that stay the same when asked again: refused, or not there."""
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from zeroshop_steps.runtime.errors import WARNING
 from zeroshop_steps.runtime.failures import RECORDED
 
-SHOWN = 30
+SHOWN = 30  # lines at the end of a run; all are in the logs
 PICTURES = {"images", "masks", "depth", "truth"}
 """Folders with many files and no logs."""
 

@@ -22,7 +22,7 @@ from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.synthetic.blender import check, start
 
 PYTHON = (3, 11)  # the one that Blender's module is built for
-KEPT_LINES = 12
+KEPT_LINES = 12  # of a command's output, for the error where it fails
 # With nothing on the module path but that environment and, behind it, this package.
 LAUNCH = "import runpy, sys; sys.path.append(sys.argv.pop(1)); runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
 SOURCES = Path(__file__).parents[2]

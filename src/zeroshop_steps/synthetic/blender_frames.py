@@ -26,9 +26,9 @@ from zeroshop_steps.synthetic.blender_environment import run_script
 from zeroshop_steps.synthetic.renderer import BACKGROUND, RenderedView
 from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 
-OBJECT_ROUGHNESS, SURFACE_ROUGHNESS = 0.4, 0.8
+OBJECT_ROUGHNESS, SURFACE_ROUGHNESS = 0.4, 0.8  # of Blender's material, 0 a mirror, 1 chalk
 BACKGROUND_GREYS = (0.85 * BACKGROUND, 0.3 * BACKGROUND)  # the ray caster's: level, and what it gains towards the zenith
-NEAREST_IN_DISTANCES = 0.05
+NEAREST_IN_DISTANCES = 0.05  # from where on a camera sees, as a share of the smallest distance to the object's middle
 CODE = (render_script, world)  # frames of another version of these do not go with new ones
 
 

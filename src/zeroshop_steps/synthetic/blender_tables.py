@@ -19,9 +19,9 @@ from zeroshop_steps.synthetic.clutter import RigidBody, drop_bodies
 from zeroshop_steps.synthetic.scene_meshes import make_object_mesh
 from zeroshop_steps.synthetic.table_scene import TableScene
 
-MOVED_MM = 0.5
-BELOW_MM = 1.0
-ATTEMPTS = 5
+MOVED_MM = 0.5  # in the last part of the simulation; what moved farther is not at rest
+BELOW_MM = 1.0  # what lies deeper in the table fell through it
+ATTEMPTS = 5  # from other heights and turns
 
 
 def settle_bodies(folder: Path, environment: Path, bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[np.ndarray]:

@@ -32,8 +32,9 @@ BOARD = BOARDS["a4"]
 AZIMUTH_DEG = 118.0  # of the board, from the object's front
 GAP_MM = 5.0  # between the object and the board's squares; paper is left white around them
 WHITE, BLACK = 226, 26  # of the print, sRGB
-EMPTY_VIEWS = 6
-EMPTY_ELEVATIONS_DEG = (35.0, 52.0)
+EMPTY_VIEWS = 6  # photos of the empty scene
+EMPTY_ELEVATIONS_DEG = (35.0, 52.0)  # of the cameras, in turn
+EMPTY_AZIMUTH_DEG = 17.0  # of the first one, from the object's front
 LEAST_DISTANCE_MM = 550.0  # to have the board in the photo
 
 
@@ -91,7 +92,7 @@ def place_empty_cameras(
     intrinsics = make_intrinsics(focal_px, width_px, height_px)
     cameras = []
     for view in range(EMPTY_VIEWS):
-        azimuth = np.radians(bounds.front_azimuth_deg + 360.0 * view / EMPTY_VIEWS + 17.0)
+        azimuth = np.radians(bounds.front_azimuth_deg + 360.0 * view / EMPTY_VIEWS + EMPTY_AZIMUTH_DEG)
         elevation = np.radians(EMPTY_ELEVATIONS_DEG[view % 2])
         direction = direction_at(azimuth, elevation)
         pose = look_at(target + max(bounds.distance_mm, LEAST_DISTANCE_MM) * direction, target)

@@ -12,12 +12,12 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 
-LENS_MM, SENSOR_WIDTH_MM = 50.0, 36.0
+LENS_MM, SENSOR_WIDTH_MM = 50.0, 36.0  # Blender's usual camera
 VIEWS_A_RING = 10
-DISTANCE_IN_SIZES = 3.2
+DISTANCE_IN_SIZES = 3.2  # of the cameras from the middle, in the largest side of the object
 ELEVATIONS_DEG = {"su_l": (0.0, 45.0), "su_h": (0.0, 45.0), "se": (0.0, 45.0, -45.0)}
-HELD_OUT_AZIMUTHS_ELEVATIONS_DEG = ((18.0, 20.0), (198.0, 45.0))
-LEAST_HEIGHT_IN_SIZES = 0.5
+HELD_OUT_AZIMUTHS_ELEVATIONS_DEG = ((18.0, 20.0), (198.0, 45.0))  # their azimuths are half-way between views of the rings
+LEAST_HEIGHT_IN_SIZES = 0.5  # of what the cameras look at above the ground
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,12 @@ from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.geometry.viewpoints import spread_over_sphere
 from zeroshop_steps.runtime.errors import StepError
 
-HULL_DIRECTIONS = 600
-UPRIGHT_SHARE = 0.5
-GAP_MM = 3.0
-FIRST_RADIUS_MM, RADIUS_STEP_MM, ATTEMPTS = 30.0, 1.5, 600
-DROP_RADIUS_MM, DROP_STEP_MM = 110.0, 10.0
+# How things lie on a table is a choice, not a measurement: close together, so that they hide one another in part.
+HULL_DIRECTIONS = 600  # in which a body's extreme points are taken for its convex hull
+UPRIGHT_SHARE = 0.5  # of the bodies that can stand
+GAP_MM = 3.0  # between convex hulls, at least
+FIRST_RADIUS_MM, RADIUS_STEP_MM, ATTEMPTS = 30.0, 1.5, 600  # of the disk in which a place is drawn; it grows with each attempt
+DROP_RADIUS_MM, DROP_STEP_MM = 110.0, 10.0  # of the disk that things fall in, and by which one is raised until it touches none
 
 
 @dataclass(frozen=True)

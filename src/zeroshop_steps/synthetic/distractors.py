@@ -7,7 +7,7 @@ import trimesh
 from zeroshop_steps.geometry.meshes import Mesh
 
 TEXTURE_PX = 256
-BORDER = 0.02
+BORDER = 0.02  # share of the texture that is left free at each side, so that filters mix nothing in
 
 
 def make_distractor(rng: np.random.Generator) -> Mesh:

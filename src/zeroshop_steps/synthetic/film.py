@@ -34,9 +34,9 @@ CACHED = Cached(inputs=("model",), ignored=("threads",))
 BOARDS = ("beside", "empty_scene")
 SIZE_PX = (960, 540)
 FRAMES = 64
-SHUTTER_S = 1 / 50
+SHUTTER_S = 1 / 50  # open for each frame
 STEP_PX, MOST_STEPS = 2.0, 4  # the shutter's time is cut into pictures this far apart
-DRIFT_HZ = (0.02, 0.12)
+DRIFT_HZ = (0.02, 0.12)  # how fast the automatic exposure and white balance change
 EXPOSURE_DRIFT, TINT_DRIFT = 0.13, 0.02  # standard deviations of the logarithm
 CODEC = "mp4v"
 

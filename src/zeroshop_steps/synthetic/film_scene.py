@@ -20,12 +20,12 @@ from zeroshop_steps.synthetic.scene_meshes import make_object_mesh, make_surface
 from zeroshop_steps.synthetic.table_scene import MERGED_MM, merge_meshes, transform_mesh, vary_lights
 
 DISTRACTORS = 6
-LEAST_GAP_MM, GAP_BETWEEN_MM = 50.0, 12.0
+LEAST_GAP_MM, GAP_BETWEEN_MM = 50.0, 12.0  # from the object to a distractor, and between two of them
 CLEAR_VIEW_DEG = 22.0
 """Seen from this high or higher, nothing hides the object."""
-SPREAD_MM = 260.0
-ATTEMPTS = 400
-BOARD_GAP_MM = 30.0
+SPREAD_MM = 260.0  # how much farther than that a distractor may lie
+ATTEMPTS = 400  # to find a place for one; without a place it is left out
+BOARD_GAP_MM = 30.0  # from the object to the board's squares
 LEAST_LARGEST_MM = 150.0  # the table is laid out for an object of at least this size
 SCENE = "su_h"
 

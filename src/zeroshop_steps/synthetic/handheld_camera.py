@@ -13,17 +13,18 @@ from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intri
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 
 DURATION_S = 40.0
-TURNS = 2.0
+TURNS = 2.0  # around the object, in this time
 ELEVATIONS_DEG = (30.0, 54.0)
 """Of the two loops; between them the hand rises."""
-RISE_SHARE = 0.12
+RISE_SHARE = 0.12  # of the time, in the middle, in which it does
 FOCAL_IN_WIDTHS = 0.83  # a phone's main camera while filming: about 30 mm on a full frame
 FRAMED_SHARE = 0.62  # of the image's height that the object's diagonal fills
 LEAST_DISTANCE_MM = 230.0  # nearer a phone does not focus
 WANDER_HZ, TREMOR_HZ = (0.05, 0.35), (1.5, 6.0)
-SINES = 4
+SINES = 4  # whose sum is each component of the noise
+# Standard deviations of the hand's way; distance and aim are shares of the distance.
 ELEVATION_WANDER_DEG, ROLL_WANDER_DEG, DISTANCE_WANDER, AIM_WANDER = 2.5, 2.0, 0.06, 0.035
-TREMOR_DEG = 0.22
+TREMOR_DEG = 0.22  # about each axis
 
 
 class SmoothNoise:

@@ -15,17 +15,17 @@ from zeroshop_steps.runtime.open3d_loader import o3d
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 
-LIGHT_DISTANCE_IN_SIZES, LIGHT_HALF_SIDE_IN_SIZES = 8.0, 3.0
+LIGHT_DISTANCE_IN_SIZES, LIGHT_HALF_SIDE_IN_SIZES = 8.0, 3.0  # in the largest side of the object
 LIGHT_STRENGTHS = (0.60, 0.40, 0.50, 0.35, 1.00, 0.40)  # towards +x, -x, +y, -y, +z, -z
-SKY = 0.25
-SAMPLES_A_SIDE, SKY_SAMPLES = 4, 32
-CHANNELS = 7
-SURFACE_CELLS = 320
-SURFACE_BAKED_IN_SIZES = 2.6
+SKY = 0.25  # radiance from all around, beside LIGHT_STRENGTHS
+SAMPLES_A_SIDE, SKY_SAMPLES = 4, 32  # shadow rays to each light, squared, and to the sky
+CHANNELS = 7  # diffuse light, and how much of each of the six lights is seen
+SURFACE_CELLS = 320  # a side of the baked part of the ground
+SURFACE_BAKED_IN_SIZES = 2.6  # half its side, in the largest side of the object; farther out, the light at its border is taken
 WHITE_LEVEL = 0.9
-SURFACE_BOUNCE, OWN_BOUNCE = 0.22, 0.12
-OBJECT_CELLS = 30
-BAKE_CHUNK = 8192
+SURFACE_BOUNCE, OWN_BOUNCE = 0.22, 0.12  # light that comes back from the ground, and from the object itself, where these hide the sky
+OBJECT_CELLS = 30  # baked points along the largest side of the object
+BAKE_CHUNK = 8192  # points at a time
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,13 @@ from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 from zeroshop_steps.synthetic.textures import LINEAR_OF_BYTE, encode_srgb
 
 EDGE_SAMPLES_A_SIDE = 4
-BACKGROUND = 0.45
-FULL_WELL_ELECTRONS = 9000.0
-READ_NOISE = 6e-4
+EDGE_FOOTPRINT = 0.6  # pixels that a sample at an edge takes its texture from; the sixteen of a pixel overlap
+EDGE_COSINE = 0.7  # of the angle between the normals of neighbours, below which there is an edge: 45 degrees
+EDGE_LEAP = 0.02  # of the depth, between neighbours, above which there is an edge
+BACKGROUND = 0.45  # linear light at the horizon
+# The noise of a photo, in linear light from 0 to 1.
+FULL_WELL_ELECTRONS = 9000.0  # behind a white pixel: its signal is 95 times its shot noise
+READ_NOISE = 6e-4  # standard deviation
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class SceneRenderer:
         count = EDGE_SAMPLES_A_SIDE
         offsets = np.stack(np.meshgrid(*2 * [(np.arange(count) + 0.5) / count - 0.5]), -1).reshape(-1, 2)
         if len(edges):
-            sub_color, sub_part, sub_depth, _ = self._trace(camera, (pixels[edges, None] + offsets).reshape(-1, 2), 0.6)
+            sub_color, sub_part, sub_depth, _ = self._trace(camera, (pixels[edges, None] + offsets).reshape(-1, 2), EDGE_FOOTPRINT)
             shape = (len(edges), len(offsets))
             color[edges] = sub_color.reshape(*shape, 3).mean(1)
             is_object = sub_part.reshape(shape) == 0
@@ -108,8 +112,8 @@ def _find_edges(part: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> np.
         behind = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
         is_object = (part[ahead] == 0) | (part[behind] == 0)
         change = part[ahead] != part[behind]
-        turned = np.abs(np.einsum("ijk,ijk->ij", normals[ahead], normals[behind])) < 0.7
-        leap = np.abs(depth[ahead] - depth[behind]) > 0.02 * np.maximum(depth[ahead], depth[behind])
+        turned = np.abs(np.einsum("ijk,ijk->ij", normals[ahead], normals[behind])) < EDGE_COSINE
+        leap = np.abs(depth[ahead] - depth[behind]) > EDGE_LEAP * np.maximum(depth[ahead], depth[behind])
         change |= is_object & (turned | leap)
         found[ahead] |= change
         found[behind] |= change

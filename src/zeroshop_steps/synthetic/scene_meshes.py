@@ -12,9 +12,9 @@ from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.textures import MipPyramid, build_pyramid, find_texture_coverage
 
 SCENES = ("su_l", "su_h", "se")
-SURFACE_SIDE_IN_SIZES = 10.0
-SURFACE_TEXELS = 4096
-SURFACE_BUMPS = 96
+SURFACE_SIDE_IN_SIZES = 10.0  # in the largest side of the object
+SURFACE_TEXELS = 4096  # a side of the rich texture; the plain one has half
+SURFACE_BUMPS = 96  # cells a side of the plain ground, which is slightly uneven
 BUMP_HEIGHT_IN_SIZES = 0.003
 
 

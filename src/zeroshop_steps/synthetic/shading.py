@@ -8,12 +8,14 @@ import numpy as np
 
 from zeroshop_steps.synthetic.textures import sample_mip_levels
 
+# The look of matt print (a choice): how much is mirrored straight on and at a grazing angle (Schlick 1994), and how widely.
 NORMAL_REFLECTANCE = 0.03
 GRAZING_REFLECTANCE = 0.3
-ROUGHNESS = 0.25
-BUMP_CONTRAST = 2.0
-MISS = np.uint32(0xFFFFFFFF)
-BLOCK = 2048
+ROUGHNESS = 0.25  # standard deviation of the mirrored directions, as a slope
+BUMP_CONTRAST = 2.0  # how much darker an uneven ground is where it is inclined
+LEAST_TOWARDS = 0.05  # cosine between the mirrored direction and a light's axis; beyond, its highlight is left out
+MISS = np.uint32(0xFFFFFFFF)  # what Open3D calls a ray that hit nothing
+BLOCK = 2048  # rays of a thread at a time
 
 
 def use_threads(threads: int) -> None:
@@ -72,7 +74,7 @@ def _highlight(point, mirrored, lights, visible):
         towards = 0.0
         for k in range(3):
             towards -= mirrored[k] * axes[light, 2, k]
-        if towards <= 0.05 or visible[1 + light] <= 0.0:
+        if towards <= LEAST_TOWARDS or visible[1 + light] <= 0.0:
             continue
         distance = 0.0
         for k in range(3):

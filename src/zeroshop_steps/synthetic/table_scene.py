@@ -19,12 +19,16 @@ from zeroshop_steps.synthetic.lighting import Lights, place_lights
 from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
 from zeroshop_steps.synthetic.scene_meshes import make_object_mesh, make_surface_mesh
 
-TILE_PX, MARGIN_PX = 768, 8
-MERGED_MM = 1.5
+TILE_PX, MARGIN_PX = 768, 8  # of each texture in the common one, and around it
+MERGED_MM = 1.5  # samples of light closer than this that face the same way share theirs
 FOCAL_IN_WIDTHS = 1066.8 / 640.0  # YCB-Video's camera
-ELEVATIONS_DEG = (25.0, 65.0)
+ELEVATIONS_DEG = (25.0, 65.0)  # of the cameras
 DISTANCES = (0.7, 1.0)  # 1 where the clutter's radius fills half of the image's height
-LIGHT_CHANGES, TINTS, BRIGHT_LEVELS = (0.25, 1.75), (0.9, 1.1), (0.55, 0.85)
+LIGHT_CHANGES, TINTS = (0.25, 1.75), (0.9, 1.1)  # factors of each light, and of each colour of a photo
+BRIGHT_LEVELS = (0.55, 0.85)  # linear light of the 90th percentile of a photo
+AIM_DEVIATION = 0.08  # of what a camera aims at, in radii of the clutter
+ROLL_DEVIATION_DEG = 4.0
+PRINCIPAL_POINT = (0.489, 0.503)  # in widths and heights of the image, a little off its middle as in real cameras
 
 
 @dataclass(frozen=True)
@@ -89,11 +93,11 @@ class TableScene:
         elevation, azimuth = np.radians(rng.uniform(*ELEVATIONS_DEG)), rng.uniform(0, 2 * np.pi)
         distance_mm = rng.uniform(*DISTANCES) * self._radius_mm * focal_px / (height_px / 2)
         direction = direction_at(azimuth, elevation)
-        target = self._middle + rng.normal(0, 0.08 * self._radius_mm, 3)
+        target = self._middle + rng.normal(0, AIM_DEVIATION * self._radius_mm, 3)
         roll = np.eye(4)
-        angle = rng.normal(0, np.radians(4))
+        angle = rng.normal(0, np.radians(ROLL_DEVIATION_DEG))
         roll[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        intrinsics = np.array([[focal_px, 0, width_px * 0.489], [0, focal_px, height_px * 0.503], [0, 0, 1]])
+        intrinsics = np.array([[focal_px, 0, width_px * PRINCIPAL_POINT[0]], [0, focal_px, height_px * PRINCIPAL_POINT[1]], [0, 0, 1]])
         return Camera(name, width_px, height_px, intrinsics, roll @ look_at(target + distance_mm * direction, target))
 
 

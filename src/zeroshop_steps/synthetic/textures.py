@@ -6,7 +6,7 @@ import cv2
 import numba
 import numpy as np
 
-MAX_PROBES = 16
+MAX_PROBES = 16  # of the texture along the longer side of a pixel's footprint
 
 
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:

@@ -30,6 +30,7 @@ Lay = Callable[[Mesh, ObjectBounds], Callable[[np.ndarray], None]]  # given the 
 Render = Callable[
     [list[SceneMesh], ObjectBounds, Sequence[Camera]], Iterable[RenderedView]
 ]  # the pictures of these cameras, in their order
+LARGEST_SIDE_MM = (5.0, 3000.0)  # of a model; beyond, its unit is hardly millimetres
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
@@ -135,8 +136,9 @@ def measure_bounds(mesh: Mesh, model: Path, front_azimuth_deg: float) -> ObjectB
     largest_mm = float((high - low).max())
     if largest_mm == 0.0:
         raise StepError(f"{model} has no size: all of its vertices are one point; export the model again")
-    if not 5.0 <= largest_mm <= 3000.0:
-        raise StepError(f"{model}: its largest dimension is {largest_mm:g}; expected 5..3000 mm. Convert the model to millimetres.")
+    if not LARGEST_SIDE_MM[0] <= largest_mm <= LARGEST_SIDE_MM[1]:
+        expected = "{:g}..{:g} mm".format(*LARGEST_SIDE_MM)
+        raise StepError(f"{model}: its largest dimension is {largest_mm:g}; expected {expected}. Convert the model to millimetres.")
     return ObjectBounds((low + high) / 2, largest_mm, float(low[2]), front_azimuth_deg)
 
 

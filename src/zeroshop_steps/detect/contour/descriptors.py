@@ -25,6 +25,7 @@ INSIDE = 0.98  # least mask value at a pixel and its four neighbours; gradients 
 LIGHT_BINS, CHROMA_BINS, CHROMA_RANGE = 5, 9, 72.0  # bins of L, and of a and b from -72 to 72; stronger colours share the last bin
 BIN_BLUR = 0.7  # standard deviation in bins, so that similar colours in neighbouring bins still agree
 TINY = np.float32(1e-3)  # share of a pixel that is covered, below which its colour is not divided by it
+# Of linear light (ITU-R BT.709).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 

@@ -12,7 +12,7 @@ from zeroshop_steps.geometry.meshes import Mesh
 
 # Above this many faces texture coordinates are not carried through the decimation, which would take minutes and gigabytes.
 TEXTURED_FACES = 400_000
-GRID = 320
+GRID = 320  # cells along the longest side, in which the vertices of a larger mesh are merged
 COLLAPSE = {
     "qualitythr": 0.3,
     "preserveboundary": False,

@@ -17,7 +17,8 @@ from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, 
 from zeroshop_steps.runtime.errors import StepError
 
 TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
-MOST_PHOTOS = 40
+MOST_PHOTOS = 40  # on a sheet
+SHEET_QUALITY = 78  # 0 to 100, of WebP
 GAIN = 4.0
 """Factor by which differences are amplified."""
 MISSING = (196, 60, 48)
@@ -44,10 +45,10 @@ def write_sheets(run: Run, folder: Path) -> dict[str, str]:
         mask = next((mask for base in (source, run.capture) if (mask := base / "masks" / f"{path.stem}.png").is_file()), None)
         if mask is not None:
             masked.append(dim_background(tile, read_mask(mask)))
-    write_webp(folder / f"photos-{run.key}.webp", make_contact_sheet(plain), 78)
+    write_webp(folder / f"photos-{run.key}.webp", make_contact_sheet(plain), SHEET_QUALITY)
     names = {"photos": f"photos-{run.key}.webp"}
     if masked:
-        write_webp(folder / f"masks-{run.key}.webp", make_contact_sheet(masked), 78)
+        write_webp(folder / f"masks-{run.key}.webp", make_contact_sheet(masked), SHEET_QUALITY)
         names["masks"] = f"masks-{run.key}.webp"
     return names
 

@@ -17,8 +17,8 @@ from zeroshop_steps.synthetic.blender.start import run, tell
 from zeroshop_steps.synthetic.blender.world import DIFFUSE_BOUNCES, GLOSSY_BOUNCES, M_A_MM, MAX_BOUNCES, build
 
 SHARP_PX = 0.01  # a filter this narrow samples the pixel's centre
-FILTER_PX = 1.5
-NOWHERE_M = 1e6
+FILTER_PX = 1.5  # Blender's usual width
+NOWHERE_M = 1e6  # a depth from here on means that a ray hit nothing
 
 
 def render(bproc: ModuleType, folder: Path, threads: int) -> None:

@@ -16,11 +16,13 @@ import numpy as np
 from zeroshop_steps.synthetic.blender.start import run
 
 UNITS_A_MM = 0.01  # Bullet wants things of about one unit
-TABLE_SIDE, TABLE_THICKNESS = 60.0, 2.0
-MARGIN = 0.005
+TABLE_SIDE, TABLE_THICKNESS = 60.0, 2.0  # in units; 6 m, so that nothing rolls off
+MARGIN = 0.005  # in units; Bullet keeps shapes this far apart
+# High, so that things come to rest soon instead of rolling.
 FRICTION, LINEAR_DAMPING, ANGULAR_DAMPING = 0.8, 0.3, 0.9
-AT_LEAST_S, AT_MOST_S, EVERY_S = 3.0, 30.0, 1.0
-SUBSTEPS, SOLVER_STEPS = 20, 30
+AT_LEAST_S, AT_MOST_S, EVERY_S = 3.0, 30.0, 1.0  # of simulated time, and how often it is looked whether all rest
+REST_UNITS, REST_RAD = 0.002, 0.005  # moves and turns between two looks below which a thing rests
+SUBSTEPS, SOLVER_STEPS = 20, 30  # of Bullet, for each frame
 
 
 def settle(bproc: ModuleType, folder: Path) -> None:
@@ -61,7 +63,7 @@ def _hull(bproc: ModuleType, name: str, thing: dict) -> Any:
 
 
 def _simulate(bproc: ModuleType, at_least_s: float, at_most_s: float) -> None:
-    bproc.object.simulate_physics_and_fix_final_poses(at_least_s, at_most_s, EVERY_S, 0.002, 0.005, SUBSTEPS, SOLVER_STEPS)
+    bproc.object.simulate_physics_and_fix_final_poses(at_least_s, at_most_s, EVERY_S, REST_UNITS, REST_RAD, SUBSTEPS, SOLVER_STEPS)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-M_A_MM = 1e-3
+M_A_MM = 1e-3  # Blender's unit is the metre
 WATT_A_RADIANCE = np.pi  # measured on a white plane: a lamp of P watts and area A has the radiance P / (pi A)
-DIFFUSE_BOUNCES, GLOSSY_BOUNCES, MAX_BOUNCES = 3, 2, 4
+DIFFUSE_BOUNCES, GLOSSY_BOUNCES, MAX_BOUNCES = 3, 2, 4  # of a light path
 
 
 def metres(world_from_thing: list) -> np.ndarray:
