@@ -78,6 +78,21 @@ def test_what_a_killed_step_left_is_removed_by_the_next_one(tmp_path: Path) -> N
     assert sorted(path.name for path in (tmp_path / "made").iterdir()) == ["out", "out.json"]
 
 
+def test_two_processes_may_write_the_same_folder(tmp_path: Path) -> None:
+    """As where a step of a killed run still lives, and the next run makes the same."""
+    write = (
+        "from pathlib import Path\n"
+        "from zeroshop_steps.runtime.files import atomic_directory\n"
+        "for _ in range(150):\n"
+        f"    with atomic_directory(Path({str(tmp_path / 'out')!r})) as folder:\n"
+        "        (folder / 'one').write_text('x'); (folder / 'two').write_text('x')\n"
+    )
+    writers = [subprocess.Popen([sys.executable, "-c", write], stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    errors = [writer.communicate(timeout=120)[1] for writer in writers]
+    assert [writer.returncode for writer in writers] == [0, 0], errors
+    assert [path.name for path in tmp_path.iterdir()] == ["out"] and len(list((tmp_path / "out").iterdir())) == 2
+
+
 def test_a_long_name(tmp_path: Path) -> None:
     write_json(tmp_path / ("n" * 250 + ".json"), {"a": 1})
     with pytest.raises(StepError, match="Use shorter names"):

@@ -18,6 +18,7 @@ from pathlib import Path
 from zeroshop_steps.runtime import failures
 from zeroshop_steps.runtime.cache import run_cached
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
+from zeroshop_steps.runtime.kernel_cache import provide_kernel_cache
 
 RECORD_FAILURE = "outputs (a folder's name ends in a slash) in place of which a failure is recorded; the status is 0 then"
 RUN = re.compile(r"^def run\(args\b", re.MULTILINE)
@@ -41,6 +42,7 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
         choose.print_help()
         return 0
     known, rest = choose.parse_known_args(argv)
+    provide_kernel_cache()
     step = f"{package.rpartition('.')[2]}.{known.method}"
     module = importlib.import_module(f"{package}.{known.method}")
     own = {Path(output) for output in known.record_failure}

@@ -1,6 +1,7 @@
 """Writing files so that a product is either whole or absent: write beside, then rename."""
 
 import contextlib
+import errno
 import json
 import os
 from collections.abc import Iterator
@@ -49,16 +50,26 @@ def atomic_directory(path: Path) -> Iterator[Path]:
             with ThreadPoolExecutor(SYNC_THREADS) as pool:
                 for _ in pool.map(_sync, (file for file in temporary.rglob("*") if file.is_file() and not file.is_symlink())):
                     pass
-            if path.is_dir() and not path.is_symlink():
-                # Moved away first: a process that is killed while it deletes files must not leave half of the old folder.
-                with temporary_folder(path.parent, path.name) as former:
-                    os.replace(path, former)
-                    os.replace(temporary, path)
-            else:
-                path.unlink(missing_ok=True)
-                os.replace(temporary, path)
+            _replace_folder(temporary, path)
     except OSError as error:
         raise _not_written(path, error) from error
+
+
+def _replace_folder(temporary: Path, path: Path) -> None:
+    """Give a folder its name; an older one is moved away first, so that a process that is killed here leaves no half of it."""
+    while True:
+        try:
+            if path.is_dir() and not path.is_symlink():
+                with temporary_folder(path.parent, path.name) as former, contextlib.suppress(FileNotFoundError):
+                    os.replace(path, former)
+            else:
+                path.unlink(missing_ok=True)
+            os.replace(temporary, path)
+            return
+        except OSError as error:
+            # Another process, such as an orphaned one of the same step, has put its own there meanwhile.
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EISDIR, errno.ENOTDIR):
+                raise
 
 
 @contextlib.contextmanager

@@ -43,12 +43,12 @@ def _claimed(parent: Path, start: str, end: str, folder: bool) -> Iterator[Path]
         path = parent / f"{start}{secrets.token_hex(4)}{end}"
         if folder:
             path.mkdir()
-            lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-        else:
-            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-        if _holds(lock, path):
-            break
-        os.close(lock)  # another process swept it before it was locked
+        # Until it is locked, another process may sweep it.
+        with contextlib.suppress(FileNotFoundError):
+            lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY) if folder else os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+            if _holds(lock, path):
+                break
+            os.close(lock)
     try:
         yield path
     finally:
