@@ -50,5 +50,8 @@ def count_common_features(descriptors: Sequence[np.ndarray]) -> np.ndarray:
 
 def _count_clear_matches(likeness: np.ndarray) -> int:
     """How many rows have a nearest column that is clearly nearer than the second; entries are cosines of unit vectors."""
-    nearest, second = (-np.partition(-likeness, 1, axis=1)[:, :2]).T
+    rows, best = np.arange(len(likeness)), likeness.argmax(1)
+    nearest = likeness[rows, best]
+    likeness[rows, best] = -np.inf
+    second = likeness.max(1)
     return int(((1 - nearest) < RATIO**2 * (1 - second)).sum())

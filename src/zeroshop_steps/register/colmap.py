@@ -14,7 +14,8 @@ import pycolmap
 from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import OBJECT_ONLY, PHOTO_SCENES, add_common_arguments, add_estimation_arguments, write_registration
-from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, match_features
+from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, fit_to_count, match_features
+from zeroshop_steps.register.still_background import STILL_SHARE, measure_still_share, verify_without_still
 from zeroshop_steps.register.stretched_features import add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
@@ -91,6 +92,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
     """
     stopwatch = Stopwatch()
     count = len(image_set.images)
+    options = replace(options, sift=fit_to_count(options.sift, count))
     figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": stopwatch.seconds}
     figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
     with scratch_directory(out, "colmap") as scratch:
@@ -102,11 +104,21 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         stopwatch.lap("choose")
         match_features(database, options.sift, pairs)
         figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
+        figures["still_share"] = measure_still_share(database, image_set)
+        still = figures["still_share"] > STILL_SHARE and not options.object_only
+        if still:
+            verify_without_still(database, image_set, options.sift.seed)
+            figures["warnings"] = [
+                f"the background stands still in the photos while the object turns ({figures['still_share']:.0%} of what matches does not"
+                " move): the cameras are found from what turns; move the camera instead, or hang a plain cloth behind the object"
+            ]
         stopwatch.lap("match")
         weak = [] if options.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
         flattened = find_flattened(database, weak)
         if flattened:
             add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
+            if still:
+                verify_without_still(database, image_set, options.sift.seed)
         figures["stretched"] = sorted(flattened)
         stopwatch.lap("stretch")
         needs = StructureOptions(

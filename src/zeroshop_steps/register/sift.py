@@ -4,7 +4,7 @@ Affine shape estimation is what carries over the wide baselines of ten views a r
 up a metre off with a reprojection error of 0.2 px.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -30,7 +30,8 @@ class SiftOptions:
         first_octave: 0 starts at the image's own resolution, -1 at twice that (four times the work).
         enough_features: extraction is repeated at octave -1 when the median image has fewer features (and less than half the most).
         focal_px: known focal length; None reads EXIF, else estimates.
-        max_side_px: larger images are reduced to it for the features alone.
+        max_side_px, many_max_side_px: larger images are reduced to it for the features alone; the second where there are more than
+            `all_pairs` images, which overlap more, so that fewer features of each do.
         all_pairs: up to so many images, all pairs are matched; of more, each with those that are most like it ...
         neighbours: ... and these are so many.
         threads: worker threads of the extraction.
@@ -42,6 +43,7 @@ class SiftOptions:
     enough_features: int = 1500
     focal_px: float | None = None
     max_side_px: int = 1600
+    many_max_side_px: int = 1280
     all_pairs: int = 30
     neighbours: int = 14
     threads: int = 2
@@ -137,6 +139,11 @@ def make_matching_options() -> pycolmap.FeatureMatchingOptions:
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = 1
     return matching
+
+
+def fit_to_count(options: SiftOptions, count: int) -> SiftOptions:
+    """The options for so many images."""
+    return replace(options, max_side_px=min(options.max_side_px, options.many_max_side_px)) if count > options.all_pairs else options
 
 
 def find_focal_source(database: Path) -> str:

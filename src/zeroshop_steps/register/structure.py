@@ -16,6 +16,7 @@ from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, 
 from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.undistort import undistort
 
+MANY_IMAGES = 30  # beyond them, adjusting all cameras together after each few images takes most of the time
 LEAST_COMMON_SHARE = 0.5
 """Share of the photos that must belong together: with fewer, nothing tells which of them show the object that is meant."""
 
@@ -78,7 +79,7 @@ def reconstruct(
     count, scratch = len(image_set.images), database.parent
     expected = _count_common(database, image_set, options, figures) if options.leave_out else count
     needed = max(options.min_images, math.ceil(options.min_share * expected))
-    mapper = make_mapping_options(min(needed, count), options.seed)
+    mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
     model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
     stopwatch.lap("map")
     if model is not None:
@@ -96,7 +97,10 @@ def reconstruct(
     figures["unregistered"] = missing
     if missing:
         shown = ", ".join(image_set.shown[name] for name in missing)
-        figures["warnings"] = [f"left out, {len(missing)} of {count} photos have no sure place among the others: {shown}"]
+        figures["warnings"] = [
+            *figures.get("warnings", []),
+            f"left out, {len(missing)} of {count} photos have no sure place among the others: {shown}",
+        ]
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
     figures |= describe_lenses(model)

@@ -1,0 +1,49 @@
+"""Photos of an object on a turntable before a background that stands still: cameras would follow the background.
+
+What stands still in the picture while the object turns has matches that do not move. Cameras that are found from the others see the object
+from all around, as if the camera had moved.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.sift import make_verification_options
+
+STILL_PX = 4.0  # per 1000 px of the longer side: matches that move less stand still
+STILL_SHARE = 0.3
+"""Share of the matches of the median pair that stand still: nearly none where the camera moves, most before a background with texture."""
+LEAST_MATCHES = 30  # of a pair that tells anything
+
+
+def measure_still_share(database: Path, image_set: ImageSet) -> float:
+    """The share of verified matches that stand still, of the median pair of images of one size; 0 if no pair has enough matches."""
+    shares = []
+    with pycolmap.Database.open(database) as opened:
+        images = {image.image_id: image.name for image in opened.read_all_images()}
+        points = {image_id: opened.read_keypoints(image_id)[:, :2] for image_id in images}
+        sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
+        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
+            first, second = pycolmap.pair_id_to_image_pair(pair_id)
+            matches = geometry.inlier_matches
+            if len(matches) < LEAST_MATCHES or sizes[images[first]] != sizes[images[second]]:
+                continue
+            moved_px = np.linalg.norm(points[first][matches[:, 0]] - points[second][matches[:, 1]], axis=1)
+            shares.append(float((moved_px < STILL_PX * image_set.scales[images[first]]).mean()))
+    return float(np.median(shares)) if shares else 0.0
+
+
+def verify_without_still(database: Path, image_set: ImageSet, seed: int) -> None:
+    """Verify the matches of all pairs anew, without those that stand still; changes the database in place."""
+    with pycolmap.Database.open(database) as opened:
+        names = {image.image_id: image.name for image in opened.read_all_images()}
+        pairs = [pycolmap.pair_id_to_image_pair(pair_id) for pair_id in opened.read_all_matches()[0]]
+        opened.clear_two_view_geometries()
+    listed = Path(database).with_name("pairs.txt")
+    listed.write_text("".join(f"{names[first]} {names[second]}\n" for first, second in pairs))
+    options = make_verification_options(seed)
+    options.filter_stationary_matches = True
+    options.stationary_matches_max_error = STILL_PX * max(image_set.scales.values())
+    pycolmap.verify_matches(database, listed, options)

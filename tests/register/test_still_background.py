@@ -1,0 +1,38 @@
+"""An object on a turntable before a background that stands still: its cameras are found all the same, and the user is told."""
+
+import cv2
+import numpy as np
+import pytest
+
+from zeroshop_steps.evaluate.camera_error import compare_cameras
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.images import list_images, read_depth_mm, read_image, write_image
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json
+
+
+def turn_before_background(capture, out, radius_mm: float) -> None:
+    """Keep what is within a radius of the axis; all else becomes one background."""
+    blocks = np.random.default_rng(7).integers(0, 255, (90, 120, 3), dtype=np.uint8)
+    cameras = {camera.name: camera for camera in read_sparse_model(capture / "truth").cameras}
+    for path in list_images(capture / "images"):
+        image, depth, camera = read_image(path), read_depth_mm(capture / "depth" / path.name), cameras[path.name]
+        rows, columns = np.indices(depth.shape) + 0.5
+        rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.intrinsics).T
+        world = np.linalg.inv(camera.camera_from_world)
+        points = (rays * depth[..., None]) @ world[:3, :3].T + world[:3, 3]
+        turns = (depth > 0) & (np.hypot(points[..., 0], points[..., 1]) < radius_mm)
+        still = cv2.resize(blocks, image.shape[1::-1], interpolation=cv2.INTER_CUBIC)
+        write_image(out / "images" / path.name, np.where(turns[..., None], image, still))
+
+
+@pytest.mark.slow
+def test_cameras_follow_what_turns(carton_capture, tmp_path, capsys):
+    capture, out = tmp_path / "capture", tmp_path / "cameras"
+    turn_before_background(carton_capture, capture, 110.0)
+    words = ("--method", "colmap", "--capture", capture, "--scene", "video", "--out", out, "--max-features", 2000)
+    assert stage_main("zeroshop_steps.register", [str(word) for word in words]) == 0
+    assert "the background stands still" in capsys.readouterr().err
+    assert read_json(out / "registration.json")["still_share"] > 0.3
+    error = compare_cameras(read_sparse_model(out / "sparse").cameras, read_sparse_model(carton_capture / "truth").cameras)
+    assert len(error.names) == 10 and error.centre_mm.mean() < 2.0
