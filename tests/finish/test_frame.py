@@ -172,3 +172,19 @@ def test_an_unknown_scale_is_kept_as_it_is(carton, scene, tmp_path):
     frame = read_json(tmp_path / "frame.json")
     assert frame["scale"] == frame["scale_source"] == "unknown" and frame["unit"] == "registration"
     assert np.linalg.det(np.array(frame["object_from_registration"])) == pytest.approx(1.0)
+
+
+def test_photos_that_are_stored_on_their_side_do_not_tip_up_over(scene):
+    mesh, views, _ = scene
+    turned = []
+    for number, view in enumerate(views):
+        camera = view.camera
+        if number % 3 == 0:
+            quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+            camera = replace(
+                camera, width_px=camera.height_px, height_px=camera.width_px, camera_from_world=quarter @ camera.camera_from_world
+            )
+        turned.append(replace(view, camera=camera))
+    assert views[0].camera.width_px != views[0].camera.height_px
+    up, certainty = estimate_up_from_roll(turned)
+    assert up[2] > 0.9999 and certainty > 0.5

@@ -7,6 +7,7 @@ import pytest
 
 from zeroshop_steps.register.match_database import find_long_tracks
 from zeroshop_steps.register.pair_selection import choose_alike_pairs, choose_pairs
+from zeroshop_steps.register.sift import SiftOptions, fit_to_count
 
 
 def ring_similarities(count):
@@ -58,3 +59,11 @@ def test_features_are_matched_between_alike_images_that_hang_together(count):
     for _ in similar:
         reached |= {b for a, b in pairs if a in reached} | {a for a, b in pairs if b in reached}
     assert reached == set(range(len(similar)))
+
+
+def test_many_images_get_fewer_features_each():
+    options = SiftOptions()
+    assert fit_to_count(options, 30) == options
+    many = fit_to_count(options, 31)
+    assert many.max_features < options.max_features and many.max_side_px < options.max_side_px
+    assert fit_to_count(SiftOptions(max_features=500), 31).max_features == 500

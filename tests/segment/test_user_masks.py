@@ -2,6 +2,7 @@
 
 import shutil
 
+import cv2
 import numpy as np
 import pytest
 
@@ -64,3 +65,19 @@ def test_masks_that_contradict_each_other_end_it(scene, carton_scene, capsys):
     assert given(scene) == 1
     assert "masks are good" in capsys.readouterr().err and (scene.parent / "masks.png").is_file()
     assert not (scene.parent / "cameras").exists()
+
+
+def test_masks_of_several_sizes_are_judged_alike(scene):
+    cameras = []
+    for number, camera in enumerate(read_sparse_model(scene / "sparse").cameras):
+        if number % 3:
+            size = (camera.width_px // 2, camera.height_px // 2) if number % 3 == 1 else (camera.height_px, camera.width_px)
+            for part in ("images", "masks"):
+                picture = cv2.imread(str(scene / part / camera.name), cv2.IMREAD_UNCHANGED)
+                cv2.imwrite(str(scene / part / camera.name), cv2.resize(picture, size, interpolation=cv2.INTER_NEAREST))
+            camera = camera.resized(*size)
+        cameras.append(camera)
+    write_cameras(scene / "sparse", cameras)
+    assert given(scene) == 0
+    record = read_json(scene.parent / "cameras/segmentation.json")
+    assert record["good_masks"] == 20 and record["median_disagreement"] < 0.1

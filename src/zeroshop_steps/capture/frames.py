@@ -93,24 +93,23 @@ def collect_image_warnings(names: list[str], sharpnesses: Sequence[float], level
 
 
 def draw_contact_sheet(images: Iterable[np.ndarray], names: list[str]) -> np.ndarray:
-    """(H, W, 3) uint8: all pictures, small, in rows, with their names. All tiles have the shape of the first picture."""
-    tiles: list[np.ndarray] = []
+    """(H, W, 3) uint8: all pictures, small, in rows, with their names."""
+    tiles = []
     for image, name in zip(images, names, strict=True):
-        height_px = tiles[0].shape[0] if tiles else max(1, round(image.shape[0] * TILE_WIDTH_PX / image.shape[1]))
-        scale = min(TILE_WIDTH_PX / image.shape[1], height_px / image.shape[0])
-        size = (max(1, min(TILE_WIDTH_PX, round(image.shape[1] * scale))), max(1, min(height_px, round(image.shape[0] * scale))))
-        tile = np.zeros((height_px, TILE_WIDTH_PX, 3), np.uint8)
-        left, top = (TILE_WIDTH_PX - size[0]) // 2, (height_px - size[1]) // 2
-        tile[top : top + size[1], left : left + size[0]] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        tile = cv2.resize(
+            image, (TILE_WIDTH_PX, max(1, round(image.shape[0] * TILE_WIDTH_PX / image.shape[1]))), interpolation=cv2.INTER_AREA
+        )
         cv2.putText(tile, name, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         tiles.append(tile)
     return arrange_in_rows(tiles)
 
 
 def arrange_in_rows(tiles: list[np.ndarray]) -> np.ndarray:
-    """Pictures of one size in rows of `SHEET_COLUMNS`."""
-    tiles = tiles + [np.zeros_like(tiles[0])] * (-len(tiles) % SHEET_COLUMNS)
-    return np.vstack([np.hstack(tiles[start : start + SHEET_COLUMNS]) for start in range(0, len(tiles), SHEET_COLUMNS)])
+    """Pictures of one width in rows of `SHEET_COLUMNS`; below lower ones there is black."""
+    height_px = max(tile.shape[0] for tile in tiles)
+    padded = [np.pad(tile, ((0, height_px - tile.shape[0]), (0, 0), (0, 0))) for tile in tiles]
+    padded += [np.zeros_like(padded[0])] * (-len(tiles) % SHEET_COLUMNS)
+    return np.vstack([np.hstack(padded[start : start + SHEET_COLUMNS]) for start in range(0, len(padded), SHEET_COLUMNS)])
 
 
 def write_capture_record(

@@ -88,6 +88,17 @@ def write_depth_mm(path: Path, depth_mm: np.ndarray) -> None:
     write_image(path, np.clip(steps, 0, None).astype(np.uint16))
 
 
+def require_one_size(sizes_px: list[tuple[int, int]]) -> tuple[int, int]:
+    """The (width, height) of all images. Raises StepError where they differ: a network follows the object through a film of one size."""
+    if len(set(sizes_px)) > 1:
+        shown = ", ".join(f"{width} x {height}" for width, height in sorted(set(sizes_px)))
+        raise StepError(
+            f"the photos have several sizes ({shown} px), and the network follows the object through pictures of one size; use"
+            " segmentation: support_plane, give masks, or export all photos in one size"
+        )
+    return sizes_px[0]
+
+
 def spread_colors(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     """(height, width, C) image in which every pixel that is not (height, width) `known` has the colour of the nearest known one."""
     _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)

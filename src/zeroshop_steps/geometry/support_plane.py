@@ -139,11 +139,16 @@ def sample_planes(
 def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     """Estimate up from how the photos were held: as the axis most orthogonal to all cameras' x axes, on the side of their mean -y axis.
 
+    Where photos are portrait and landscape mixed, the more frequent of the two counts: the others may be stored on their side, without
+    a word of it in EXIF.
+
     Returns:
         up: (3,) unit vector in the registration's frame.
         certainty: 0 to 1; near 0 the x axes leave the axis open (all cameras look one way, or are rolled).
     """
-    rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])
+    upright = np.array([view.camera.height_px > view.camera.width_px for view in views])
+    usual = upright == (upright.mean() > 0.5)
+    rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])[usual]
     values, vectors = np.linalg.eigh(np.einsum("ni,nj->ij", rotations[:, 0], rotations[:, 0]) / len(rotations))
     mean_up = -rotations[:, 1].mean(0)
     up = vectors[:, 0] * (1.0 if vectors[:, 0] @ mean_up >= 0 else -1.0)

@@ -30,8 +30,9 @@ class SiftOptions:
         first_octave: 0 starts at the image's own resolution, -1 at twice that (four times the work).
         enough_features: extraction is repeated at octave -1 when the median image has fewer features (and less than half the most).
         focal_px: known focal length; None reads EXIF, else estimates.
-        max_side_px, many_max_side_px: larger images are reduced to it for the features alone; the second where there are more than
-            `all_pairs` images, which overlap more, so that fewer features of each do.
+        max_side_px: larger images are reduced to it for the features alone.
+        many_max_features, many_max_side_px: instead of these, where there are more than `all_pairs` images: they overlap more, so
+            that fewer features of each do (60 images of 1920 x 1440 px: 153 s instead of 224 s, centres within 0.09 mm in both).
         all_pairs: up to so many images, all pairs are matched; of more, each with those that are most like it ...
         neighbours: ... and these are so many.
         threads: worker threads of the extraction.
@@ -43,6 +44,7 @@ class SiftOptions:
     enough_features: int = 1500
     focal_px: float | None = None
     max_side_px: int = 1600
+    many_max_features: int = 3000
     many_max_side_px: int = 1280
     all_pairs: int = 30
     neighbours: int = 14
@@ -143,7 +145,10 @@ def make_matching_options() -> pycolmap.FeatureMatchingOptions:
 
 def fit_to_count(options: SiftOptions, count: int) -> SiftOptions:
     """The options for so many images."""
-    return replace(options, max_side_px=min(options.max_side_px, options.many_max_side_px)) if count > options.all_pairs else options
+    if count <= options.all_pairs:
+        return options
+    features, side_px = min(options.max_features, options.many_max_features), min(options.max_side_px, options.many_max_side_px)
+    return replace(options, max_features=features, max_side_px=side_px)
 
 
 def find_focal_source(database: Path) -> str:

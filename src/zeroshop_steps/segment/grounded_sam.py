@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.images import read_image, require_one_size
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.networks.devices import choose_device, measure_free_bytes
 from zeroshop_steps.networks.pretrained import require_model
@@ -105,7 +105,8 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     views, _ = read_views(args.scene)
     cameras = [view.camera for view in views]
-    pictures = ImageSequence([view.image_path for view in views], (cameras[0].width_px, cameras[0].height_px), cameras)
+    size_px = require_one_size([(camera.width_px, camera.height_px) for camera in cameras])
+    pictures = ImageSequence([view.image_path for view in views], size_px, cameras)
     with show_rejected_masks(pictures.paths, args.rejected):
         masks, record = run_networks(pictures, args)
     record["seconds"] = round(time.monotonic() - start_s, 2)

@@ -42,9 +42,10 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
 
 
 def assess_masks(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[np.ndarray], list[MaskQuality]]:
-    """Silhouettes of the hull of (H, W) bool masks, of the same size, and how well each mask agrees with its silhouette.
+    """Silhouettes of the hull of (H, W) bool masks, each of its mask's size, and how well each mask agrees with its silhouette.
 
-    Without cameras there is no hull, and the silhouettes are empty.
+    Masks of different sizes are compared at the one size of the first, which stretches some, and their cameras alike. Without cameras
+    there is no hull, and the silhouettes are empty.
     """
     height, full_width = masks[0].shape
     width = min(JUDGED_WIDTH_PX, full_width)
@@ -53,7 +54,8 @@ def assess_masks(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple
     if cameras is None:
         return [np.zeros_like(mask) for mask in masks], compare_sizes(small)
     hulls = render_common_hull([camera.resized(*size_px) for camera in cameras], small)
-    return [_resize_mask(hull, (full_width, height)) for hull in hulls], compare_with_hull(small, hulls)
+    shapes = [mask.shape for mask in masks]
+    return [_resize_mask(hull, shape[::-1]) for hull, shape in zip(hulls, shapes, strict=True)], compare_with_hull(small, hulls)
 
 
 def _resize_mask(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:

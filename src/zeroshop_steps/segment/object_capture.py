@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask, require_one_size, write_image, write_mask
 from zeroshop_steps.methods import SEGMENTATIONS
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.record import (
@@ -49,14 +49,14 @@ def run(args: argparse.Namespace) -> None:
     """Write the capture."""
     start_s = time.monotonic()
     paths = list_images(args.pictures / "images")
-    height_px, width_px = read_image(paths[0]).shape[:2]
+    sizes_px = [(image.shape[1], image.shape[0]) for image in map(read_image, paths)]
     if (args.pictures / "masks").is_dir():
-        masks = [read_mask(args.pictures / "masks" / f"{path.stem}.png", (width_px, height_px)) for path in paths]
+        masks = [read_mask(args.pictures / "masks" / f"{path.stem}.png", size) for path, size in zip(paths, sizes_px, strict=True)]
         record = read_mask_record(args.pictures) | {"dropped": {}, "cut_off": []}
     else:
         with show_rejected_masks(paths, args.rejected):
             finder = load_finder(args.segmentation)
-            masks, record = finder.mask_photos(paths, (width_px, height_px), parse_options(finder, args.options))
+            masks, record = finder.mask_photos(paths, require_one_size(sizes_px), parse_options(finder, args.options))
     record["seconds"] = round(time.monotonic() - start_s, 2)
     write_capture(args.out, paths, masks, record, read_json(args.capture / "capture.json"))
 
