@@ -4,14 +4,14 @@
 def is_filmed(
     dataset,
 ):
-    """Whether the captures of a dataset are rendered films, which from there on go the way of a user's own."""
+    """Whether a dataset's captures are rendered films; they are processed like a user's own videos."""
     return dataset_named(dataset)["kind"] == "films"
 
 
 def photos_of(
     wildcards,
 ):
-    """The table row of the user's own capture, or the like of it for a rendered film."""
+    """The table row of the user's own capture; for a rendered film, a row that is made up."""
     check_object(wildcards)
     if not is_filmed(wildcards.dataset):
         return PHOTOS[wildcards.dataset, wildcards.object]
@@ -62,7 +62,7 @@ def photo_files(
 def visible_files(
     folder,
 ):
-    """The files of a folder of the user's, without hidden ones."""
+    """The files in one of the user's folders, without hidden ones."""
     try:
         return [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
     except OSError as error:
@@ -79,7 +79,7 @@ def has_plain_name(
 def odd_names(
     wildcards,
 ):
-    """Photos that cannot be inputs because of their names, with size and time: a parameter, so that a changed one is noticed as well."""
+    """Photos whose names Snakemake cannot take as inputs, with size and time: a parameter, so that changes are noticed."""
     place = Path(photo_place(wildcards))
     odd = [] if place.is_file() or is_filmed(wildcards.dataset) else [path for path in visible_files(place) if not has_plain_name(path)]
     return [f"{ascii(path.name)} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in sorted(odd)]

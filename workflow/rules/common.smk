@@ -67,12 +67,12 @@ wildcard_constraints:
 
 
 def per_attempt(amount):
-    """Memory or time for a step; as much more at every attempt, where a profile lets a job be submitted again."""
+    """Memory or time for a step: twice as much at the second attempt, and so on, if a profile submits failed jobs again."""
     return lambda wildcards, attempt: amount * attempt
 
 
 def step_options(options):
-    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`; a list its words; null leaves one out.
+    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`. A list gives several words, null no option.
 
     Weights of the user's own lie where the config says, counted from the project's folder.
     """

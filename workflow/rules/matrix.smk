@@ -108,7 +108,7 @@ def rows_of_table(
 def cells_of_table(
     wildcards,
 ):
-    """Those of them that have cameras, and so a finished mesh with a grade, unless they failed."""
+    """Those of these cells that have cameras: each has a finished mesh and a grade, unless it failed."""
     return [cell for cell in rows_of_table(wildcards) if cell["registration"] != methods.WITHOUT_CAMERAS]
 
 

@@ -41,7 +41,7 @@ def capture_of(
 def registration_needs(
     wildcards,
 ):
-    """The method that the path names; an unknown one is refused where the capture is looked for."""
+    """The registration that the path names. An unknown one is refused by `capture_of`."""
     return methods.REGISTRATIONS.get(wildcards.registration, next(iter(methods.REGISTRATIONS.values())))
 
 

@@ -12,7 +12,7 @@ REPORT = "results/{dataset}/report"
 def cells_of_page(
     wildcards,
 ):
-    """The cells of an object that its page waits for, as the config says: chosen, all or none (only what is present is shown)."""
+    """The cells of an object that are made for its page: the chosen ones, all, or none (the page then shows what exists)."""
     check_object(wildcards)
     if config["report"]["cells"] == "present":
         return []
@@ -38,7 +38,7 @@ def parts_of_page(
 def other_cells(
     wildcards,
 ):
-    """What lies on disk of cells that the page does not wait for, with its time: the page is made again when that changes."""
+    """Files of other cells, with their times: a parameter, so that the page is made again when these change."""
     folder = Path(OBJECT.format(**wildcards))
     asked = {CELL.format(**cell) for cell in cells_of_page(wildcards)}
     made = [*folder.glob("*/*/*/outcome.json"), *folder.glob("*/*/*/mesh.ply"), *folder.glob("*/*/*/grade.json")]

@@ -11,7 +11,7 @@ SEGMENTATIONS = {name: with_own_weights("segment", name, method) for name, metho
 def mask_method(
     wildcards,
 ):
-    """How the masks of photos come about, whenever: given by the user, or by the method that the config chooses."""
+    """The method that gives photos their masks, before or after registration: the user's masks, or the one that the config chooses."""
     if photos_of(wildcards)["masks"]:
         return GIVEN_MASKS
     name = config["segmentation"]
@@ -30,7 +30,7 @@ def mask_needs(
 def segmentation_method(
     wildcards,
 ):
-    """How the masks of registered photos come about: given ones, or by the method that the config chooses."""
+    """The method that gives registered photos their masks: the user's masks, or the one that the config chooses."""
     return GIVEN_MASKS if wildcards.scene == OBJECT_SCENE else mask_method(wildcards)
 
 
@@ -58,7 +58,7 @@ def options_of_segmentation(
 def segmentation_weights(
     wildcards,
 ):
-    """What its networks are read from."""
+    """The files that this method reads its networks from."""
     name = mask_method(wildcards)
     return [] if name == GIVEN_MASKS else weights_stamp("segment", name, SEGMENTATIONS[name])
 
@@ -66,7 +66,7 @@ def segmentation_weights(
 def pictures_with_masks(
     wildcards,
 ):
-    """Where photos lie beside the masks by which they are registered: their capture, unless masks are only found in a registered scene."""
+    """The folder of photos and the masks to register them by: the capture, or a registered scene if masks are found only there."""
     scene = f"results/{wildcards.dataset}/{wildcards.object}/{WHOLE_SCENE}"
     registration = config["chosen"]["photos"]["registration"]
     return f"{scene}/{registration}/cameras" if mask_needs(wildcards).in_scene else f"{scene}/capture"
@@ -75,7 +75,7 @@ def pictures_with_masks(
 def network_options(
     wildcards,
 ):
-    """How masks are found before the registration, where they are found then: the segmentation, and its options as the last words."""
+    """The segmentation that finds masks before the registration, and its options, which come last; nothing if there are masks."""
     name, needs = mask_method(wildcards), mask_needs(wildcards)
     if needs.given or needs.in_scene:
         return ""

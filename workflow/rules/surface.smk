@@ -16,7 +16,7 @@ def surface_inputs(
 def confirmed_depths(
     wildcards,
 ):
-    """The depths that stereo confirmed, where the surface method of the path reads them: then others do, too."""
+    """The depths that stereo confirmed, if the surface method of the path reads them; then later steps read them, too."""
     method = methods.SURFACES.get(wildcards.nvs)
     return f"{RUN}/stereo/seeds.npz".format(**wildcards) if method is None or method.stereo else []
 

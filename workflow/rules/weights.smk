@@ -13,7 +13,7 @@ def with_own_weights(
     name,
     method,
 ):
-    """A method of a stage with the networks that the config names, which lacks no weights where these are the user's own."""
+    """A method with the networks that the config names. With the user's own, it needs no published weights."""
     return method.with_options(config[stage].get(name) or {})
 
 
@@ -22,7 +22,7 @@ def weights_stamp(
     name,
     method,
 ):
-    """Size and time of the files that a method of a stage reads its networks from: a parameter, so that other weights make its results stale.
+    """Size and time of the files that a method reads its networks from: a parameter, so that other weights make its results stale.
 
     Not an input: Snakemake would delete and download weights again whenever their rule changes.
     """

@@ -88,5 +88,5 @@ WARNING = "warning: "
 
 
 def warn(message: str) -> None:
-    """Say what the user should know of a result that stands."""
+    """Warn of something in a result that is valid nevertheless."""
     print(f"{WARNING}{message}", file=sys.stderr)

@@ -35,7 +35,7 @@ FOCAL_ROUNDS = 20  # of reweighting for the focal length
 LEAST_ERROR_PX = 0.1  # smaller errors weigh no more, so that no pixel decides alone
 NEAREST = 1e-3  # depth of a point before a camera at least, in units of the scene, so that its projection is finite
 COARSE_MATCHES, FINE_MATCHES = 4000, 8000
-"""So many of all matches take part in a stage; of more, evenly chosen ones."""
+"""The most matches that take part in a stage; of more, evenly spread ones are taken."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def _chain_pairs(relative: dict[tuple[int, int], np.ndarray], matches: dict[tupl
 
 @dataclass(frozen=True)
 class _Pixels:
-    """Pixels of any of the pictures, as many at once as there are: an operation each is what takes time.
+    """Pixels of all pictures together: one operation on all of them is faster than one for each picture.
 
     Attributes:
         picture: (M, N) 1 for the picture of each, else 0: products with it are gathered, and their gradients summed, faster than by index.
@@ -265,7 +265,7 @@ def _optimize(canonical: list[CanonicalView], matches: dict[tuple[int, int], Mat
 
 
 def _descend(loss: Callable[[], Tensor], parameters: Sequence[Tensor], steps: int, rate: float, report: ProgressReport) -> None:
-    """Adam, its rate falling to nothing as a cosine."""
+    """Adam with a learning rate that falls to 0 along a cosine."""
     optimizer = torch.optim.Adam(parameters, lr=rate, betas=MOMENTA)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for _ in range(steps):

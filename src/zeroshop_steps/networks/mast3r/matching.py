@@ -11,7 +11,7 @@ from zeroshop_steps.networks.mast3r.model import ImagePrediction
 SUBSAMPLING = 8  # pixels from one start of a match to the next
 ROUNDS = 10  # of going there and back, at most
 TILE = {"cpu": (64, 1 << 14), "cuda": (1 << 12, 1 << 15)}
-"""So many queries are compared with so many features at once: what a processor's cache holds, or what keeps a GPU busy."""
+"""Queries and features that are compared at a time: what a processor's cache holds, or what keeps a GPU busy."""
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class Mast3rHead(nn.Module):
 
 
 class MASt3R(nn.Module):
-    """MASt3R (Leroy et al. 2024, section 3.1 and 3.2) upon DUSt3R (Wang et al. 2024, section 3.1).
+    """MASt3R (Leroy et al. 2024, section 3.1 and 3.2) on top of DUSt3R (Wang et al. 2024, section 3.1).
 
     Pictures are (B, 3, height, width), sides multiples of 16, values from -1 to 1.
     """
