@@ -16,7 +16,7 @@ from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import OBJECT_ONLY, PHOTO_SCENES, add_common_arguments, add_estimation_arguments, write_registration
 from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, fit_to_count, match_features
 from zeroshop_steps.register.still_background import STILL_SHARE, measure_still_share, verify_without_still
-from zeroshop_steps.register.stretched_features import add_stretched_features, find_flattened, find_weak_images
+from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
@@ -115,6 +115,9 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         stopwatch.lap("match")
         weak = [] if options.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
         flattened = find_flattened(database, weak)
+        if not options.leave_out:
+            # Photos that are not flattened gain nothing. On plain rendered grounds that was not measured: all are stretched there.
+            flattened = {name: flattened.get(name, VERTICAL) for name in weak}
         if flattened:
             add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
             if still:

@@ -21,6 +21,7 @@ from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, m
 LEAST_FLATTENING = 0.3
 """Median logarithm of the ratio of a feature's extents: 0.9 in views under 8 degrees, 0.2 under 40 degrees, 0 +- 0.25 in photos of a table
 from above."""
+VERTICAL = 1  # the axis y, along which a camera that is held upright sees the ground flattened
 COPY_WIDTH = 0.5  # features must be as large across as along the view, where stretching cannot bring back detail
 
 
