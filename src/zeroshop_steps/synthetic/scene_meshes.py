@@ -16,6 +16,11 @@ SURFACE_SIDE_IN_SIZES = 10.0  # in the largest side of the object
 SURFACE_TEXELS = 4096  # a side of the rich texture; the plain one has half
 SURFACE_BUMPS = 96  # cells a side of the plain ground, which is slightly uneven
 BUMP_HEIGHT_IN_SIZES = 0.003
+PLAIN_GREY, PLAIN_CHANGE = 150.0, 7.0  # of 255, and from its darkest to its brightest texel
+RICH_SHAPES = ((0.05, 130), (0.025, 500), (0.012, 2000), (0.006, 7000), (0.003, 20000))
+"""Of the rich texture: size as a share of its side, and how many. At half the size there are about four times as many, so that each
+size covers about as much, and a camera finds corners from near and far."""
+FIXED_POINT = 16  # OpenCV takes coordinates in sixteenths of a pixel, by `shift` 4
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ def make_surface_mesh(scene: str, bounds: ObjectBounds, seed: int, paint: Callab
 
 def make_plain_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS // 2) -> np.ndarray:
     """(texels, texels, 3) uint8: a near-uniform grey, its brightness off by at most about two per cent."""
-    grey = 150.0 + 7.0 * (_make_noise(rng, texels, 8, texels // 2) - 0.5)
+    grey = PLAIN_GREY + PLAIN_CHANGE * (_make_noise(rng, texels, 8, texels // 2) - 0.5)
     return np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, -1)
 
 
@@ -99,16 +104,16 @@ def make_rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) ->
     grey = np.clip((_make_noise(rng, texels, 16, texels // 2, 0.85) - 0.5) * 500 + 115, 12, 243)
     tint = np.stack([_make_noise(rng, texels // 8, 8, 64) for _ in range(3)], -1) * 0.8 + 0.6
     image = np.rint(np.clip(cv2.resize(tint, (texels, texels)) * grey[..., None], 0, 250)).astype(np.uint8)
-    for size, count in ((0.05, 130), (0.025, 500), (0.012, 2000), (0.006, 7000), (0.003, 20000)):
+    for size, count in RICH_SHAPES:
         for _ in range(count):
             _draw_shape(image, rng, size * texels * rng.uniform(0.5, 1.5))
     return image
 
 
 def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> None:
-    x, y = (rng.uniform(0.0, image.shape[0], 2) * 16).astype(int).tolist()
+    x, y = (rng.uniform(0.0, image.shape[0], 2) * FIXED_POINT).astype(int).tolist()
     color = np.clip(rng.uniform(15, 240) * rng.uniform(0.65, 1.25, 3), 5, 250).astype(int).tolist()
-    radius, kind, angle = max(int(size * 8), 16), rng.integers(4), float(rng.uniform(0, 360))
+    radius, kind, angle = max(int(size * FIXED_POINT / 2), FIXED_POINT), rng.integers(4), float(rng.uniform(0, 360))
     if kind == 0:
         cv2.ellipse(image, (x, y), (radius, int(radius * rng.uniform(0.3, 1.0))), angle, 0, 360, color, -1, cv2.LINE_AA, 4)
     elif kind == 1:

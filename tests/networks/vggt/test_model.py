@@ -1,6 +1,7 @@
 """Our VGGT answers as the published one does: same parameters, same inputs, outputs within 1e-4 (../../parity/README.md)."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,24 +9,12 @@ import torch
 
 from helpers.named_parameters import fill
 from helpers.paths import PARITY
+from helpers.small_vggt import SETTINGS
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 
-SMALL = VggtSettings(
-    image_px=70,
-    width=32,
-    depth=4,
-    embed_depth=2,
-    heads=2,
-    layers=(0, 1, 2, 3),
-    camera_depth=2,
-    dense_features=16,
-    dense_channels=(8, 12, 16, 16),
-    track_features=16,
-    track_channels=(8, 12, 16, 16),
-    track_width=32,
-    track_levels=3,
-)
+USUAL = VggtSettings()
+SMALL = replace(SETTINGS, image_px=70, track_depth=USUAL.track_depth, virtual_tracks=USUAL.virtual_tracks)
 SIZE_PX = (42, 70)
 TOLERANCE = 1e-4
 
