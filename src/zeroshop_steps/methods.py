@@ -153,6 +153,8 @@ SEGMENTATIONS = {name: method for name, method in find_methods("segment").items(
 """Of captures without masks; "auto" is the first that can run here."""
 SURFACES = find_methods("surface")
 HEIGHTS = find_methods("height")
+GIVEN_HEIGHTS = [name for name, method in HEIGHTS.items() if method.given_height]
+"""Those that take a height that the user gives."""
 DETECTORS = find_methods("detect")
 ESTIMATORS = find_methods("pose")
 """Of poses, from true masks or from those of a detector."""

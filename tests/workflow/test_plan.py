@@ -208,19 +208,17 @@ def able(table):
     return sum(not methods.lacks(method, REPOSITORY / "tests") for method in table.values())
 
 
+ALL_CELLS = 3 * able(methods.REGISTRATIONS) * able(methods.SURFACES)
+
+
 @pytest.mark.parametrize(
     ("target", "objects", "columns"),
     [
         ("results/demo/mug/su_l/truth/2dgs/cell.csv", 1, 1),
-        ("results/demo/mug/cells.csv", 1, 3 * able(methods.REGISTRATIONS) * able(methods.SURFACES)),
+        ("results/demo/mug/cells.csv", 1, ALL_CELLS),
         ("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1),
-        ("results/demo/tables/reconstruction.csv", 11, 3 * able(methods.REGISTRATIONS) * able(methods.SURFACES)),
-        pytest.param(
-            "results/demo/tables/reconstruction.md",
-            11,
-            3 * able(methods.REGISTRATIONS) * able(methods.SURFACES),
-            marks=pytest.mark.slow,
-        ),
+        ("results/demo/tables/reconstruction.csv", 11, ALL_CELLS),
+        pytest.param("results/demo/tables/reconstruction.md", 11, ALL_CELLS, marks=pytest.mark.slow),
     ],
 )
 def test_a_slice_of_the_matrix_plans_exactly_its_cells(snakemake, target, objects, columns):

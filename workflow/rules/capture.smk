@@ -1,5 +1,8 @@
 """Capture: the user's own photos or the frames of a video, checked and copied; a row of config/objects.tsv says where they lie."""
 
+from zeroshop_steps.geometry.image_files import is_text
+from zeroshop_steps.runtime.errors import remedy_for
+
 
 def is_filmed(
     dataset,

@@ -8,10 +8,8 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from zeroshop_steps import methods
-from zeroshop_steps.evaluate.grading import check_limits
-from zeroshop_steps.geometry.image_files import is_text
 from zeroshop_steps.runtime.cache import check_cache
-from zeroshop_steps.runtime.errors import StepError, remedy_for
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.settings import check_config, name_error, read_config_schema, read_objects
 
 ROOT = Path(workflow.snakefile).parents[2]
@@ -45,14 +43,8 @@ shell.prefix(
 try:
     check_cache()
     check_config(config, read_config_schema(ROOT / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS))
-    for each, limits in config["finish"]["grade"].items():
-        check_limits(each, limits)
-    PHOTOS = read_objects(
-        ROOT / config["objects_table"],
-        ROOT / "workflow/schemas/objects.schema.yaml",
-        methods.HEIGHTS,
-        [name for name, method in methods.HEIGHTS.items() if method.given_height],
-    )
+    row_schema = ROOT / "workflow/schemas/objects.schema.yaml"
+    PHOTOS = read_objects(ROOT / config["objects_table"], row_schema, methods.HEIGHTS, methods.GIVEN_HEIGHTS)
 except StepError as error:
     raise WorkflowError(str(error)) from None
 

@@ -1,5 +1,13 @@
 """Evaluate: what of a mesh was measured, its grade, and, where the truth is known, how right cameras, masks and meshes are."""
 
+from zeroshop_steps.evaluate.grading import check_limits
+
+try:
+    for name, limits in config["finish"]["grade"].items():
+        check_limits(name, limits)
+except StepError as error:
+    raise WorkflowError(str(error)) from None
+
 
 def quality_of(
     wildcards,
