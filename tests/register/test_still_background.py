@@ -36,3 +36,24 @@ def test_cameras_follow_what_turns(carton_capture, tmp_path, capsys):
     assert read_json(out / "registration.json")["still_share"] > 0.3
     error = compare_cameras(read_sparse_model(out / "sparse").cameras, read_sparse_model(carton_capture / "truth").cameras)
     assert len(error.names) == 10 and error.centre_mm.mean() < 2.0
+
+
+@pytest.mark.slow
+def test_too_little_that_turns_is_told_with_a_way_out(carton_capture, tmp_path, capsys):
+    turn_before_background(carton_capture, tmp_path / "capture", 12.0)
+    words = (
+        "--method",
+        "colmap",
+        "--capture",
+        tmp_path / "capture",
+        "--scene",
+        "video",
+        "--out",
+        tmp_path / "cameras",
+        "--max-features",
+        500,
+    )
+    assert stage_main("zeroshop_steps.register", [str(word) for word in words]) == 1
+    message = capsys.readouterr().err
+    assert "the background stands still" in message and "too little to find the cameras" in message and "video_segmented" in message
+    assert not (tmp_path / "cameras").exists()

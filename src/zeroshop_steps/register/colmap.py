@@ -13,9 +13,22 @@ import pycolmap
 
 from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY, PHOTO_SCENES, add_common_arguments, add_estimation_arguments, write_registration
+from zeroshop_steps.register.record import (
+    OBJECT_ONLY,
+    PHOTO_SCENES,
+    RegistrationFailed,
+    add_common_arguments,
+    add_estimation_arguments,
+    write_registration,
+)
 from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, fit_to_count, match_features
-from zeroshop_steps.register.still_background import STILL_SHARE, measure_still_share, verify_without_still
+from zeroshop_steps.register.still_background import (
+    STILL_REMEDY,
+    STILL_SHARE,
+    describe_still,
+    measure_still_share,
+    verify_without_still,
+)
 from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
@@ -108,10 +121,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         still = figures["still_share"] > STILL_SHARE and not options.object_only
         if still:
             verify_without_still(database, image_set, options.sift.seed)
-            figures["warnings"] = [
-                f"the background stands still in the photos while the object turns ({figures['still_share']:.0%} of what matches does not"
-                " move): the cameras are found from what turns; move the camera instead, or hang a plain cloth behind the object"
-            ]
+            figures["warnings"] = [f"{describe_still(figures['still_share'])}: the cameras are found from what turns; {STILL_REMEDY}"]
         stopwatch.lap("match")
         weak = [] if options.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
         flattened = find_flattened(database, weak)
@@ -133,4 +143,10 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
             options.object_only,
             options.leave_out,
         )
-        return reconstruct(database, image_set, out, needs, figures, stopwatch)
+        try:
+            return reconstruct(database, image_set, out, needs, figures, stopwatch)
+        except RegistrationFailed as error:
+            if not still:
+                raise
+            reason = f"{describe_still(figures['still_share'])}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
+            raise RegistrationFailed(reason, error.figures, error.rejected) from None

@@ -15,6 +15,7 @@ from zeroshop_steps.register.sift import make_verification_options
 STILL_PX = 4.0  # per 1000 px of the longer side: matches that move less stand still
 STILL_SHARE = 0.3
 """Share of the matches of the median pair that stand still: nearly none where the camera moves, most before a background with texture."""
+STILL_REMEDY = "move the camera instead, hang a plain cloth behind the object, or give masks and take the scene video_segmented"
 LEAST_MATCHES = 30  # of a pair that tells anything
 
 
@@ -33,6 +34,11 @@ def measure_still_share(database: Path, image_set: ImageSet) -> float:
             moved_px = np.linalg.norm(points[first][matches[:, 0]] - points[second][matches[:, 1]], axis=1)
             shares.append(float((moved_px < STILL_PX * image_set.scales[images[first]]).mean()))
     return float(np.median(shares)) if shares else 0.0
+
+
+def describe_still(share: float) -> str:
+    """What was found, for the user."""
+    return f"the background stands still in the photos while the object turns ({share:.0%} of what matches does not move)"
 
 
 def verify_without_still(database: Path, image_set: ImageSet, seed: int) -> None:
