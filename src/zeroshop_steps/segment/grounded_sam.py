@@ -18,7 +18,7 @@ import torch
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import read_image, require_one_size
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.networks.devices import choose_device, measure_free_bytes
+from zeroshop_steps.networks.devices import DEVICES, choose_device, measure_free_bytes
 from zeroshop_steps.networks.pretrained import require_model
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.detector import Box, Detector, choose_box, describe_nothing_found
@@ -95,9 +95,7 @@ def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
         "--detector", default=MODELS["detector"][0], help="folder of Grounding DINO below resources/weights (default: %(default)s)"
     )
     parser.add_argument("--tracker", default=MODELS["tracker"][0], help="folder of SAM 2 below resources/weights (default: %(default)s)")
-    parser.add_argument(
-        "--device", choices=("auto", "cpu", "cuda"), default="auto", help="auto is cuda where there is one (default: %(default)s)"
-    )
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="auto is cuda where there is one (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:

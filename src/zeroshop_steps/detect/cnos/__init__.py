@@ -19,7 +19,7 @@ from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_small_masks
 from zeroshop_steps.detect.detector_io import ObjectMask, add_image_arguments, read_frames, read_photo, run_detector, suppress_boxes
 from zeroshop_steps.detect.templates import read_templates
-from zeroshop_steps.networks.devices import choose_device
+from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.pretrained import require_model
 
 SEGMENTER, DESCRIBER = "sam-vit-huge", "dinov2-large"
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--least-iou", type=float, default=0.88, help="least predicted IoU of a proposal (default: %(default)s)")
     parser.add_argument("--least-stability", type=float, default=0.97, help="least stability of a proposal's border (default: %(default)s)")
     parser.add_argument("--width-px", type=int, default=640, help="width of the segmented images (default: %(default)s)")
-    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto", help="(default: %(default)s)")
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="(default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:

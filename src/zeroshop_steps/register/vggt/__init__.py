@@ -8,6 +8,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.record import add_common_arguments, add_estimation_arguments
 from zeroshop_steps.register.vggt.options import VggtOptions
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the attention; auto is bfloat16 where a CUDA device has it (default: %(default)s)",
     )
     add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.seed)
-    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto", help="default: %(default)s")
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="default: %(default)s")
     default = WEIGHTS_FOLDER / METHOD["weights"][0]
     parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
 
