@@ -197,7 +197,8 @@ def test_a_bad_capture_fails_alone_and_says_why(cell, tmp_path):
         shutil.copytree(capture / "images", tmp_path / name / "images")
         shutil.copytree(capture / "masks", tmp_path / name / "masks")
         rows.append(f"photos\t{name}\t{tmp_path / name / 'images'}\t{tmp_path / name / 'masks'}\t0.19")
-    Image.new("L", (320, 240)).save(tmp_path / "bad/masks/000003.png")
+    for index in range(14):  # so many that too few photos are left
+        Image.new("L", (320, 240)).save(tmp_path / f"bad/masks/{index:06d}.png")
     (tmp_path / "objects.tsv").write_text("\n".join(rows) + "\n")
     captures = {name: f"results/photos/{name}/video/capture" for name in ("bad", "good")}
     run = run_snakemake(tmp_path, "--keep-going", *captures.values(), "--config", f"objects_table={tmp_path / 'objects.tsv'}")
