@@ -20,6 +20,8 @@ BELOW_THRESHOLDS = 2.0  # a point this many thresholds below a candidate speaks 
 MAX_TILT_DEG = 40.0  # between the plane's normal and the cameras' up, which is only roughly known; steeper planes are walls
 CAMERAS_ABOVE_SHARE = 0.9  # of the cameras at least are above the support
 MIN_INLIERS = 40  # fewer points are a plane by chance
+OBJECT_DISTANCES = 0.22  # the radius of an object that fills most of the photos' height
+AROUND_SHARE = 0.15  # of the inliers lie beyond it; a plane without them is a flat side of the object itself
 REFINEMENT_ROUNDS = 10  # of least squares on the current inliers, which settle in fewer
 
 
@@ -87,10 +89,12 @@ def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> S
         normal = np.linalg.svd(chosen - mean, full_matrices=False)[2][2]
         normal = normal * (1.0 if normal @ up > 0 else -1.0)
         offset = float(mean @ normal)
-    inliers = int((np.abs(near @ normal - offset) < threshold).sum())
-    if inliers < MIN_INLIERS:
+    on_plane = near[np.abs(near @ normal - offset) < threshold]
+    aside = on_plane - focus
+    aside = np.linalg.norm(aside - (aside @ normal)[:, None] * normal, axis=1)
+    if len(on_plane) < MIN_INLIERS or (aside > OBJECT_DISTANCES * distance).mean() < AROUND_SHARE:
         raise fault
-    return SceneSupport(normal, offset, focus, distance, inliers)
+    return SceneSupport(normal, offset, focus, distance, len(on_plane))
 
 
 def find_focus(cameras: list[Camera]) -> np.ndarray:

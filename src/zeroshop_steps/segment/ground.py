@@ -92,16 +92,21 @@ def build_ground_picture(
         images: (H, W, 3) float32 RGB of the cameras' sizes.
         hidden: (H, W) bool for each view: pixels that are known not to show the ground.
     """
-    return _build_picture(support, cameras, images, hidden, 1)[0]
+    return sample_ground(support, cameras, images, hidden)[0]
 
 
-def _build_picture(
-    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], hidden: list[np.ndarray] | None, step: int
+def sample_ground(
+    support: SceneSupport,
+    cameras: list[Camera],
+    images: list[np.ndarray],
+    hidden: list[np.ndarray] | None,
+    reach_distances: float = REACH_DISTANCES,
+    step: int = 1,
 ) -> tuple[GroundPicture, np.ndarray]:
     """The image with cells of `step` times the usual size, and (V, N, N, 3) what each view sees there, NaN where it sees nothing."""
-    count = round(2 * REACH_DISTANCES / CELL_DISTANCES / step)
+    count = round(2 * reach_distances / CELL_DISTANCES / step)
     axes, cell = support.axes(), CELL_DISTANCES * step * support.distance
-    origin = support.foot - REACH_DISTANCES * support.distance * axes.sum(0) + cell / 2 * axes.sum(0)
+    origin = support.foot - reach_distances * support.distance * axes.sum(0) + cell / 2 * axes.sum(0)
     world_from_cell = np.zeros((4, 3))
     world_from_cell[:3] = np.stack([cell * axes[0], cell * axes[1], origin], axis=1)
     world_from_cell[3, 2] = 1.0
@@ -121,7 +126,7 @@ def _build_picture(
 
 def equalize_exposure(support: SceneSupport, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
     """Scale each channel of each image so that all images agree on the ground: exposure and white balance differ between photos."""
-    ground, samples = _build_picture(support, cameras, images, None, GAIN_STEP)
+    ground, samples = sample_ground(support, cameras, images, None, step=GAIN_STEP)
     steady = ground.known & (ground.spread < NO_GROUND_SPREAD / 2) & (ground.color.min(2) > 10) & (ground.color.max(2) < 250)
     gained = []
     for image, sample in zip(images, samples, strict=True):

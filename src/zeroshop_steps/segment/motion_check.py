@@ -12,19 +12,19 @@ LEAST_OVERLAP = 0.5
 """Share of the smaller footprint that lies in the larger one: nearly all of it for an object that stays, even with few directions."""
 
 
-def check_not_moved(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> None:
+def check_not_moved(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray], risen: np.ndarray | None = None) -> None:
     """Raise StepError where the second half of the views shows the object at another place.
 
     Args:
         support: the plane that it stands on.
         cameras: of all views, in the order in which they were taken.
-        evidence: as for `select_object`.
+        evidence, risen: as for `select_object`.
     """
     if len(cameras) < LEAST_VIEWS:
         return
     middle = len(cameras) // 2
     try:
-        halves = [select_object(support, cameras[part], evidence[part]) for part in (slice(middle), slice(middle, None))]
+        halves = [select_object(support, cameras[part], evidence[part], risen) for part in (slice(middle), slice(middle, None))]
     except StepError:
         return  # half of the views are too few to find the object; all of them may do
     first, second = (_find_footprint(support, selection) for selection in halves)

@@ -51,9 +51,25 @@ class ObjectSelection:
     other_side: float
     cluster_count: int
 
+    def own_points(self, points: np.ndarray) -> np.ndarray:
+        """Those of the (P, 3) world positions that lie in `allowed` voxels, at most `MARGIN` of the block away from the cluster."""
+        index = np.floor((points - self.grid.origin) @ self.grid.axes.T / self.grid.side).astype(int)
+        inside = ((index >= 0) & (index < self.grid.shape)).all(axis=1)
+        inside[inside] = self.allowed[tuple(index[inside].T)]
+        return points[inside]
 
-def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray]) -> ObjectSelection:
+
+def select_object(
+    support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray], risen: np.ndarray | None = None
+) -> ObjectSelection:
     """Carve a block above the plane by the evidence of all views, and select one of the remaining clusters.
+
+    Args:
+        support: the plane.
+        cameras: of all views.
+        evidence: (H, W) log odds of an object in every view.
+        risen: (P, 3) sparse points above a plain ground, which belong to objects whatever their colours; None where the ground is printed.
+            On a plain ground, clusters that nearly touch are one object: its parts that have the ground's colours are missing in between.
 
     Raises:
         StepError: nothing stands there, or two objects are equally near to the focus.
@@ -68,6 +84,8 @@ def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[n
     kept = (empty <= EMPTY_SHARE * (full + empty)) & (full >= FULL_VIEWS) & (full >= FULL_SHARE * (full + empty))
     occupied = np.zeros(grid.shape, bool)
     occupied[tuple(index[kept].T)] = True
+    if risen is not None:
+        occupied |= ndimage.binary_dilation(grid.find_voxels(risen))
     labels, count = label_clusters(occupied)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     names = np.flatnonzero(sizes >= LEAST_VOXELS) + 1
@@ -81,7 +99,7 @@ def select_object(support: SceneSupport, cameras: list[Camera], evidence: list[n
     # The nearest edge counts most, because a large object may stand off the middle; then the mean.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
     chosen = min(names.tolist(), key=lambda name: (away[name], name))
-    parts = _join_parts(chosen, names, places, away, sizes)
+    parts = _join_near(chosen, places) if risen is not None else _join_parts(chosen, names, places, away, sizes)
     return _cut_fine_grid(grid, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
 
 
@@ -103,6 +121,17 @@ def _join_parts(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], a
             "or keep the one that is meant in the middle of the picture"
         )
     return [chosen, *(name for name in near if gaps[name] <= PART_GAP_VOXELS)]
+
+
+def _join_near(chosen: int, places: dict[int, np.ndarray]) -> list[int]:
+    """The chosen cluster, the clusters at most `PART_GAP_VOXELS` away from it, those as near to them, and so on."""
+    parts, left = [chosen], set(places) - {chosen}
+    for part in parts:
+        tree = cKDTree(places[part])
+        near = {name for name in left if tree.query(places[name])[0].min() <= PART_GAP_VOXELS}
+        parts.extend(sorted(near))
+        left -= near
+    return parts
 
 
 def _cut_fine_grid(grid: VoxelGrid, labels: np.ndarray, chosen: int, count: int) -> ObjectSelection:

@@ -12,6 +12,7 @@ from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground import build_ground_picture
 from zeroshop_steps.segment.object_selection import ObjectSelection
+from zeroshop_steps.segment.plain_ground import PlainGround, join_odds
 from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, render_silhouette, splat_voxels
 
 # Odds are natural logarithms; lengths in images are shares of the square root of the silhouette's area.
@@ -35,6 +36,8 @@ FLOATING_GAP_VOXELS = 2
 """Parts farther than twice this from everything that stands on the ground are dropped."""
 HOLE_ODDS = 0.5
 """Holes in a mask are filled if their mean log odds of the object, by colour, are above this."""
+SEED_ODDS, SEED_VOXELS = 4.0, 1.0
+"""Log odds of pixels within so many voxels of a sparse point of the object: it lies inside the silhouette in all views."""
 HIDDEN_MARGIN = 0.04
 """Ground this close to the silhouette may be covered by parts of the object that the hull lacks."""
 
@@ -54,18 +57,36 @@ class RefinedMasks:
     occupied: np.ndarray
 
 
-def refine_masks(support: SceneSupport, selection: ObjectSelection, cameras: list[Camera], images: list[np.ndarray]) -> RefinedMasks:
+def refine_masks(
+    support: SceneSupport,
+    selection: ObjectSelection,
+    cameras: list[Camera],
+    images: list[np.ndarray],
+    plain: PlainGround | None = None,
+    own_points: np.ndarray | None = None,
+) -> RefinedMasks:
     """Alternate between cutting the images and carving the hull of the masks.
 
     Args:
+        support: the plane.
+        selection: what was chosen on it.
+        cameras: of all views.
         images: (H, W, 3) float32 RGB, 0 to 255, of the cameras' sizes.
+        plain: the colour of a plain ground.
+        own_points: (P, 3) sparse points of the object.
     """
     rooms = [render_silhouette(selection.grid, selection.allowed, camera) for camera in cameras]
     others = [splat_voxels(selection.other_points, selection.other_side, camera) for camera in cameras]
+    own_points = np.zeros((0, 3)) if own_points is None else own_points
     occupied = _extend_to_ground(_drop_floating(selection.cluster, selection.ground_voxel))
     # Where all views agree is ground, even under the hull: shadows. It may also be an object of one colour, so colours weigh as much.
-    plain = build_ground_picture(support, cameras, images)
-    agreed = [np.minimum(plain.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
+    whole_picture = build_ground_picture(support, cameras, images)
+    agreed = [np.minimum(whole_picture.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
+    by_table = [
+        plain.evidence(camera, image) if plain else np.zeros_like(odds) for camera, image, odds in zip(cameras, images, agreed, strict=True)
+    ]
+    seeds = [SEED_ODDS * splat_voxels(own_points, SEED_VOXELS * selection.grid.side, camera) for camera in cameras]
+    agreed = [np.where(table > 0, 0.0, odds) for table, odds in zip(by_table, agreed, strict=True)]
     for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
         hulls = [render_silhouette(selection.grid, occupied, camera) for camera in cameras]
         columns, whole = fill_down_to_ground(occupied), _restore_lost_foot(occupied, selection.ground_voxel)
@@ -73,14 +94,20 @@ def refine_masks(support: SceneSupport, selection: ObjectSelection, cameras: lis
         hidden = [_grow(foot, HIDDEN_MARGIN) | other for foot, other in zip(standing, others, strict=True)]
         feet = hulls if whole is occupied else [render_silhouette(selection.grid, whole, camera) for camera in cameras]
         ground = build_ground_picture(support, cameras, images, hidden)
-        evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
+        evidence = [
+            join_odds(ground.evidence(camera, image), table) for camera, image, table in zip(cameras, images, by_table, strict=True)
+        ]
         colors = _learn_colors(images, hulls, evidence)
         masks = []
-        for image, odds, agree, hull, foot, room in zip(images, evidence, agreed, hulls, feet, rooms, strict=True):
+        for image, odds, agree, table, seed, hull, foot, room in zip(
+            images, evidence, agreed, by_table, seeds, hulls, feet, rooms, strict=True
+        ):
             color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
+            # A shadow that the first masks took along has taught the colours that it is the object.
+            color = np.where(table < 0, np.minimum(color, 0.0), color)
             total = np.where(odds == 0.0, agree, odds) + color
             total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
-            masks.append(_close_holes(_cut_within(room, total, image), color))
+            masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, [render_silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)
 

@@ -14,13 +14,16 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.scene_support import fit_scene_support
+from zeroshop_steps.geometry.scene_support import SceneSupport, fit_scene_support
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import build_ground_picture, equalize_exposure
-from zeroshop_steps.segment.mask_quality import check_enough_good, compare_with_hull, describe_quality
+from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
-from zeroshop_steps.segment.object_selection import select_object
+from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
+from zeroshop_steps.segment.plain_ground import find_risen_points, fit_plain_ground, join_odds
+from zeroshop_steps.segment.plane_search import guess_scene_support, has_settled, settle_support
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
-from zeroshop_steps.segment.refine import refine_masks
+from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
 
 WIDTH_PX = 480  # images are cut at this width at most; time grows with its square
 # Shares of a mask's area: separate parts below the first are dropped, holes up to the second are filled.
@@ -59,28 +62,49 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
     Raises:
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
-    support = fit_scene_support(model, views, seed)
     cameras, images = _resize_views(views, image_width_px)
+    try:
+        support, fitted = fit_scene_support(model, views, seed), True
+    except StepError:
+        support, fitted = guess_scene_support(model, views), False
     images = equalize_exposure(support, cameras, images)
-    ground = build_ground_picture(support, cameras, images)
-    evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
-    check_not_moved(support, cameras, evidence)
-    selection = select_object(support, cameras, evidence)
-    refined = refine_masks(support, selection, cameras, images)
+    selection, refined, own = _find_on_plane(support, cameras, images, model)
+    settled = None if fitted else settle_support(support, cameras, images, refined.masks, selection.grid, refined.occupied)
+    if settled and not has_settled(support, settled):
+        support = settled
+        selection, refined, own = _find_on_plane(support, cameras, images, model)
     tidied = [tidy_mask(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = compare_with_hull([mask > 0.5 for mask in tidied], refined.hulls)
     check_enough_good(qualities, names, tidied)
+    check_points_covered(own, cameras, tidied)
     record = {
         "method": "support_plane",
         **describe_quality(qualities, names),
         "things_on_the_ground": selection.cluster_count,
+        "plane_from": "points" if fitted else "views" if settled else "object",
         "plane_inliers": support.inliers,
         "plane": {"normal": support.normal.tolist(), "offset": support.offset},
         "image_width_px": image_width_px,
     }
     sizes = [(view.camera.width_px, view.camera.height_px) for view in views]
     return [cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > 0.5 for mask, size in zip(tidied, sizes, strict=True)], record
+
+
+def _find_on_plane(
+    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], model: SparseModel
+) -> tuple[ObjectSelection, RefinedMasks, np.ndarray]:
+    """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
+    ground = build_ground_picture(support, cameras, images)
+    plain = fit_plain_ground(ground)
+    risen = find_risen_points(model.points, support) if plain else None
+    evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
+    if plain:
+        evidence = [join_odds(odds, plain.evidence(camera, image)) for odds, camera, image in zip(evidence, cameras, images, strict=True)]
+    check_not_moved(support, cameras, evidence, risen)
+    selection = select_object(support, cameras, evidence, risen)
+    own = selection.own_points(risen) if risen is not None else np.zeros((0, 3))
+    return selection, refine_masks(support, selection, cameras, images, plain, own), own
 
 
 def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:

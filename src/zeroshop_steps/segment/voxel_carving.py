@@ -32,6 +32,13 @@ class VoxelGrid:
         """(P, 3) world positions of the middles of the voxels (P, 3)."""
         return self.origin + (index + 0.5) * self.side @ self.axes if len(index) else np.zeros((0, 3))
 
+    def find_voxels(self, points: np.ndarray) -> np.ndarray:
+        """(X, Y, Z) bool: voxels that hold one of the world positions (P, 3)."""
+        index = np.floor((points - self.origin) @ self.axes.T / self.side).astype(int).reshape(-1, 3)
+        held = np.zeros(self.shape, bool)
+        held[tuple(index[((index >= 0) & (index < self.shape)).all(axis=1)].T)] = True
+        return held
+
 
 def count_votes(
     grid: VoxelGrid, index: np.ndarray, cameras: list[Camera], evidence: list[np.ndarray], sure: float

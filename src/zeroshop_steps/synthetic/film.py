@@ -29,6 +29,7 @@ from zeroshop_steps.synthetic.film_scene import BOARD_GAP_MM, FilmRenderer, Film
 from zeroshop_steps.synthetic.handheld_camera import DURATION_S, FOCAL_IN_WIDTHS, HandheldCamera, Lens, SmoothNoise
 from zeroshop_steps.synthetic.renderer import expose
 from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.table_tops import TABLE_TOPS
 
 CACHED = Cached(inputs=("model",), ignored=("threads",))
 BOARDS = ("beside", "empty_scene")
@@ -47,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--board", choices=BOARDS, required=True, help="beside the object in the film, or only in photos of the empty scene"
     )
+    parser.add_argument(
+        "--table", choices=tuple(TABLE_TOPS), default="print", help="what the table's top looks like (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the table, the hand, the light and the noise (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=0, help="threads for shading (default: all)")
     parser.add_argument("--out", type=Path, required=True, help="folder to write: film.mp4, empty_scene/ and truth/")
@@ -55,10 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
     use_threads(args.threads)
-    render_film(args.model, args.board == "beside", args.seed, args.out)
+    render_film(args.model, args.board == "beside", args.seed, args.out, top=args.table)
 
 
-def render_film(model: Path, board_beside: bool, seed: int, out: Path, size_px: tuple[int, int] = SIZE_PX, frames: int = FRAMES) -> None:
+def render_film(
+    model: Path, board_beside: bool, seed: int, out: Path, size_px: tuple[int, int] = SIZE_PX, frames: int = FRAMES, top: str = "print"
+) -> None:
     """Write the film, the photos of the empty scene and the truth into the folder `out`.
 
     Raises:
@@ -68,7 +74,7 @@ def render_film(model: Path, board_beside: bool, seed: int, out: Path, size_px: 
     rng = np.random.default_rng([seed, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
     if mesh.uv is None or mesh.texture is None:
         raise StepError(f"{model} has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
-    table = lay_table(mesh, bounds, seed, rng)
+    table = lay_table(mesh, bounds, seed, rng, top)
     lens = Lens(*size_px)
     hand = HandheldCamera(bounds, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)
     drift = SmoothNoise(rng, DRIFT_HZ, 4)

@@ -18,8 +18,8 @@ from zeroshop_steps.synthetic.lighting import Lights
 from zeroshop_steps.synthetic.renderer import SceneRenderer
 from zeroshop_steps.synthetic.scene_meshes import make_object_mesh, make_surface_mesh
 from zeroshop_steps.synthetic.table_scene import MERGED_MM, merge_meshes, transform_mesh, vary_lights
+from zeroshop_steps.synthetic.table_tops import TABLE_TOPS, TableTop
 
-DISTRACTORS = 6
 LEAST_GAP_MM, GAP_BETWEEN_MM = 50.0, 12.0  # from the object to a distractor, and between two of them
 CLEAR_VIEW_DEG = 22.0
 """Seen from this high or higher, nothing hides the object."""
@@ -41,6 +41,7 @@ class FilmTable:
         board_pose: (4, 4) model frame from the printed board's place.
         lights: of the room.
         seed: of the surface.
+        top: what the surface looks like.
     """
 
     mesh: Mesh
@@ -49,18 +50,19 @@ class FilmTable:
     board_pose: np.ndarray
     lights: Lights
     seed: int
+    top: TableTop
 
 
-def lay_table(mesh: Mesh, bounds: ObjectBounds, seed: int, rng: np.random.Generator) -> FilmTable:
+def lay_table(mesh: Mesh, bounds: ObjectBounds, seed: int, rng: np.random.Generator, top: str = "print") -> FilmTable:
     """Lay a table around an object: `bounds` is its middle, its size and its front."""
     wide = ObjectBounds(bounds.centre_mm, max(bounds.largest_mm, LEAST_LARGEST_MM), bounds.bottom_mm, bounds.front_azimuth_deg)
     pose = compute_surface_from_board(mesh, bounds, BOARD, BOARD_GAP_MM)
-    clutter = scatter_distractors(mesh, bounds, pose, rng)
-    return FilmTable(mesh, clutter, wide, pose, vary_lights(wide, rng), seed)
+    clutter = scatter_distractors(mesh, bounds, pose, TABLE_TOPS[top].things, rng)
+    return FilmTable(mesh, clutter, wide, pose, vary_lights(wide, rng), seed, TABLE_TOPS[top])
 
 
-def scatter_distractors(mesh: Mesh, bounds: ObjectBounds, board_pose: np.ndarray, rng: np.random.Generator) -> list[Mesh]:
-    """Distractors that lie apart from the object, from the board's place and from each other, and hide nothing of the object."""
+def scatter_distractors(mesh: Mesh, bounds: ObjectBounds, board_pose: np.ndarray, count: int, rng: np.random.Generator) -> list[Mesh]:
+    """At most `count` distractors, apart from the object, from the board's place and from each other, that hide nothing of the object."""
     thing = manifold3d.Manifold.hull_points(make_body(mesh.vertices).hull)
     width, height = BOARD.size_mm
     corners = np.array([[x, y, z, 1.0] for x in (0, width) for y in (0, height) for z in (-1, 1)])
@@ -68,7 +70,7 @@ def scatter_distractors(mesh: Mesh, bounds: ObjectBounds, board_pose: np.ndarray
     foot = np.array([*bounds.centre_mm[:2], bounds.bottom_mm])
     reach_mm = float(np.linalg.norm((mesh.vertices - foot)[:, :2], axis=1).max())
     found = []
-    for _ in range(DISTRACTORS):
+    for _ in range(count):
         other = make_distractor(rng)
         body = make_body(other.vertices)
         for _ in range(ATTEMPTS):
@@ -99,9 +101,11 @@ class FilmRenderer:
             paint_board(texture, BOARD, table.board_pose, table.bounds)
 
         things = [table.mesh, *table.clutter] if with_object else table.clutter
-        surface = make_surface_mesh(SCENE, table.bounds, table.seed, lay if with_board else None)
+        surface = make_surface_mesh(SCENE, table.bounds, table.seed, lay if with_board else None, table.top.make_texture)
         assert surface is not None, "this scene has a surface"
-        self._renderer = SceneRenderer([make_object_mesh(merge_meshes(things)), surface], table.bounds, table.seed, table.lights, MERGED_MM)
+        self._renderer = SceneRenderer(
+            [make_object_mesh(merge_meshes(things)), surface], table.bounds, table.seed, table.lights, MERGED_MM, table.top.mirror
+        )
         self._object_faces = len(table.mesh.faces) if with_object else 0
         self._vertices = table.mesh.vertices
         low, high = self._vertices.min(0), self._vertices.max(0)

@@ -1,6 +1,7 @@
 """The embedded ray caster: Open3D finds what each ray hits, the shading kernel gives it a colour."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -40,7 +41,8 @@ class RenderedView:
 class SceneRenderer:
     """Renders a scene of an object (`parts[0]`) and perhaps a surface (`parts[1]`); the light is baked once, here.
 
-    `lights` are those of the captures by default; for `merged_mm` see `lighting.bake_light`.
+    `lights` are those of the captures by default; for `merged_mm` see `lighting.bake_light`. `mirror` is the reflectance of the flat
+    surface's varnish at normal incidence: above 0, the surface shows a mirror image of what stands on it.
     """
 
     def __init__(
@@ -50,8 +52,11 @@ class SceneRenderer:
         seed: int,
         lights: lighting.Lights | None = None,
         merged_mm: float | None = None,
+        mirror: float = 0.0,
     ) -> None:
         self.scene = ray_caster(*((part.vertices, part.faces) for part in parts))
+        self._mirror, self._surface_mm = mirror, bounds.bottom_mm
+        self._mirrored_scene = ray_caster((parts[0].vertices, parts[0].faces)) if mirror else None
         lights = lights or lighting.place_lights(bounds, on_surface=len(parts) > 1)
         light = lighting.bake_light(self.scene, parts, bounds, lights, seed, merged_mm)
         self._arrays = [
@@ -97,11 +102,33 @@ class SceneRenderer:
         depth, part = hits["t_hit"].numpy(), hits["geometry_ids"].numpy()
         step_x = world_from_camera[:3, 0] / camera.intrinsics[0, 0]
         step_y = world_from_camera[:3, 1] / camera.intrinsics[1, 1]
-        color = shading.shade(
-            rays, depth, part, hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy(),
+        color = self._shade(rays, hits, step_x, step_y, footprint)
+        if self._mirrored_scene is not None:
+            on_surface = np.flatnonzero(part == 1)
+            color[on_surface] = self._add_mirror_image(color[on_surface], rays[on_surface], step_x, step_y, footprint)
+        return color, part, np.where(part == shading.MISS, 0.0, depth).astype(np.float32), hits["primitive_normals"].numpy()
+
+    def _shade(self, rays: np.ndarray, hits: dict[str, Any], step_x: np.ndarray, step_y: np.ndarray, footprint: float) -> np.ndarray:
+        return shading.shade(
+            rays, hits["t_hit"].numpy(), hits["geometry_ids"].numpy(), hits["primitive_ids"].numpy(), hits["primitive_uvs"].numpy(),
             step_x, step_y, footprint, *self._arrays, self._light_arrays, LINEAR_OF_BYTE,
         )  # fmt: skip
-        return color, part, np.where(part == shading.MISS, 0.0, depth).astype(np.float32), hits["primitive_normals"].numpy()
+
+    def _add_mirror_image(
+        self, color: np.ndarray, rays: np.ndarray, step_x: np.ndarray, step_y: np.ndarray, footprint: float
+    ) -> np.ndarray:
+        """(N, 3) colours of surface points with what their varnish reflects, by Schlick's approximation of Fresnel's equations.
+
+        The mirrored ray starts below the surface, where the camera's mirror image is, and the surface itself is not in its way.
+        """
+        flip = np.array([1, 1, -1], np.float32)
+        mirrored = np.concatenate([rays[:, :3] * flip + np.float32(2 * self._surface_mm) * (flip < 0), rays[:, 3:] * flip], 1)
+        assert self._mirrored_scene is not None, "only a mirroring surface is asked"
+        hits = self._mirrored_scene.cast_rays(o3d.core.Tensor(mirrored))
+        reflected = self._shade(mirrored, hits, step_x * flip, step_y * flip, footprint)
+        cosine = np.abs(rays[:, 5]) / np.linalg.norm(rays[:, 3:], axis=1)
+        share = (self._mirror + (1 - self._mirror) * (1 - cosine) ** 5)[:, None].astype(np.float32)
+        return (1 - share) * color + share * reflected
 
 
 def _find_edges(part: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> np.ndarray:

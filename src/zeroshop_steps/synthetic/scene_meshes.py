@@ -59,11 +59,17 @@ def make_object_mesh(mesh: Mesh) -> SceneMesh:
     )
 
 
-def make_surface_mesh(scene: str, bounds: ObjectBounds, seed: int, paint: Callable[[np.ndarray], None] | None = None) -> SceneMesh | None:
+def make_surface_mesh(
+    scene: str,
+    bounds: ObjectBounds,
+    seed: int,
+    paint: Callable[[np.ndarray], None] | None = None,
+    make_texture: Callable[[np.random.Generator], np.ndarray] | None = None,
+) -> SceneMesh | None:
     """The square support surface under the object; None for se.
 
     su_h is flat, so that its texture alone makes it rich. su_l undulates downwards by at most 0.3 % of the object's size.
-    `paint` changes its (texels, texels, 3) uint8 texture in place: what lies on it.
+    `make_texture` makes its (texels, texels, 3) uint8 texture, by default the scene's own; `paint` changes it in place: what lies on it.
     """
     if scene == "se":
         return None
@@ -74,14 +80,14 @@ def make_surface_mesh(scene: str, bounds: ObjectBounds, seed: int, paint: Callab
     x, y = np.meshgrid(grid * half_mm + bounds.centre_mm[0], grid * half_mm + bounds.centre_mm[1])
     depth_mm = np.zeros_like(x)
     if scene == "su_l":
-        depth_mm = _make_noise(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * bounds.largest_mm
+        depth_mm = make_noise(rng, cells + 1, 8, 32) * BUMP_HEIGHT_IN_SIZES * bounds.largest_mm
     vertices = np.stack([x, y, bounds.bottom_mm - depth_mm], -1).reshape(-1, 3)
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
     right, up, both = corner + 1, corner + cells + 1, corner + cells + 2
     faces = np.concatenate([np.stack([corner, right, both], 1), np.stack([corner, both, up], 1)])
     uv = np.stack(np.meshgrid((grid + 1) / 2, (grid + 1) / 2), -1).reshape(-1, 2)
     normals = Mesh(vertices, faces).vertex_normals
-    texture = make_plain_texture(rng) if scene == "su_l" else make_rich_texture(rng)
+    texture = (make_texture or (make_plain_texture if scene == "su_l" else make_rich_texture))(rng)
     if paint:
         paint(texture)
     return SceneMesh(
@@ -95,14 +101,14 @@ def make_surface_mesh(scene: str, bounds: ObjectBounds, seed: int, paint: Callab
 
 def make_plain_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS // 2) -> np.ndarray:
     """(texels, texels, 3) uint8: a near-uniform grey, its brightness off by at most about two per cent."""
-    grey = PLAIN_GREY + PLAIN_CHANGE * (_make_noise(rng, texels, 8, texels // 2) - 0.5)
+    grey = PLAIN_GREY + PLAIN_CHANGE * (make_noise(rng, texels, 8, texels // 2) - 0.5)
     return np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, -1)
 
 
 def make_rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) -> np.ndarray:
     """(texels, texels, 3) uint8: noise of all scales under thousands of random shapes of all sizes, nothing repeats."""
-    grey = np.clip((_make_noise(rng, texels, 16, texels // 2, 0.85) - 0.5) * 500 + 115, 12, 243)
-    tint = np.stack([_make_noise(rng, texels // 8, 8, 64) for _ in range(3)], -1) * 0.8 + 0.6
+    grey = np.clip((make_noise(rng, texels, 16, texels // 2, 0.85) - 0.5) * 500 + 115, 12, 243)
+    tint = np.stack([make_noise(rng, texels // 8, 8, 64) for _ in range(3)], -1) * 0.8 + 0.6
     image = np.rint(np.clip(cv2.resize(tint, (texels, texels)) * grey[..., None], 0, 250)).astype(np.uint8)
     for size, count in RICH_SHAPES:
         for _ in range(count):
@@ -126,7 +132,7 @@ def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> Non
         cv2.fillPoly(image, [points], color, cv2.LINE_AA, 4)
 
 
-def _make_noise(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
+def make_noise(rng: np.random.Generator, texels: int, coarsest: int, finest: int, falling: float = 0.7) -> np.ndarray:
     """(texels, texels) float32 noise in 0..1: random grids of `coarsest`, twice, ... `finest` cells, amplitude `falling` each time."""
     total: np.ndarray = np.zeros((coarsest, coarsest), np.float32)
     amplitude, cells, sum_amplitude = 1.0, coarsest, 0.0

@@ -1,0 +1,137 @@
+"""Tell an object from a plain table: one colour all over, up to the light that falls on it.
+
+A printed ground is known place by place, from views that see it beside the object (ground.py). That fails on a plain table: a low thing of
+one colour looks like ground, because all views agree on its colour, too. But a plain table's colour under the object is known from around
+it. A pixel with the table's hue and another brightness may be a shadow or a reflection; it says little.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
+from zeroshop_steps.segment.ground import CELL_DISTANCES, MOST_ODDS, GroundPicture, find_in_front
+
+# Colours are levels of 255, odds natural logarithms, lengths shares of the cameras' distance from the focus.
+# Set by hand on six rendered objects on four tables each (docs/results.md).
+RING_DISTANCES = 0.55  # the table's colour is learned this far around the foot
+ROUNDS = 8  # of reweighting; what stands on the table counts less in each
+TUKEY_DEVIATIONS = 3.0  # farther from the fitted colour is no table
+MOST_HUE_SPREAD, MOST_LIGHT_SPREAD = 8.0, 13.0
+"""Deviations of a plain table's hue and brightness, levels. Wood has 1 and 6, a grey carpet 5 and 12, a printed ground 13 and 33."""
+LEAST_SHARE = 0.35  # of the ring's cells must fit; a table that is covered by things is not known
+NOISE_LEVELS = 4.0  # of the cameras, after averaging over a few pixels
+SAME_HUE_SIGMAS, OTHER_HUE_SIGMAS = 2.0, 6.0
+"""Up to the first a hue is the table's, from the second on it is not: mirror images and light from the object tint a table a little."""
+SAME_LIGHT_SIGMAS, OTHER_LIGHT_SIGMAS = 1.5, 4.0  # the same for brightness
+SHADOW_RANGE = (0.4, 1.2)  # of the table's brightness: shadows, and the shine of lamps
+SHADOW_ODDS = -0.9  # for an object where only the brightness differs within that range
+DARK_ODDS = 1.0  # where it is darker or brighter than that
+RISEN_DISTANCES = 0.012  # a sparse point this far above the plane is on an object: three times the plane's own tolerance
+COMPANY, COMPANY_DISTANCES = 3, 0.04  # so many other points lie this close to it; lonely points are wrong matches
+BLUR_PX = 3  # noise is averaged over this width
+
+
+@dataclass(frozen=True)
+class PlainGround:
+    """The colour of a plain table.
+
+    Attributes:
+        picture: what it was learned from, for the way from cells to views.
+        coefficients: (6, 3) of a quadratic in the cell's position for each channel: light falls off across a table.
+        hue_spread, light_spread: deviation of the table's colours from that across and along its own brightness, levels.
+    """
+
+    picture: GroundPicture
+    coefficients: np.ndarray
+    hue_spread: float
+    light_spread: float
+
+    def evidence(self, camera: Camera, image: np.ndarray) -> np.ndarray:
+        """(H, W) float32 log odds, at most `MOST_ODDS` either way, that a pixel of an (H, W, 3) float32 RGB image shows an object."""
+        homography = self.picture.view_from_cell(camera)
+        back = np.linalg.inv(homography)
+        y, x = np.mgrid[0 : camera.height_px, 0 : camera.width_px]
+        w = back[2, 0] * x + back[2, 1] * y + back[2, 2]
+        w = np.where(np.abs(w) < 1e-12, 1e-12, w)
+        count = self.picture.known.shape[0]
+        u, v = ((back[row, 0] * x + back[row, 1] * y + back[row, 2]) / w for row in (0, 1))
+        # Beyond the ring the table is taken to look as at its rim.
+        inward = np.minimum(RING_DISTANCES / CELL_DISTANCES / np.maximum(np.hypot(u - count / 2, v - count / 2), 1e-9), 1.0)
+        u, v = (count / 2 + (part - count / 2) * inward for part in (u, v))
+        table = _basis(u, v, count) @ self.coefficients
+        hue, light = _split(cv2.blur(image, (BLUR_PX, BLUR_PX)), table)
+        hue_off = hue / (NOISE_LEVELS + self.hue_spread)
+        light_off = np.abs(light - 1) * np.linalg.norm(table, axis=2) / np.sqrt(3) / (NOISE_LEVELS + self.light_spread)
+        other_hue = np.clip((hue_off - SAME_HUE_SIGMAS) / (OTHER_HUE_SIGMAS - SAME_HUE_SIGMAS), 0, 1)
+        other_light = np.clip((light_off - SAME_LIGHT_SIGMAS) / (OTHER_LIGHT_SIGMAS - SAME_LIGHT_SIGMAS), 0, 1)
+        low, high = SHADOW_RANGE
+        extreme = np.clip(np.maximum((low - light) / 0.1, (light - high) / 0.1), 0, 1)
+        of_light = (1 - other_light) * -MOST_ODDS + other_light * (SHADOW_ODDS + extreme * (DARK_ODDS - SHADOW_ODDS))
+        odds = (1 - other_hue) * of_light + other_hue * MOST_ODDS
+        return np.where(find_in_front(camera, homography), odds, 0.0).astype(np.float32)
+
+
+def fit_plain_ground(picture: GroundPicture) -> PlainGround | None:
+    """Learn the table's colour; None where the ground is printed, or too little of it is seen."""
+    count = picture.known.shape[0]
+    y, x = np.nonzero(picture.known)
+    inside = np.hypot(x - count / 2, y - count / 2) < RING_DISTANCES / CELL_DISTANCES
+    y, x = y[inside], x[inside]
+    if not len(y):
+        return None
+    colors = picture.color[y, x].astype(float)
+    basis = _basis(x, y, count)
+    weights = np.ones(len(y))
+    fitted = np.median(colors, axis=0)[None]
+    for _ in range(ROUNDS):
+        off = np.linalg.norm(colors - fitted, axis=1) / np.sqrt(3)
+        spread = DEVIATION_OF_MEDIAN * float(np.median(off))
+        weights = np.clip(1 - (off / (TUKEY_DEVIATIONS * max(spread, 1.0))) ** 2, 0, None) ** 2
+        coefficients = np.linalg.lstsq(basis * weights[:, None], colors * weights[:, None], rcond=None)[0]
+        fitted = basis @ coefficients
+    table = weights > 0
+    hue, light = _split(colors[table], fitted[table])
+    light_levels = np.abs(light - 1) * np.linalg.norm(fitted[table], axis=1) / np.sqrt(3)
+    hue_spread, light_spread = (DEVIATION_OF_MEDIAN * float(np.median(part)) for part in (hue, light_levels))
+    if hue_spread > MOST_HUE_SPREAD or light_spread > MOST_LIGHT_SPREAD or table.mean() < LEAST_SHARE:
+        return None
+    return PlainGround(picture, coefficients, hue_spread, light_spread)
+
+
+def find_risen_points(points: np.ndarray, support: SceneSupport) -> np.ndarray:
+    """Those of the (P, 3) sparse points that lie clearly above the plane, with others near them."""
+    near = points[np.linalg.norm(points - support.focus, axis=1) < support.distance]
+    high = near[support.heights(near) > RISEN_DISTANCES * support.distance]
+    if len(high) <= COMPANY:
+        return high[:0]
+    distances, _ = cKDTree(high).query(high, COMPANY + 1)
+    return high[distances[:, -1] < COMPANY_DISTANCES * support.distance]
+
+
+def join_odds(by_place: np.ndarray, by_table: np.ndarray) -> np.ndarray:
+    """(H, W) log odds of the object by what views see at a place of the ground, and by the table's colour, at most `MOST_ODDS` either way.
+
+    That all views agree on a colour is no sign of ground where it is not the table's colour: low things of one colour look so. And
+    where the others see the table lighter at this place, it is no shadow: a shadow lies there in all views.
+    """
+    by_place = np.where(by_table > 0, np.maximum(by_place, 0.0), by_place)
+    not_shadow = np.minimum((by_table - SHADOW_ODDS) * MOST_ODDS / (MOST_ODDS + SHADOW_ODDS), 0.0)
+    by_table = np.where((by_place > 0) & (by_table < 0), not_shadow, by_table)
+    return np.clip(by_place + by_table, -MOST_ODDS, MOST_ODDS)
+
+
+def _split(colors: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far (..., 3) colours are from the table's in the best fitting light, in levels, and that light, as a factor."""
+    light = (colors * table).sum(-1) / np.maximum((table * table).sum(-1), 1.0)
+    return np.linalg.norm(colors - light[..., None] * table, axis=-1), light
+
+
+def _basis(x: np.ndarray, y: np.ndarray, count: int) -> np.ndarray:
+    """(..., 6) quadratic basis of positions in cells."""
+    x, y = x / count - 0.5, y / count - 0.5
+    return np.stack([np.ones_like(x, dtype=float), x, y, x * x, x * y, y * y], -1)

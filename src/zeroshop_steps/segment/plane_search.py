@@ -1,0 +1,96 @@
+"""Find the support plane of a plain table, on which no sparse points lie.
+
+Its normal is up, as the photos were held. A first guess of its place is just below the lowest points of the object. Then the plane is
+moved along the normal until the views agree best on what they see around the object: the object's shadow and the table's grain lie on it.
+"""
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.scene_support import SceneSupport, find_focus
+from zeroshop_steps.geometry.support_plane import MIN_CERTAINTY, estimate_up_from_roll
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.ground import sample_ground
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, splat_voxels
+
+# Lengths are shares of the cameras' distance from the focus. Set by hand on six rendered objects on four tables each (docs/results.md).
+ASIDE_DISTANCES, REACH_DISTANCES = 0.2, 0.5  # points this close to the upright line through the focus, and to the focus, are the object's
+MIN_POINTS = 20
+LOWEST_PERCENTILE = 3.0  # of the heights; lower points are wrong matches or mirror images
+BELOW_DISTANCES = 0.02  # the foot often has no print; the guess lies this far below the lowest points
+COARSE_STEPS = np.arange(-5, 6) * 0.01  # moves of the guess to try first
+FINE_STEPS = np.arange(-4, 5) * 0.002  # and then around the best of them
+PICTURE_DISTANCES = 0.3  # half the side of the square of the plane on which the views are compared
+HIDDEN_PX = 3  # pixels this close to the object do not count: its mask is not exact
+MOST_LEVELS = 25.0  # a larger disagreement counts no more: something hides the table there
+MIN_CONTRAST = 1.04  # of the usual disagreement to the best plane's; below, the table shows nothing that tells its height
+SETTLED_DISTANCES = 0.003  # a plane that moves less than this needs no new masks
+
+
+def guess_scene_support(model: SparseModel, views: list[View]) -> SceneSupport:
+    """The plane just below what the cameras look at.
+
+    Raises:
+        StepError: too few points are there, or the photos do not tell what is up.
+    """
+    focus = find_focus(list(model.cameras))
+    centres = np.array([camera.centre_in_world for camera in model.cameras])
+    distance = float(np.median(np.linalg.norm(centres - focus, axis=1)))
+    up, certainty = estimate_up_from_roll(views)
+    offsets = model.points - focus
+    heights = offsets @ up
+    aside = np.linalg.norm(offsets - heights[:, None] * up, axis=1)
+    own = heights[(aside < ASIDE_DISTANCES * distance) & (np.abs(heights) < REACH_DISTANCES * distance)]
+    if len(own) < MIN_POINTS or certainty < MIN_CERTAINTY:
+        raise StepError(
+            f"no support plane: {len(own)} points were found on what the cameras look at, {MIN_POINTS} are needed, and the photos must be "
+            "held level for the most part; put the object on a flat surface with print, such as a newspaper, and film it again from above"
+        )
+    lowest = float(np.percentile(own, LOWEST_PERCENTILE))
+    return SceneSupport(up, float(focus @ up) + lowest - BELOW_DISTANCES * distance, focus, distance, 0)
+
+
+def settle_support(
+    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], masks: list[np.ndarray], grid: VoxelGrid, occupied: np.ndarray
+) -> SceneSupport | None:
+    """Move the plane to where the views agree best on the table around the object; None where the table does not tell.
+
+    Args:
+        support: the guess.
+        cameras: of all views.
+        images: (H, W, 3) float32 RGB of the cameras' sizes, of equal exposure.
+        masks: (H, W) float32, above 1/2 on the object.
+        grid: a block of voxels around the object.
+        occupied: (X, Y, Z) bool: voxels of the object. Its mirror image on a glossy table does not lie on the table and is left out, too.
+    """
+    points = grid.centres(np.argwhere(occupied))
+    mirrored = points - 2 * support.heights(points)[:, None] * support.normal
+    window = np.ones((2 * HIDDEN_PX + 1,) * 2, np.uint8)
+    hidden = [
+        (cv2.dilate((mask > 0.5).astype(np.uint8), window) > 0) | splat_voxels(mirrored, grid.side, camera)
+        for mask, camera in zip(masks, cameras, strict=True)
+    ]
+
+    def measure(step: float) -> float:
+        ground, samples = sample_ground(_move(support, step), cameras, images, hidden, PICTURE_DISTANCES)
+        difference = np.minimum(np.abs(samples - ground.color).max(-1), MOST_LEVELS)
+        seen = np.isfinite(difference) & ground.known
+        return float(difference[seen].mean()) if seen.any() else MOST_LEVELS
+
+    coarse = [measure(step) for step in COARSE_STEPS]
+    best = int(np.argmin(coarse))
+    if best in (0, len(coarse) - 1) or np.median(coarse) < MIN_CONTRAST * coarse[best]:
+        return None
+    steps = COARSE_STEPS[best] + FINE_STEPS
+    return _move(support, float(steps[int(np.argmin([measure(step) for step in steps]))]))
+
+
+def has_settled(before: SceneSupport, after: SceneSupport) -> bool:
+    """Whether the second plane is so near to the first that masks by the first serve."""
+    return abs(after.offset - before.offset) <= SETTLED_DISTANCES * before.distance
+
+
+def _move(support: SceneSupport, step: float) -> SceneSupport:
+    return SceneSupport(support.normal, support.offset + step * support.distance, support.focus, support.distance, support.inliers)
