@@ -1,4 +1,4 @@
-"""Balls on a printed table, drawn by their equations: what a film may show that it should not."""
+"""Balls on a printed table or on a plain one, drawn by their equations: what a film may show that it should not."""
 
 from pathlib import Path
 
@@ -14,16 +14,21 @@ WIDTH, HEIGHT, FOCAL, DISTANCE, COUNT = 240, 180, 260.0, 4.0, 12
 Ball = tuple[float, float, float]  # x and y of its foot, radius
 
 
-def table_views(folder: Path, balls_in: list[list[Ball]]) -> tuple[list[View], SparseModel]:
+def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False) -> tuple[list[View], SparseModel]:
     """Write a view for each list of balls; returns the views and what a registration knows of the scene.
 
     Args:
         folder: for the images.
         balls_in: the balls that each view shows, of views evenly around the table's middle at two heights.
+        plain: a white table that shows nothing but the soft shadows of the first view's balls, and no points.
     """
     rng = np.random.default_rng(0)
-    print_ = cv2.resize(rng.integers(20, 236, (160, 160, 3), np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC).astype(np.float32)
-    views, points = [], [np.c_[rng.uniform(-1.6, 1.6, (600, 2)), np.zeros(600)]]
+    print_ = (
+        _plain_top(balls_in[0])
+        if plain
+        else cv2.resize(rng.integers(20, 236, (160, 160, 3), np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC).astype(np.float32)
+    )
+    views, points = [], [np.c_[rng.uniform(-1.6, 1.6, (0 if plain else 600, 2)), np.zeros(0 if plain else 600)]]
     for index, balls in enumerate(balls_in):
         camera = ring_camera(index, len(balls_in), DISTANCE, (25, 45), (0.0, 0.0, 0.3), FOCAL, (WIDTH, HEIGHT))
         image, on_balls = _drawn(camera, balls, print_, rng)
@@ -34,6 +39,15 @@ def table_views(folder: Path, balls_in: list[list[Ball]]) -> tuple[list[View], S
     points = np.concatenate(points)
     model = SparseModel(tuple(view.camera for view in views), points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3))
     return views, model
+
+
+def _plain_top(balls: list[Ball]) -> np.ndarray:
+    """(640, 640, 3) float32: white, darker around the feet of the balls."""
+    y, x = (np.mgrid[:640, :640] / 639 - 0.5) * 8.0
+    light = np.ones((640, 640))
+    for foot_x, foot_y, radius in balls:
+        light -= 0.45 * np.exp(-((x - foot_x) ** 2 + (y - foot_y) ** 2) / (0.9 * radius) ** 2)
+    return np.repeat(220.0 * light[..., None], 3, -1).astype(np.float32)
 
 
 def _drawn(camera: Camera, balls: list[Ball], print_: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

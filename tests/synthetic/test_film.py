@@ -1,6 +1,7 @@
 """A rendered film: a video that can be taken frames from, on a table whose clutter hides nothing, with masks that are true."""
 
 import functools
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from zeroshop_steps.capture.video import extract_frames
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_mask
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic import lighting, scene_meshes, table_scene
+from zeroshop_steps.synthetic import lighting, scene_meshes, table_scene, table_tops
 from zeroshop_steps.synthetic.board_scene import BOARD, place_empty_cameras
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.film import render_film
@@ -81,6 +82,32 @@ def test_the_board_lies_in_the_empty_scene_and_the_object_does_not():
     black = np.array([(column + row) % 2 == 0 for column, row in squares])
     assert levels[y, x][black].max() < 0.5 * levels[corner[1], corner[0]][~black].mean()
     assert not view.render_mask(camera).any()
+
+
+def test_a_glossy_table_mirrors_the_object_and_a_matt_one_does_not(monkeypatch):
+    """What lies below the object in the picture gets its colours."""
+    monkeypatch.setattr(table_tops, "TEXELS", 64)
+    mesh = box_mesh()
+    below = {}
+    for top in ("glossy", "white"):
+        table = lay_table(mesh, SUBJECT, 0, np.random.default_rng(0), top)
+        assert len(table.clutter) <= table.top.things
+        camera = place_empty_cameras(mesh, table.bounds, *SIZE_PX, 30.0, BOARD_GAP_MM)[0]
+        plain = FilmRenderer(replace(table, top=replace(table.top, mirror=0.0)), with_object=True, with_board=False)
+        mirrored = FilmRenderer(table, with_object=True, with_board=False)
+        change = np.abs(mirrored.render(camera) - plain.render(camera)).max(2)
+        mask = mirrored.render_mask(camera)
+        assert change[mask].max() == 0
+        below[top] = change[~mask].max()
+    assert below["glossy"] > 0.01 and below["white"] == 0
+
+
+@pytest.mark.parametrize("name", [name for name in table_tops.TABLE_TOPS if name != "print"])
+def test_a_plain_top_shows_little_print(name):
+    texture = table_tops.TABLE_TOPS[name].make_texture(np.random.default_rng(0))
+    assert texture.shape == (table_tops.TEXELS, table_tops.TEXELS, 3) and texture.dtype == np.uint8
+    light = texture.mean(2)
+    assert light.std() < 0.15 * light.mean() + 2
 
 
 def test_the_hand_goes_around_twice_in_two_heights_and_is_never_still():

@@ -20,6 +20,12 @@ def test_the_board_beside_the_object_needs_no_photos_of_the_empty_scene(snakemak
     assert "--board beside" in run.stdout and "--marker-images" not in run.stdout
 
 
+def test_a_plain_table_is_a_dataset_of_its_own(snakemake):
+    run = snakemake("-n", "results/films_glossy/mug/film/film.mp4")
+    assert "--table glossy" in run.stdout
+    assert "--table print" in snakemake("-n", "results/films/mug/film/film.mp4").stdout
+
+
 def test_the_tables_of_films_cover_every_film(snakemake):
     run = snakemake("-n", "results/films/tables/masks.csv", "results/films/tables/film_height.csv")
     assert run.returncode == 0, run.stdout

@@ -240,10 +240,11 @@ rule film:
         runtime=per_attempt(20),
     params:
         board=lambda wildcards: config["datasets"][wildcards.dataset]["board"],
+        table=lambda wildcards: config["datasets"][wildcards.dataset].get("table", "print"),
         seed=config["seed"],
         folder=subpath(output.film, parent=True),
     message:
         "Filming {wildcards.object}"
     shell:
         "python -m zeroshop_steps.synthetic --method film --model {input.model}/model.ply --board {params.board}"
-        " --seed {params.seed} --threads {threads} --out {params.folder} > {log} 2>&1"
+        " --table {params.table} --seed {params.seed} --threads {threads} --out {params.folder} > {log} 2>&1"

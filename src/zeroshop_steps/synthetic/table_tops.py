@@ -28,8 +28,9 @@ class TableTop:
     things: int
 
 
-def make_wood_texture(rng: np.random.Generator, texels: int = TEXELS) -> np.ndarray:
+def make_wood_texture(rng: np.random.Generator) -> np.ndarray:
     """Brown planks with fine grain along x; low in contrast, and alike everywhere."""
+    texels = TEXELS
     grain = cv2.resize(make_noise(rng, texels, 16, texels // 2, 0.9)[:, : texels // GRAIN_STRETCH], (texels, texels))
     planks = np.repeat(rng.normal(0, 1, PLANKS), -(-texels // PLANKS))[:texels, None]
     light = 1.0 + 0.9 * (grain - 0.5) + 0.04 * planks
@@ -38,9 +39,9 @@ def make_wood_texture(rng: np.random.Generator, texels: int = TEXELS) -> np.ndar
     return np.rint(np.clip(np.array([150, 108, 70]) * light[..., None], 0, 250)).astype(np.uint8)
 
 
-def _make_uniform_texture(rng: np.random.Generator, color: tuple[int, int, int], texels: int = TEXELS) -> np.ndarray:
+def _make_uniform_texture(rng: np.random.Generator, color: tuple[int, int, int]) -> np.ndarray:
     """One colour, its brightness off by about one per cent."""
-    light = 1.0 + 0.04 * (make_noise(rng, texels, 8, texels // 2) - 0.5)
+    light = 1.0 + 0.04 * (make_noise(rng, TEXELS, 8, TEXELS // 2) - 0.5)
     return np.rint(np.clip(np.array(color) * light[..., None], 0, 250)).astype(np.uint8)
 
 

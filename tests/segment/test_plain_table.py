@@ -1,0 +1,122 @@
+"""On a plain table, which has no points of its own, the object and the plane are found, too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from helpers.table_scene import table_views
+from zeroshop_steps.geometry.cameras import SparseModel
+from zeroshop_steps.geometry.scene_support import fit_scene_support
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.ground import build_ground_picture
+from zeroshop_steps.segment.mask_quality import MasksRejected, check_points_covered
+from zeroshop_steps.segment.plain_ground import MOST_ODDS, SHADOW_ODDS, find_risen_points, fit_plain_ground, join_odds
+from zeroshop_steps.segment.plane_search import guess_scene_support
+from zeroshop_steps.segment.support_plane import _resize_views, find_masks
+
+BALL = (0.0, 0.0, 0.45)
+VIEWS = 12
+
+
+@pytest.fixture(scope="module")
+def plain_scene(tmp_path_factory):
+    return table_views(tmp_path_factory.mktemp("plain"), [[BALL]] * VIEWS, plain=True)
+
+
+def true_mask(camera):
+    """(H, W) bool: the pixels whose rays meet the ball."""
+    y, x = np.mgrid[: camera.height_px, : camera.width_px] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
+    away = camera.centre_in_world - np.array([*BALL[:2], BALL[2]])
+    return (rays @ away) ** 2 > (rays**2).sum(-1) * (away @ away - BALL[2] ** 2)
+
+
+def test_a_plain_table_has_no_points_and_a_guess_serves(plain_scene):
+    views, model = plain_scene
+    with pytest.raises(StepError, match="no support plane"):
+        fit_scene_support(model, views)
+    support = guess_scene_support(model, views)
+    assert support.normal @ [0, 0, 1] > np.cos(np.radians(1.0))
+    assert abs(support.offset) < 0.06 * support.distance
+
+
+@pytest.mark.slow
+def test_masks_and_plane_of_a_plain_table(plain_scene):
+    """The shadow is no part of the ball, and the plane lies where the shadow lies."""
+    views, model = plain_scene
+    masks, record = find_masks(views, model, 240, seed=0)
+    overlaps = []
+    for mask, view in zip(masks, views, strict=True):
+        truth = true_mask(view.camera)
+        overlaps.append((mask & truth).sum() / (mask | truth).sum())
+    assert np.median(overlaps) > 0.93 and min(overlaps) > 0.85
+    assert record["plane_from"] == "views"
+    assert abs(record["plane"]["offset"]) < 0.05
+
+
+def test_the_flat_top_of_the_object_is_no_support(plain_scene):
+    """All points lie on a small lid in the middle: what the object stands on reaches farther."""
+    views, model = plain_scene
+    rng = np.random.default_rng(0)
+    lid = np.column_stack([rng.uniform(-0.4, 0.4, (300, 2)), np.full(300, 0.3)])
+    with pytest.raises(StepError, match="no support plane"):
+        fit_scene_support(SparseModel(model.cameras, lid, np.zeros((300, 3), np.uint8), np.full(300, 3)), views)
+
+
+def test_too_few_points_tell_no_plane(plain_scene):
+    views, model = plain_scene
+    few = replace(model, points=model.points[:5], colors=model.colors[:5], track_lengths=model.track_lengths[:5])
+    with pytest.raises(StepError, match="5 points were found on what the cameras look at"):
+        guess_scene_support(few, views)
+
+
+def test_a_print_is_not_plain(plain_scene, tmp_path):
+    for plain in (False, True):
+        views, model = table_views(tmp_path / str(plain), [[BALL]] * VIEWS, plain)
+        support = guess_scene_support(plain_scene[1], plain_scene[0])
+        cameras, images = _resize_views(views, 240)
+        found = fit_plain_ground(build_ground_picture(support, cameras, images))
+        assert (found is not None) == plain
+
+
+def test_a_shadow_says_little_and_another_hue_much(plain_scene):
+    views, model = plain_scene
+    support = guess_scene_support(model, views)
+    cameras, images = _resize_views(views, 240)
+    ground = fit_plain_ground(build_ground_picture(support, cameras, images))
+    camera = cameras[0]
+
+    def odds_of(color):
+        image = np.full((camera.height_px, camera.width_px, 3), color, np.float32)
+        return float(np.median(ground.evidence(camera, image)))
+
+    assert odds_of((220, 220, 220)) < -1.4
+    assert odds_of((130, 130, 130)) == pytest.approx(SHADOW_ODDS, abs=0.2)
+    assert odds_of((20, 20, 20)) > 0.5
+    assert odds_of((220, 120, 30)) == pytest.approx(MOST_ODDS, abs=0.1)
+
+
+def test_agreement_is_no_ground_where_the_hue_is_not_the_tables():
+    assert join_odds(np.array([-1.5]), np.array([1.5]))[0] == 1.5
+    assert join_odds(np.array([-1.5]), np.array([-0.9]))[0] == -1.5
+    assert join_odds(np.array([0.7]), np.array([SHADOW_ODDS]))[0] == pytest.approx(0.7)  # no shadow where the others see a lighter table
+    assert join_odds(np.array([0.7]), np.array([-1.5]))[0] == pytest.approx(-0.8)
+
+
+def test_lonely_points_are_not_on_an_object(plain_scene):
+    views, model = plain_scene
+    support = guess_scene_support(model, views)
+    lonely = np.array([[0.9, 0.9, 0.9]])
+    found = find_risen_points(np.concatenate([model.points, lonely]), support)
+    assert len(found) > 0.5 * len(model.points) and not (found == lonely).all(axis=1).any()
+
+
+def test_masks_that_lose_a_part_with_points_are_refused(plain_scene):
+    views, model = plain_scene
+    cameras = [view.camera for view in views]
+    whole = [true_mask(camera).astype(np.float32) for camera in cameras]
+    check_points_covered(model.points, cameras, whole)
+    half = [mask * (np.cumsum(mask.sum(1)) < 0.4 * mask.sum())[:, None] for mask in whole]
+    with pytest.raises(MasksRejected, match="miss a part of the object"):
+        check_points_covered(model.points, cameras, half)
