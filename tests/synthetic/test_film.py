@@ -97,7 +97,8 @@ def test_a_glossy_table_mirrors_the_object_and_a_matt_one_does_not(monkeypatch):
         mirrored = FilmRenderer(table, with_object=True, with_board=False)
         change = np.abs(mirrored.render(camera) - plain.render(camera)).max(2)
         mask = mirrored.render_mask(camera)
-        assert change[mask].max() == 0
+        inner = cv2.erode(mask.astype(np.uint8), np.ones((5, 5))) > 0
+        assert change[inner].max() == 0
         below[top] = change[~mask].max()
     assert below["glossy"] > 0.01 and below["white"] == 0
 
