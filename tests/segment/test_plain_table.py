@@ -12,7 +12,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import build_ground_picture
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_points_covered
 from zeroshop_steps.segment.plain_ground import MOST_ODDS, SHADOW_ODDS, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import guess_scene_support
+from zeroshop_steps.segment.plane_search import find_scene_support, guess_scene_support
 from zeroshop_steps.segment.support_plane import _resize_views, find_masks
 
 BALL = (0.0, 0.0, 0.45)
@@ -62,6 +62,19 @@ def test_the_flat_top_of_the_object_is_no_support(plain_scene):
     lid = np.column_stack([rng.uniform(-0.4, 0.4, (300, 2)), np.full(300, 0.3)])
     with pytest.raises(StepError, match="no support plane"):
         fit_scene_support(SparseModel(model.cameras, lid, np.zeros((300, 3), np.uint8), np.full(300, 3)), views)
+
+
+def test_a_plane_through_the_things_on_the_table_is_not_taken(plain_scene, carton_scene):
+    """Many points at one height, on the object and beside it, but points of the object lie clearly below them."""
+    views, model = plain_scene
+    rng = np.random.default_rng(0)
+    high = np.column_stack([rng.uniform(-1.5, 1.5, (200, 2)), np.full(200, 0.8)])
+    points = np.concatenate([model.points[::6], high])
+    mixed = SparseModel(model.cameras, points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3))
+    assert abs(fit_scene_support(mixed, views).offset - 0.8) < 0.02
+    support, fitted = find_scene_support(mixed, views, seed=0)
+    assert not fitted and abs(support.offset) < 0.06 * support.distance
+    assert find_scene_support(carton_scene[1], carton_scene[0], seed=0)[1]
 
 
 def test_too_few_points_tell_no_plane(plain_scene):

@@ -9,7 +9,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport, find_focus
+from zeroshop_steps.geometry.scene_support import SceneSupport, find_focus, fit_scene_support
 from zeroshop_steps.geometry.support_plane import MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import sample_ground
@@ -26,7 +26,27 @@ PICTURE_DISTANCES = 0.3  # half the side of the square of the plane on which the
 HIDDEN_PX = 3  # pixels this close to the object do not count: its mask is not exact
 MOST_LEVELS = 25.0  # a larger disagreement counts no more: something hides the table there
 MIN_CONTRAST = 1.04  # of the usual disagreement to the best plane's; below, the table shows nothing that tells its height
+HIGH_DISTANCES = 0.025
+"""A fitted plane this far above the lowest points goes through things on the table, by chance."""
 SETTLED_DISTANCES = 0.003  # a plane that moves less than this needs no new masks
+
+
+def find_scene_support(model: SparseModel, views: list[View], seed: int) -> tuple[SceneSupport, bool]:
+    """The plane among the sparse points and True; where there is none, or it lies too high to hold the object, the guess and False.
+
+    Raises:
+        StepError: as `guess_scene_support`.
+    """
+    try:
+        fitted = fit_scene_support(model, views, seed)
+    except StepError:
+        return guess_scene_support(model, views), False
+    try:
+        guess = guess_scene_support(model, views)
+    except StepError:
+        return fitted, True
+    foot = guess.foot + BELOW_DISTANCES * guess.distance * guess.normal
+    return (guess, False) if fitted.heights(foot[None])[0] < -HIGH_DISTANCES * guess.distance else (fitted, True)
 
 
 def guess_scene_support(model: SparseModel, views: list[View]) -> SceneSupport:

@@ -14,14 +14,13 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.scene_support import SceneSupport, fit_scene_support
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.segment.ground import build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
 from zeroshop_steps.segment.plain_ground import find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import guess_scene_support, has_settled, settle_support
+from zeroshop_steps.segment.plane_search import find_scene_support, has_settled, settle_support
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
 
@@ -63,10 +62,7 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
     cameras, images = _resize_views(views, image_width_px)
-    try:
-        support, fitted = fit_scene_support(model, views, seed), True
-    except StepError:
-        support, fitted = guess_scene_support(model, views), False
+    support, fitted = find_scene_support(model, views, seed)
     images = equalize_exposure(support, cameras, images)
     selection, refined, own = _find_on_plane(support, cameras, images, model)
     settled = None if fitted else settle_support(support, cameras, images, refined.masks, selection.grid, refined.occupied)
