@@ -73,7 +73,7 @@ def test_a_plane_through_the_things_on_the_table_is_not_taken(plain_scene, carto
     mixed = SparseModel(model.cameras, points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3))
     assert abs(fit_scene_support(mixed, views).offset - 0.8) < 0.02
     support, fitted = find_scene_support(mixed, views, seed=0)
-    assert not fitted and abs(support.offset) < 0.06 * support.distance
+    assert not fitted and abs(support.offset) < 0.1 * support.distance
     assert find_scene_support(carton_scene[1], carton_scene[0], seed=0)[1]
 
 
