@@ -36,8 +36,8 @@ FLOATING_GAP_VOXELS = 2
 """Parts farther than twice this from everything that stands on the ground are dropped."""
 HOLE_ODDS = 0.5
 """Holes in a mask are filled if their mean log odds of the object, by colour, are above this."""
-SEED_ODDS, SEED_VOXELS = 4.0, 1.0
-"""Log odds of pixels within so many voxels of a sparse point of the object: it lies inside the silhouette in all views."""
+SEED_ODDS, SEED_PX = 4.0, 1
+"""Log odds of pixels this close to a sparse point of the object: it lies inside the silhouette in all views."""
 HIDDEN_MARGIN = 0.04
 """Ground this close to the silhouette may be covered by parts of the object that the hull lacks."""
 
@@ -85,7 +85,7 @@ def refine_masks(
     by_table = [
         plain.evidence(camera, image) if plain else np.zeros_like(odds) for camera, image, odds in zip(cameras, images, agreed, strict=True)
     ]
-    seeds = [SEED_ODDS * splat_voxels(own_points, SEED_VOXELS * selection.grid.side, camera) for camera in cameras]
+    seeds = [SEED_ODDS * _mark_points(own_points, camera) for camera in cameras]
     agreed = [np.where(table > 0, 0.0, odds) for table, odds in zip(by_table, agreed, strict=True)]
     for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
         hulls = [render_silhouette(selection.grid, occupied, camera) for camera in cameras]
@@ -110,6 +110,15 @@ def refine_masks(
             masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, [render_silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)
+
+
+def _mark_points(points: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W) bool: pixels within `SEED_PX` of one of the (P, 3) points."""
+    picture = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    if len(points):
+        rows, columns, _, inside = camera.find_pixels(points)
+        picture[rows[inside], columns[inside]] = 1
+    return cv2.dilate(picture, np.ones((2 * SEED_PX + 1,) * 2, np.uint8)) > 0
 
 
 def _restore_lost_foot(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
