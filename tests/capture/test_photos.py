@@ -74,6 +74,12 @@ def test_too_few_images(tmp_path, count):
     assert "photos" in message and ("holds no images" in message if count == 0 else f"{count} image(s), at least 8" in message)
 
 
+def test_photos_one_folder_below_are_pointed_at(tmp_path):
+    shoot = Shoot(tmp_path, 9)
+    with pytest.raises(StepError, match=f"in masks and {shoot.images.name}: name the folder with the photos"):
+        import_photos(shoot.images.parent, None, 8, shoot.out)
+
+
 def test_missing_folders(shoot):
     with pytest.raises(StepError, match="nowhere does not exist"):
         import_photos(shoot.images.parent / "nowhere", shoot.masks, 8, shoot.out)

@@ -77,6 +77,17 @@ def test_a_plane_through_the_things_on_the_table_is_not_taken(plain_scene, carto
     assert find_scene_support(carton_scene[1], carton_scene[0], seed=0)[1]
 
 
+def test_a_few_points_on_a_tilted_plane_are_not_taken(plain_scene):
+    """The feet of two things and the top of a third give a plane through the table."""
+    views, model = plain_scene
+    x, y = np.random.default_rng(0).uniform(-1.5, 1.5, (2, 150))
+    tilted = np.column_stack([x, y, 0.25 * x])
+    mixed = replace(model, points=tilted, colors=np.zeros((150, 3), np.uint8), track_lengths=np.full(150, 3))
+    assert fit_scene_support(mixed, views).normal @ [0, 0, 1] < np.cos(np.radians(10))
+    support, fitted = find_scene_support(mixed, views, seed=0)
+    assert not fitted and support.normal @ [0, 0, 1] > np.cos(np.radians(1.0))
+
+
 def test_too_few_points_tell_no_plane(plain_scene):
     views, model = plain_scene
     few = replace(model, points=model.points[:5], colors=model.colors[:5], track_lengths=model.track_lengths[:5])

@@ -66,6 +66,8 @@ def list_photos(folder: Path) -> tuple[list[Path], list[Path]]:
     odd = [path for path in files if path.suffix.lower() in UNREADABLE_SUFFIXES]
     if not photos:
         more = f"; {odd[0].name} is in a format that cannot be read: export it as JPEG" if odd else ""
+        below = [path.name for path in files if path.is_dir() and any(one.suffix.lower() in IMAGE_SUFFIXES for one in path.iterdir())]
+        more += f"; there are some one folder below, in {' and '.join(below)}: name the folder with the photos" if below else ""
         raise StepError(f"{folder} holds no images; expected files ending in {', '.join((*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES))}{more}")
     return photos, odd
 

@@ -56,6 +56,7 @@ BY_FAILURE = (
 )  # fmt: skip
 UNKNOWN_SCALE = "The mesh has no true size: give the object's height (height_m in the objects table), or show a printed board."
 UNFINISHED = "Not finished: the last step done is {last}. Run the same command again to continue."
+NOTHING_YET = "Nothing was made yet: correct what is wrong and run the same command again."
 
 
 def advise(cell: Cell) -> list[str]:
@@ -64,7 +65,7 @@ def advise(cell: Cell) -> list[str]:
         return [advise_on_failure(cell.failure.step, cell.failure.reason)]
     if cell.state == "unfinished":
         done = [name for name, made in cell.steps if made]
-        return [UNFINISHED.format(last=done[-1] if done else "none")]
+        return [UNFINISHED.format(last=done[-1]) if done else NOTHING_YET]
     reasons = " ".join(cell.reasons)
     faults = [text for measure, text in BY_MEASURE.items() if f" {measure} is " in reasons]
     if cell.facts["mesh"].get("scale") == "unknown":
