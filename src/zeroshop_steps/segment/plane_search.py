@@ -28,8 +28,7 @@ MOST_LEVELS = 25.0  # a larger disagreement counts no more: something hides the 
 MIN_CONTRAST = 1.04  # of the usual disagreement to the best plane's; below, the table shows nothing that tells its height
 HIGH_DISTANCES = 0.025
 """A fitted plane this far above the lowest points goes through things on the table, by chance."""
-FEW_INLIERS, MOST_TILT_DEG = 200, 5.0
-"""A plane of so few points that is tilted this much against how the photos were held is one, too; up is known to a degree or two."""
+FEW_INLIERS = 200  # a plane of fewer points is often chance, too: a print has a thousand
 SETTLED_DISTANCES = 0.003  # a plane that moves less than this needs no new masks
 
 
@@ -49,8 +48,7 @@ def find_scene_support(model: SparseModel, views: list[View], seed: int) -> tupl
         return fitted, True
     foot = guess.foot + BELOW_DISTANCES * guess.distance * guess.normal
     high = fitted.heights(foot[None])[0] < -HIGH_DISTANCES * guess.distance
-    tilted = fitted.inliers < FEW_INLIERS and fitted.normal @ guess.normal < np.cos(np.radians(MOST_TILT_DEG))
-    return (guess, False) if high or tilted else (fitted, True)
+    return (guess, False) if high or fitted.inliers < FEW_INLIERS else (fitted, True)
 
 
 def guess_scene_support(model: SparseModel, views: list[View]) -> SceneSupport:
