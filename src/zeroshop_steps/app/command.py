@@ -111,9 +111,9 @@ def _make(args: argparse.Namespace) -> int:
     )
     folder.mkdir(parents=True, exist_ok=True)
     capture = add_capture(folder, capture)
-    print(f"{source} -> {folder / 'results/photos' / capture.object}", file=sys.stderr)
-    start_s = time.time()
     results = folder / "results/photos" / capture.object
+    print(f"{source} -> {results}", file=sys.stderr)
+    start_s = time.time()
     log = results / "logs/zeroshop.log"
     done = run_workflow(f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log)
     _print_outcome(results, args.method, log, done, start_s)
@@ -137,12 +137,12 @@ def _open_report(folder: Path, table: Path, cores: int) -> None:
     """Make the report of all objects so far and open it."""
     from zeroshop_steps.app.workflow import run_workflow
 
-    index = folder / "results/photos/report/index.html"
-    if run_workflow("results/photos/report/index.html", folder, table, cores, folder / "results/photos/report/logs/zeroshop.log"):
+    index, log = folder / "results/photos/report/index.html", folder / "results/photos/report/logs/zeroshop.log"
+    if run_workflow("results/photos/report/index.html", folder, table, cores, log):
         print(f"Report    {index}")
         webbrowser.open(index.as_uri())
     else:
-        print(f"The report could not be made; see {folder / 'results/photos/report/logs/zeroshop.log'}", file=sys.stderr)
+        print(f"The report could not be made; see {log}", file=sys.stderr)
 
 
 def _require_source(path: Path) -> Path:

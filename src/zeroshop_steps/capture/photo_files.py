@@ -8,7 +8,7 @@ import numpy as np
 from pi_heif import register_heif_opener
 from PIL import Image, ImageOps
 
-from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size
+from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size, list_folder
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
@@ -56,17 +56,12 @@ def list_photos(folder: Path) -> tuple[list[Path], list[Path]]:
         StepError: the folder is missing, or holds no photos.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise StepError(f"image folder {folder} does not exist; check the path")
-    try:
-        files = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-    except OSError as error:
-        raise StepError(f"image folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
+    files = list_folder(folder)
     photos = [path for path in files if path.suffix.lower() in (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES)]
     odd = [path for path in files if path.suffix.lower() in UNREADABLE_SUFFIXES]
     if not photos:
         more = f"; {odd[0].name} is in a format that cannot be read: export it as JPEG" if odd else ""
-        below = [path.name for path in files if path.is_dir() and any(one.suffix.lower() in IMAGE_SUFFIXES for one in path.iterdir())]
+        below = [path.name for path in files if any(one.suffix.lower() in IMAGE_SUFFIXES for one in path.glob("*"))]
         more += f"; there are some one folder below, in {' and '.join(below)}: name the folder with the photos" if below else ""
         raise StepError(f"{folder} holds no images; expected files ending in {', '.join((*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES))}{more}")
     return photos, odd

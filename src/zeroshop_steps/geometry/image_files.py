@@ -14,6 +14,20 @@ LEAST_SIDE_PX = 32
 """Of a photo: SIFT needs some room around a feature, and COLMAP ends without a word on 20 x 15 px."""
 
 
+def list_folder(folder: Path) -> list[Path]:
+    """What lies in a folder of images, sorted by name, without hidden files.
+
+    Raises:
+        StepError: it is missing, or may not be read.
+    """
+    if not folder.is_dir():
+        raise StepError(f"image folder {folder} does not exist; check the path")
+    try:
+        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise StepError(f"image folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
+
+
 def check_photo_file(path: Path) -> None:
     """Check the name, the kind and the first bytes of a photo's file.
 

@@ -1,11 +1,12 @@
 """Read, write and sample images and masks, with errors that name the file and the remedy."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.image_files import check_photo_file
+from zeroshop_steps.geometry.image_files import check_photo_file, list_folder
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory, remedy_for
 from zeroshop_steps.runtime.files import atomic_write
 
@@ -21,13 +22,7 @@ def list_images(folder: Path) -> list[Path]:
         StepError: the folder is missing or holds none, or one of them can be no photo (image_files.py).
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise StepError(f"image folder {folder} does not exist; check the path")
-    try:
-        found = list(folder.iterdir())
-    except OSError as error:
-        raise StepError(f"image folder {folder} cannot be read: {error.strerror}. {remedy_for(error)}") from None
-    paths = sorted(path for path in found if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."))
+    paths = [path for path in list_folder(folder) if path.suffix.lower() in IMAGE_SUFFIXES]
     if not paths:
         raise StepError(f"{folder} holds no images; expected files ending in {', '.join(IMAGE_SUFFIXES)}")
     for path in paths:
@@ -88,14 +83,19 @@ def write_depth_mm(path: Path, depth_mm: np.ndarray) -> None:
     write_image(path, np.clip(steps, 0, None).astype(np.uint16))
 
 
-def require_one_size(sizes_px: list[tuple[int, int]]) -> tuple[int, int]:
-    """The (width, height) of all images. Raises StepError where they differ: a network follows the object through a film of one size."""
+def require_one_size(sizes_px: Sequence[tuple[int, int]], what: str, reason: str) -> tuple[int, int]:
+    """The (width, height) of all images.
+
+    Args:
+        sizes_px: of each image.
+        what: whose sizes these are, and reason: why they must be equal, with the remedy; for the message.
+
+    Raises:
+        StepError: they differ.
+    """
     if len(set(sizes_px)) > 1:
         shown = ", ".join(f"{width} x {height}" for width, height in sorted(set(sizes_px)))
-        raise StepError(
-            f"the photos have several sizes ({shown} px), and the network follows the object through pictures of one size; use"
-            " segmentation: support_plane, give masks, or export all photos in one size"
-        )
+        raise StepError(f"{what} several sizes ({shown} px), and {reason}")
     return sizes_px[0]
 
 

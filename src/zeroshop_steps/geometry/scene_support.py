@@ -60,9 +60,8 @@ def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> S
     Raises:
         StepError: there is no plane below the point that the cameras look at.
     """
-    focus = find_focus(list(model.cameras))
+    focus, distance = find_scene_focus(model)
     centres = np.array([camera.centre_in_world for camera in model.cameras])
-    distance = float(np.median(np.linalg.norm(centres - focus, axis=1)))
     near = model.points[np.linalg.norm(model.points - focus, axis=1) < NEAR_DISTANCES * distance]
     fault = StepError(
         f"no support plane: {len(near)} points were found around what the cameras look at, and no plane among them holds "
@@ -90,8 +89,7 @@ def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> S
         normal = normal * (1.0 if normal @ up > 0 else -1.0)
         offset = float(mean @ normal)
     on_plane = near[np.abs(near @ normal - offset) < threshold]
-    aside = on_plane - focus
-    aside = np.linalg.norm(aside - (aside @ normal)[:, None] * normal, axis=1)
+    aside = measure_aside(on_plane, focus, normal)
     if len(on_plane) < MIN_INLIERS or (aside > OBJECT_DISTANCES * distance).mean() < AROUND_SHARE:
         raise fault
     return SceneSupport(normal, offset, focus, distance, len(on_plane))
@@ -111,10 +109,22 @@ def find_focus(cameras: list[Camera]) -> np.ndarray:
     return focus
 
 
+def find_scene_focus(model: SparseModel) -> tuple[np.ndarray, float]:
+    """The focus, (3,), and the cameras' median distance from it. Raises StepError as `find_focus` does."""
+    focus = find_focus(list(model.cameras))
+    centres = np.array([camera.centre_in_world for camera in model.cameras])
+    return focus, float(np.median(np.linalg.norm(centres - focus, axis=1)))
+
+
+def measure_aside(points: np.ndarray, focus: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(P,) distances of (P, 3) points from the line through the focus along a unit normal."""
+    offsets = points - focus
+    return np.linalg.norm(offsets - (offsets @ normal)[:, None] * normal, axis=1)
+
+
 def _score(points: np.ndarray, focus: np.ndarray, normal: np.ndarray, offset: float, threshold: float, distance: float) -> float:
     """How well a plane holds (P, 3) points: inliers, which count less towards the threshold, minus points below it near the focus."""
     heights = points @ normal - offset
-    aside = points - focus
-    aside = np.linalg.norm(aside - (aside @ normal)[:, None] * normal, axis=1)
+    aside = measure_aside(points, focus, normal)
     on = np.clip(1.0 - (heights / threshold) ** 2, 0.0, None).sum()
     return float(on - ((heights < -BELOW_THRESHOLDS * threshold) & (aside < BELOW_DISTANCES * distance)).sum())

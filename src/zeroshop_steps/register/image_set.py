@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask, require_one_size
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -38,14 +38,11 @@ class ImageSet:
     @property
     def size_px(self) -> tuple[int, int]:
         """(width, height) of all, for methods whose network takes all images as one array. Raises StepError where they differ."""
-        sizes = sorted(set(self.sizes_px))
-        if len(sizes) > 1:
-            shown = ", ".join(f"{width} x {height}" for width, height in sizes)
-            raise StepError(
-                f"{self.images[0].parent} holds images of several sizes ({shown} px), and this method's network takes all images as one"
-                " array; use the registration colmap or mast3r, or give images of one size"
-            )
-        return sizes[0]
+        return require_one_size(
+            self.sizes_px,
+            f"{self.images[0].parent} holds images of",
+            "this method's network takes all images as one array; use the registration colmap or mast3r, or give images of one size",
+        )
 
     @property
     def shown(self) -> dict[str, str]:

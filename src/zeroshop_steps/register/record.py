@@ -20,8 +20,9 @@ from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
 OBJECT_ONLY = ("se", "video_segmented")
+"""Scenes that are registered by the object alone: there is no ground, or the object was turned on it."""
 PHOTO_SCENES = ("video", "video_segmented")
-"""Scenes that are registered by the object alone: there is no ground, or the object was turned on it. And those of the user's photos."""
+"""Scenes of the user's own photos."""
 
 
 class RegistrationFailed(StepError):

@@ -105,9 +105,15 @@ def match_features(database: Path, options: SiftOptions, pairs: list[tuple[str, 
         pycolmap.match_exhaustive(database, make_matching_options(), verification_options=verification)
         return
     pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = Path(database).with_name("pairs.txt")
-    Path(pairing.match_list_path).write_text("".join(f"{first} {second}\n" for first, second in pairs))
+    pairing.match_list_path = write_pairs(database, pairs)
     pycolmap.match_image_pairs(database, make_matching_options(), pairing, verification)
+
+
+def write_pairs(database: Path, pairs: list[tuple[str, str]]) -> Path:
+    """Write names of the images of each pair beside a database, as COLMAP reads them; returns the file."""
+    path = Path(database).with_name("pairs.txt")
+    path.write_text("".join(f"{first} {second}\n" for first, second in pairs))
+    return path
 
 
 def choose_name_pairs(image_set: ImageSet, options: SiftOptions, object_only: bool = False) -> list[tuple[str, str]] | None:

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.sift import make_verification_options
+from zeroshop_steps.register.sift import make_verification_options, write_pairs
 
 STILL_PX = 4.0  # per 1000 px of the longer side: matches that move less stand still
 STILL_SHARE = 0.3
@@ -47,8 +47,7 @@ def verify_without_still(database: Path, image_set: ImageSet, seed: int) -> None
         names = {image.image_id: image.name for image in opened.read_all_images()}
         pairs = [pycolmap.pair_id_to_image_pair(pair_id) for pair_id in opened.read_all_matches()[0]]
         opened.clear_two_view_geometries()
-    listed = Path(database).with_name("pairs.txt")
-    listed.write_text("".join(f"{names[first]} {names[second]}\n" for first, second in pairs))
+    listed = write_pairs(database, [(names[first], names[second]) for first, second in pairs])
     options = make_verification_options(seed)
     options.filter_stationary_matches = True
     options.stationary_matches_max_error = STILL_PX * max(image_set.scales.values())

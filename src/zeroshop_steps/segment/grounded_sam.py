@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     views, _ = read_views(args.scene)
     cameras = [view.camera for view in views]
-    size_px = require_one_size([(camera.width_px, camera.height_px) for camera in cameras])
+    size_px = _require_film([(camera.width_px, camera.height_px) for camera in cameras])
     pictures = ImageSequence([view.image_path for view in views], size_px, cameras)
     with show_rejected_masks(pictures.paths, args.rejected):
         masks, record = run_networks(pictures, args)
@@ -111,18 +111,28 @@ def run(args: argparse.Namespace) -> None:
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
-def mask_photos(paths: list[Path], size_px: tuple[int, int], args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
-    """(H, W) bool masks of photos of (width, height) whose cameras are not known, and the record of their quality.
+def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """(H, W) bool masks of photos whose cameras are not known, and the record of their quality.
 
     Args:
         paths: the photos in the order in which they were taken.
-        size_px: of each.
+        sizes_px: (width, height) of each.
         args: those of `add_mask_arguments`.
 
     Raises:
-        StepError: as `find_masks`; or a network is missing or damaged, or memory would not do.
+        StepError: as `find_masks`; or the sizes differ, a network is missing or damaged, or memory would not do.
     """
-    return run_networks(ImageSequence(paths, size_px), args)
+    return run_networks(ImageSequence(paths, _require_film(sizes_px)), args)
+
+
+def _require_film(sizes_px: list[tuple[int, int]]) -> tuple[int, int]:
+    """The (width, height) of all photos. Raises StepError where they differ: SAM 2 follows the object as through a film."""
+    return require_one_size(
+        sizes_px,
+        "the photos have",
+        "the network follows the object through pictures of one size; use segmentation: support_plane, give masks, or export all photos"
+        " in one size",
+    )
 
 
 def run_networks(pictures: ImageSequence, args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask, require_one_size, write_image, write_mask
+from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
 from zeroshop_steps.methods import SEGMENTATIONS
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.record import (
@@ -56,13 +56,13 @@ def run(args: argparse.Namespace) -> None:
     else:
         with show_rejected_masks(paths, args.rejected):
             finder = load_finder(args.segmentation)
-            masks, record = finder.mask_photos(paths, require_one_size(sizes_px), parse_options(finder, args.options))
+            masks, record = finder.mask_photos(paths, sizes_px, parse_options(finder, args.options))
     record["seconds"] = round(time.monotonic() - start_s, 2)
     write_capture(args.out, paths, masks, record, read_json(args.capture / "capture.json"))
 
 
 def load_finder(name: str) -> ModuleType:
-    """The module of a segmentation of FINDERS, which has `add_mask_arguments(parser)` and `mask_photos(paths, size_px, args)`."""
+    """The module of a segmentation of FINDERS, which has `add_mask_arguments(parser)` and `mask_photos(paths, sizes_px, args)`."""
     return importlib.import_module(f"zeroshop_steps.{FINDERS[name].step}")
 
 

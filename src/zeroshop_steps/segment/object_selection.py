@@ -53,8 +53,7 @@ class ObjectSelection:
 
     def own_points(self, points: np.ndarray) -> np.ndarray:
         """Those of the (P, 3) world positions that lie in `allowed` voxels, at most `MARGIN` of the block away from the cluster."""
-        index = np.floor((points - self.grid.origin) @ self.grid.axes.T / self.grid.side).astype(int)
-        inside = ((index >= 0) & (index < self.grid.shape)).all(axis=1)
+        index, inside = self.grid.locate(points)
         inside[inside] = self.allowed[tuple(index[inside].T)]
         return points[inside]
 
@@ -85,7 +84,10 @@ def select_object(
     occupied = np.zeros(grid.shape, bool)
     occupied[tuple(index[kept].T)] = True
     if risen is not None:
-        occupied |= ndimage.binary_dilation(grid.find_voxels(risen))
+        index, inside = grid.locate(risen)
+        held = np.zeros(grid.shape, bool)
+        held[tuple(index[inside].T)] = True
+        occupied |= ndimage.binary_dilation(held)
     labels, count = label_clusters(occupied)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     names = np.flatnonzero(sizes >= LEAST_VOXELS) + 1

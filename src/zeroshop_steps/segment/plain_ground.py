@@ -29,6 +29,7 @@ SAME_HUE_SIGMAS, OTHER_HUE_SIGMAS = 2.0, 6.0
 """Up to the first a hue is the table's, from the second on it is not: mirror images and light from the object tint a table a little."""
 SAME_LIGHT_SIGMAS, OTHER_LIGHT_SIGMAS = 1.5, 4.0  # the same for brightness
 SHADOW_RANGE = (0.4, 1.2)  # of the table's brightness: shadows, and the shine of lamps
+SHADOW_SLOPE = 0.1  # beyond that range, over which the odds change
 SHADOW_ODDS = -0.9  # for an object where only the brightness differs within that range
 DARK_ODDS = 1.0  # where it is darker or brighter than that
 RISEN_DISTANCES = 0.012  # a sparse point this far above the plane is on an object: three times the plane's own tolerance
@@ -70,7 +71,7 @@ class PlainGround:
         other_hue = np.clip((hue_off - SAME_HUE_SIGMAS) / (OTHER_HUE_SIGMAS - SAME_HUE_SIGMAS), 0, 1)
         other_light = np.clip((light_off - SAME_LIGHT_SIGMAS) / (OTHER_LIGHT_SIGMAS - SAME_LIGHT_SIGMAS), 0, 1)
         low, high = SHADOW_RANGE
-        extreme = np.clip(np.maximum((low - light) / 0.1, (light - high) / 0.1), 0, 1)
+        extreme = np.clip(np.maximum(low - light, light - high) / SHADOW_SLOPE, 0, 1)
         of_light = (1 - other_light) * -MOST_ODDS + other_light * (SHADOW_ODDS + extreme * (DARK_ODDS - SHADOW_ODDS))
         odds = (1 - other_hue) * of_light + other_hue * MOST_ODDS
         return np.where(find_in_front(camera, homography), odds, 0.0).astype(np.float32)

@@ -4,12 +4,14 @@ Its normal is up, as the photos were held. A first guess of its place is just be
 moved along the normal until the views agree best on what they see around the object: the object's shadow and the table's grain lie on it.
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport, find_focus, fit_scene_support
+from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus, fit_scene_support, measure_aside
 from zeroshop_steps.geometry.support_plane import MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import sample_ground
@@ -57,13 +59,9 @@ def guess_scene_support(model: SparseModel, views: list[View]) -> SceneSupport:
     Raises:
         StepError: too few points are there, or the photos do not tell what is up.
     """
-    focus = find_focus(list(model.cameras))
-    centres = np.array([camera.centre_in_world for camera in model.cameras])
-    distance = float(np.median(np.linalg.norm(centres - focus, axis=1)))
+    focus, distance = find_scene_focus(model)
     up, certainty = estimate_up_from_roll(views)
-    offsets = model.points - focus
-    heights = offsets @ up
-    aside = np.linalg.norm(offsets - heights[:, None] * up, axis=1)
+    heights, aside = (model.points - focus) @ up, measure_aside(model.points, focus, up)
     own = heights[(aside < ASIDE_DISTANCES * distance) & (np.abs(heights) < REACH_DISTANCES * distance)]
     if len(own) < MIN_POINTS or certainty < MIN_CERTAINTY:
         raise StepError(
@@ -115,4 +113,4 @@ def has_settled(before: SceneSupport, after: SceneSupport) -> bool:
 
 
 def _move(support: SceneSupport, step: float) -> SceneSupport:
-    return SceneSupport(support.normal, support.offset + step * support.distance, support.focus, support.distance, support.inliers)
+    return replace(support, offset=support.offset + step * support.distance)

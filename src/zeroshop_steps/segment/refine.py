@@ -12,8 +12,8 @@ from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground import build_ground_picture
 from zeroshop_steps.segment.object_selection import ObjectSelection
-from zeroshop_steps.segment.plain_ground import PlainGround, join_odds
-from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, render_silhouette, splat_voxels
+from zeroshop_steps.segment.plain_ground import join_odds
+from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, mark_points, render_silhouette, splat_voxels
 
 # Odds are natural logarithms; lengths in images are shares of the square root of the silhouette's area.
 # All were set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
@@ -62,8 +62,9 @@ def refine_masks(
     selection: ObjectSelection,
     cameras: list[Camera],
     images: list[np.ndarray],
-    plain: PlainGround | None = None,
-    own_points: np.ndarray | None = None,
+    by_place: list[np.ndarray],
+    by_table: list[np.ndarray],
+    own_points: np.ndarray,
 ) -> RefinedMasks:
     """Alternate between cutting the images and carving the hull of the masks.
 
@@ -72,21 +73,16 @@ def refine_masks(
         selection: what was chosen on it.
         cameras: of all views.
         images: (H, W, 3) float32 RGB, 0 to 255, of the cameras' sizes.
-        plain: the colour of a plain ground.
-        own_points: (P, 3) sparse points of the object.
+        by_place: (H, W) log odds of the object in every view by what all views see at each place of the ground.
+        by_table: the same by the colour of a plain ground; 0 where it is not plain.
+        own_points: (P, 3) sparse points of the object; none where it is not plain.
     """
     rooms = [render_silhouette(selection.grid, selection.allowed, camera) for camera in cameras]
     others = [splat_voxels(selection.other_points, selection.other_side, camera) for camera in cameras]
-    own_points = np.zeros((0, 3)) if own_points is None else own_points
     occupied = _extend_to_ground(_drop_floating(selection.cluster, selection.ground_voxel))
     # Where all views agree is ground, even under the hull: shadows. It may also be an object of one colour, so colours weigh as much.
-    whole_picture = build_ground_picture(support, cameras, images)
-    agreed = [np.minimum(whole_picture.evidence(camera, image), 0.0) for camera, image in zip(cameras, images, strict=True)]
-    by_table = [
-        plain.evidence(camera, image) if plain else np.zeros_like(odds) for camera, image, odds in zip(cameras, images, agreed, strict=True)
-    ]
-    seeds = [SEED_ODDS * _mark_points(own_points, camera) for camera in cameras]
-    agreed = [np.where(table > 0, 0.0, odds) for table, odds in zip(by_table, agreed, strict=True)]
+    agreed = [np.where(table > 0, 0.0, np.minimum(odds, 0.0)) for table, odds in zip(by_table, by_place, strict=True)]
+    seeds = [SEED_ODDS * mark_points(own_points, 2 * SEED_PX + 1, camera) for camera in cameras]
     for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
         hulls = [render_silhouette(selection.grid, occupied, camera) for camera in cameras]
         columns, whole = fill_down_to_ground(occupied), _restore_lost_foot(occupied, selection.ground_voxel)
@@ -110,15 +106,6 @@ def refine_masks(
             masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, [render_silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)
-
-
-def _mark_points(points: np.ndarray, camera: Camera) -> np.ndarray:
-    """(H, W) bool: pixels within `SEED_PX` of one of the (P, 3) points."""
-    picture = np.zeros((camera.height_px, camera.width_px), np.uint8)
-    if len(points):
-        rows, columns, _, inside = camera.find_pixels(points)
-        picture[rows[inside], columns[inside]] = 1
-    return cv2.dilate(picture, np.ones((2 * SEED_PX + 1,) * 2, np.uint8)) > 0
 
 
 def _restore_lost_foot(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:

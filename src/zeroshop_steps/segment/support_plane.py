@@ -94,13 +94,16 @@ def _find_on_plane(
     ground = build_ground_picture(support, cameras, images)
     plain = fit_plain_ground(ground)
     risen = find_risen_points(model.points, support) if plain else None
-    evidence = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
-    if plain:
-        evidence = [join_odds(odds, plain.evidence(camera, image)) for odds, camera, image in zip(evidence, cameras, images, strict=True)]
+    by_place = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
+    by_table = [
+        plain.evidence(camera, image) if plain else np.zeros(image.shape[:2], np.float32)
+        for camera, image in zip(cameras, images, strict=True)
+    ]
+    evidence = [join_odds(odds, table) for odds, table in zip(by_place, by_table, strict=True)]
     check_not_moved(support, cameras, evidence, risen)
     selection = select_object(support, cameras, evidence, risen)
     own = selection.own_points(risen) if risen is not None else np.zeros((0, 3))
-    return selection, refine_masks(support, selection, cameras, images, plain, own), own
+    return selection, refine_masks(support, selection, cameras, images, by_place, by_table, own), own
 
 
 def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:

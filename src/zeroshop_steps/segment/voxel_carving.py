@@ -32,12 +32,10 @@ class VoxelGrid:
         """(P, 3) world positions of the middles of the voxels (P, 3)."""
         return self.origin + (index + 0.5) * self.side @ self.axes if len(index) else np.zeros((0, 3))
 
-    def find_voxels(self, points: np.ndarray) -> np.ndarray:
-        """(X, Y, Z) bool: voxels that hold one of the world positions (P, 3)."""
+    def locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The voxels (P, 3) of world positions (P, 3), and (P,) bool: which of them lie in the block."""
         index = np.floor((points - self.origin) @ self.axes.T / self.side).astype(int).reshape(-1, 3)
-        held = np.zeros(self.shape, bool)
-        held[tuple(index[((index >= 0) & (index < self.shape)).all(axis=1)].T)] = True
-        return held
+        return index, ((index >= 0) & (index < self.shape)).all(axis=1)
 
 
 def count_votes(
@@ -65,13 +63,23 @@ def count_votes(
 
 def splat_voxels(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
     """(H, W) bool: where cubes of edge `side` around (P, 3) points fall in a view."""
-    picture = np.zeros((camera.height_px, camera.width_px), np.uint8)
     if not len(points):
-        return picture > 0
+        return np.zeros((camera.height_px, camera.width_px), bool)
     rows, columns, depth, inside = camera.find_pixels(points)
-    picture[rows[inside], columns[inside]] = 1
-    width = int(np.ceil(SPLAT_WIDTH * side * camera.intrinsics[0, 0] / float(np.median(depth)))) | 1
-    return cv2.dilate(picture, np.ones((width, width), np.uint8)) > 0
+    width_px = int(np.ceil(SPLAT_WIDTH * side * camera.intrinsics[0, 0] / float(np.median(depth)))) | 1
+    return _mark_squares(camera, rows[inside], columns[inside], width_px)
+
+
+def mark_points(points: np.ndarray, width_px: int, camera: Camera) -> np.ndarray:
+    """(H, W) bool: squares `width_px` wide, an odd number, around the pixels that (P, 3) points fall into."""
+    rows, columns, _, inside = camera.find_pixels(points)
+    return _mark_squares(camera, rows[inside], columns[inside], width_px)
+
+
+def _mark_squares(camera: Camera, rows: np.ndarray, columns: np.ndarray, width_px: int) -> np.ndarray:
+    picture = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    picture[rows, columns] = 1
+    return cv2.dilate(picture, np.ones((width_px, width_px), np.uint8)) > 0
 
 
 def render_silhouette(grid: VoxelGrid, occupied: np.ndarray, camera: Camera) -> np.ndarray:
