@@ -35,6 +35,7 @@ class Method:
         weights: files below resources/weights.
         models: its networks that the config may exchange: for the key of its options that names the folder of one, the usual folder
             below resources/weights and the files in it.
+        own_weights: its network is always the user's: a file that the config names as the method's `weights`.
         mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
         threads: the most that its rule uses.
 
@@ -74,6 +75,7 @@ class Method:
     rank: int = 100
     weights: tuple[str, ...] = ()
     models: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
+    own_weights: bool = False
     mem_mb: int = 4000
     runtime_min: int = 30
     threads: int = 8
@@ -104,7 +106,9 @@ class Method:
     def with_options(self, options: Mapping[str, Any]) -> "Method":
         """The method with the networks that these options of the config name, and without published weights where they name own ones."""
         models = {key: (str(options.get(key, folder)), names) for key, (folder, names) in self.models.items()}
-        return replace(self, models=models, weights=() if options.get("weights") else self.weights)
+        if not options.get("weights"):
+            return replace(self, models=models)
+        return replace(self, models=models, weights=(), own_weights=False)
 
 
 @functools.cache
@@ -177,7 +181,8 @@ SECTIONS = {"register": REGISTRATIONS, "segment": SEGMENTATIONS, "nvs": SURFACES
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:
     """What a method needs and does not find, in words; empty where it can run. `root` is the folder that holds resources/."""
-    return [f"the weights {WEIGHTS_FOLDER / name}" for name in method.files if not (root / WEIGHTS_FOLDER / name).is_file()]
+    own = ["a network of yours, which its option weights in the config names"] if method.own_weights else []
+    return own + [f"the weights {WEIGHTS_FOLDER / name}" for name in method.files if not (root / WEIGHTS_FOLDER / name).is_file()]
 
 
 def left_out(*tables: dict[str, Method], root: Path = Path()) -> str | None:

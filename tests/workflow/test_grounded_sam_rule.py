@@ -1,4 +1,4 @@
-"""`segmentation: auto` takes the networks where their files are, and the rule runs the same command with small random ones."""
+"""`segmentation: auto` takes the networks that are there or that the config names, and the rule runs with small random ones."""
 
 import json
 from pathlib import Path
@@ -53,3 +53,12 @@ def test_the_rule_runs_with_small_random_networks(snakemake, tmp_path, photograp
     record = json.loads((tmp_path / TARGET / "segmentation.json").read_text())
     assert record["method"] == "grounded_sam" and record["prompt"] == "red ball's middle." and record["good_masks"] == 12
     assert len(list(Path(tmp_path / TARGET / "masks").iterdir())) == 12
+
+
+def test_a_network_of_the_users_is_taken_where_it_is_named(snakemake, tmp_path, photographed):
+    *others, _ = photographed
+    named = snakemake("-n", TARGET, *others, "segmentation=saliency")
+    assert named.returncode != 0 and "a network of yours, which its option weights in the config names" in named.stdout, named.stdout
+    run = snakemake("-n", TARGET, *others, 'segment={"saliency": {"weights": "my network.onnx"}}')
+    [line] = [line for line in run.stdout.splitlines() if "--method saliency" in line]
+    assert "my network.onnx'" in line and "--mean 128 128 128 --deviation 256 256 256" in line, line

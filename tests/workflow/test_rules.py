@@ -19,6 +19,7 @@ from zeroshop_steps.synthetic.demo_objects import list_demo_objects
 STEPS_WITH_KEYS = [
     ("capture.video", ("video",)),
     ("segment.support_plane", ("segment", "support_plane")),
+    ("segment.saliency", ("segment", "saliency")),
     ("segment.grounded_sam", ("segment", "grounded_sam")),
     ("register.colmap", ("register", "colmap")),
     ("register.mast3r", ("register", "mast3r")),

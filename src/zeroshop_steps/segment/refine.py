@@ -64,6 +64,7 @@ def refine_masks(
     images: list[np.ndarray],
     by_place: list[np.ndarray],
     by_table: list[np.ndarray],
+    priors: list[np.ndarray],
     own_points: np.ndarray,
 ) -> RefinedMasks:
     """Alternate between cutting the images and carving the hull of the masks.
@@ -75,6 +76,7 @@ def refine_masks(
         images: (H, W, 3) float32 RGB, 0 to 255, of the cameras' sizes.
         by_place: (H, W) log odds of the object in every view by what all views see at each place of the ground.
         by_table: the same by the colour of a plain ground; 0 where it is not plain.
+        priors: the same by what else is known; 0 where nothing is.
         own_points: (P, 3) sparse points of the object; none where it is not plain.
     """
     rooms = [render_silhouette(selection.grid, selection.allowed, camera) for camera in cameras]
@@ -93,15 +95,15 @@ def refine_masks(
         evidence = [
             join_odds(ground.evidence(camera, image), table) for camera, image, table in zip(cameras, images, by_table, strict=True)
         ]
-        colors = _learn_colors(images, hulls, evidence)
+        colors = _learn_colors(images, hulls, [odds + prior for odds, prior in zip(evidence, priors, strict=True)])
         masks = []
-        for image, odds, agree, table, seed, hull, foot, room in zip(
-            images, evidence, agreed, by_table, seeds, hulls, feet, rooms, strict=True
+        for image, odds, agree, table, prior, seed, hull, foot, room in zip(
+            images, evidence, agreed, by_table, priors, seeds, hulls, feet, rooms, strict=True
         ):
             color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
             # A shadow that the first masks took along has taught the colours that it is the object.
             color = np.where(table < 0, np.minimum(color, 0.0), color)
-            total = np.where(odds == 0.0, agree, odds) + color
+            total = np.where(odds == 0.0, agree, odds) + color + prior
             total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
             masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)

@@ -15,7 +15,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.segment.ground import build_ground_picture, equalize_exposure
+from zeroshop_steps.segment.ground import MOST_ODDS, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
@@ -30,7 +30,7 @@ LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003
 MOSTLY = 0.5  # of a separate part must lie in the common hull
 CLOSED_SHARE = 0.9  # a larger hole is filled if this share of it lies in the hull: the other views see no way through
 
-METHOD = {"rank": 1, "in_scene": True, "runtime_min": 60}
+METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,9 @@ def run(args: argparse.Namespace) -> None:
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
-def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed: int) -> tuple[list[np.ndarray], dict[str, Any]]:
+def find_masks(
+    views: list[View], model: SparseModel, image_width_px: int, seed: int, prior: list[np.ndarray] | None = None
+) -> tuple[list[np.ndarray], dict[str, Any]]:
     """Masks of all views, (H, W) bool of the images' sizes, and the record of their quality.
 
     Args:
@@ -57,6 +59,7 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
         model: their sparse points, object and ground.
         image_width_px: images are cut at this width.
         seed: of RANSAC.
+        prior: (h, w) log odds of the object in every view by what else is known, for example a network.
 
     Raises:
         StepError: no ground, nothing or too much on it, or too few good masks.
@@ -64,11 +67,15 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
     cameras, images = _resize_views(views, image_width_px)
     support, fitted = find_scene_support(model, views, seed)
     images = equalize_exposure(support, cameras, images)
-    selection, refined, own = _find_on_plane(support, cameras, images, model)
+    sizes = [(camera.width_px, camera.height_px) for camera in cameras]
+    priors = [np.zeros(size[::-1], np.float32) for size in sizes]
+    if prior is not None:
+        priors = [cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) for odds, size in zip(prior, sizes, strict=True)]
+    selection, refined, own = _find_on_plane(support, cameras, images, priors, model)
     settled = None if fitted else settle_support(support, cameras, images, refined.masks, selection.grid, refined.occupied)
     if settled and not has_settled(support, settled):
         support = settled
-        selection, refined, own = _find_on_plane(support, cameras, images, model)
+        selection, refined, own = _find_on_plane(support, cameras, images, priors, model)
     tidied = [tidy_mask(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = compare_with_hull([mask > 0.5 for mask in tidied], refined.hulls)
@@ -88,7 +95,7 @@ def find_masks(views: list[View], model: SparseModel, image_width_px: int, seed:
 
 
 def _find_on_plane(
-    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], model: SparseModel
+    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], priors: list[np.ndarray], model: SparseModel
 ) -> tuple[ObjectSelection, RefinedMasks, np.ndarray]:
     """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
     ground = build_ground_picture(support, cameras, images)
@@ -99,11 +106,14 @@ def _find_on_plane(
         plain.evidence(camera, image) if plain else np.zeros(image.shape[:2], np.float32)
         for camera, image in zip(cameras, images, strict=True)
     ]
-    evidence = [join_odds(odds, table) for odds, table in zip(by_place, by_table, strict=True)]
+    evidence = [
+        np.clip(join_odds(odds, table) + prior, -MOST_ODDS, MOST_ODDS)
+        for odds, table, prior in zip(by_place, by_table, priors, strict=True)
+    ]
     check_not_moved(support, cameras, evidence, risen)
     selection = select_object(support, cameras, evidence, risen)
     own = selection.own_points(risen) if risen is not None else np.zeros((0, 3))
-    return selection, refine_masks(support, selection, cameras, images, by_place, by_table, own), own
+    return selection, refine_masks(support, selection, cameras, images, by_place, by_table, priors, own), own
 
 
 def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:

@@ -1,0 +1,83 @@
+"""Salient-object detection by a network of the user's, an ONNX file that onnxruntime runs on the processor.
+
+Any network will do that takes one RGB image and gives one map of its size: U2-Net (Qin et al. 2020), IS-Net (Qin et al. 2022),
+BiRefNet (Zheng et al. 2024) and what was trained like them. Nothing is shipped or downloaded: the licences of such weights differ.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnxruntime
+from scipy.special import expit
+
+from zeroshop_steps.runtime.errors import StepError
+
+USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and BiRefNet were trained on this
+THREADS = 2  # always the same number, because sums in another order change single pixels
+CHANNELS = 3
+WARNINGS = 3  # the severity from which onnxruntime speaks: errors; it warns of unused weights otherwise
+
+
+class SalientObjectNetwork:
+    """The network of an ONNX file.
+
+    Args:
+        path: the file.
+        mean, deviation: (3,) of the image that are taken off, and divided by, in levels of 0 to 255.
+
+    Raises:
+        StepError: the file is missing, is no network, or does not take one RGB image.
+    """
+
+    def __init__(self, path: Path, mean: list[float], deviation: list[float]) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise StepError(
+                f"the network {self.path} does not exist; segment.saliency.weights names an ONNX file of a salient-object network"
+            )
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads, options.inter_op_num_threads, options.log_severity_level = THREADS, 1, WARNINGS
+        try:
+            self._session = onnxruntime.InferenceSession(self.path, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # its errors have no common class of their own
+            reason = str(error).strip().splitlines()[0]
+            raise StepError(f"{self.path} cannot be read as an ONNX network ({reason}); export or download it again") from None
+        inputs = self._session.get_inputs()
+        shape = inputs[0].shape
+        if len(inputs) != 1 or len(shape) != 4 or shape[1] != CHANNELS or inputs[0].type != "tensor(float)":
+            described = ", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs)
+            raise StepError(f"{self.path} takes {described}; expected one float image of 1 x 3 x height x width: use another network")
+        self._input, self._output = inputs[0].name, self._session.get_outputs()[0].name
+        self._size_px = tuple(side if isinstance(side, int) and side > 0 else USUAL_SIDE_PX for side in (shape[3], shape[2]))
+        self._mean, self._deviation = (np.array(values, np.float32).reshape(1, 1, CHANNELS) for values in (mean, deviation))
+
+    def predict(self, image: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+        """How likely each pixel shows the object, 0 to 1.
+
+        Args:
+            image: (H, W, 3) RGB, 0 to 255.
+            size_px: (width, height) of the answer.
+
+        Returns:
+            (height, width) float32.
+
+        Raises:
+            StepError: the network fails on it, or its first output is no map of such values.
+        """
+        small = cv2.resize(image, self._size_px, interpolation=cv2.INTER_AREA).astype(np.float32)
+        batch = ((small - self._mean) / self._deviation).transpose(2, 0, 1)[None]
+        try:
+            [answer] = self._session.run([self._output], {self._input: np.ascontiguousarray(batch)})
+        except Exception as error:  # as above
+            raise StepError(f"{self.path} fails on a photo: {str(error).strip().splitlines()[0]}; use another network") from None
+        found: np.ndarray = np.asarray(answer, np.float32)
+        if found.ndim < 2 or found.size != found.shape[-1] * found.shape[-2]:
+            raise StepError(f"the first output of {self.path} has shape {found.shape}; expected one map: use another network")
+        found = found.reshape(found.shape[-2:])
+        if not np.isfinite(found).all():
+            raise StepError(f"{self.path} gives what is no number; check segment.saliency.mean and deviation, or use another network")
+        if found.min() < 0 or found.max() > 1:  # networks differ in whether the last step, a sigmoid, is in the file
+            found = expit(found)
+        shrinks = size_px[0] < self._size_px[0]
+        return np.asarray(cv2.resize(found, size_px, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR))

@@ -1,0 +1,135 @@
+"""Mask the object with the help of a salient-object network, which has learned what things look like, whatever they stand on.
+
+The network sees one photo at a time: it takes other things along, and now and then a part for the whole. So all photos vote in
+space first, and what the network says counts where they agree. On the ground the geometry then decides as in support_plane, with the
+network as a prior. Where there is no ground, what the photos agree on is the object.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.progress import track
+from zeroshop_steps.segment import support_plane
+from zeroshop_steps.segment.mask_agreement import assess_masks
+from zeroshop_steps.segment.mask_quality import TOLERANCE, MasksRejected, check_enough_good, describe_quality
+from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
+
+METHOD: dict[str, Any] = {"rank": 1, "own_weights": True, "runtime_min": 60}
+PRIOR_ODDS = 2.5
+"""Log odds where the network is sure and the photos agree: more than the ground or colours can say, less than both."""
+MEAN, DEVIATION = [128.0, 128.0, 128.0], [256.0, 256.0, 256.0]  # of IS-Net's images, 0 to 255
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    add_mask_arguments(parser)
+
+
+def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the network, whether or not the cameras are known."""
+    parser.add_argument("--weights", type=Path, required=True, help="ONNX file of a salient-object network")
+    parser.add_argument("--mean", type=float, nargs=3, default=MEAN, help="of its images, taken off, 0 to 255 (default: %(default)s)")
+    parser.add_argument(
+        "--deviation", type=float, nargs=3, default=DEVIATION, help="of its images, divided by, 0 to 255 (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--image-width-px", type=int, default=support_plane.WIDTH_PX, help="images are cut at this width (default: %(default)s)"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    start_s = time.monotonic()
+    views, model = read_views(args.scene)
+    maps = find_maps([view.image_path for view in views], args)
+    prior = weigh_maps(maps, [view.camera for view in views])
+    with show_rejected_masks([view.image_path for view in views], args.rejected):
+        try:
+            masks, record = support_plane.find_masks(views, model, args.image_width_px, args.seed, prior)
+        except MasksRejected:
+            raise
+        except StepError as error:
+            print(f"no ground that helps: {error}")
+            masks, record = find_without_ground(maps, views)
+            record["without_ground"] = str(error)
+    record |= {"method": "saliency", "network": args.weights.name, "seconds": round(time.monotonic() - start_s, 2)}
+    write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+
+
+def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """(H, W) bool masks of photos whose cameras are not known, and the record of their quality.
+
+    Args:
+        paths: the photos.
+        sizes_px: (width, height) of each.
+        args: those of `add_mask_arguments`.
+
+    Raises:
+        StepError: the network is missing or damaged, or too few masks are good.
+    """
+    maps = find_maps(paths, args)
+    masks = [cv2.resize(found, size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
+    _, qualities = assess_masks(masks, None)
+    names = [path.name for path in paths]
+    check_enough_good(qualities, names, masks)
+    return masks, {"method": "saliency", "network": args.weights.name, **describe_quality(qualities, names)}
+
+
+def find_maps(paths: list[Path], args: argparse.Namespace) -> list[np.ndarray]:
+    """What the network sees in each photo: (h, w) float32, 0 to 1, at most `--image-width-px` wide."""
+    network = SalientObjectNetwork(args.weights, args.mean, args.deviation)
+    maps = []
+    for path in track(paths, "saliency", len(paths)):
+        image = read_image(path)
+        width = min(args.image_width_px, image.shape[1])
+        maps.append(network.predict(image, (width, round(image.shape[0] * width / image.shape[1]))))
+    return maps
+
+
+def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
+    """Log odds of the object, (h, w), at most `PRIOR_ODDS` either way, by maps of these sizes.
+
+    They are 0 where a photo contradicts the hull of all: it takes something else along, or a part for the whole. At the hull's rim,
+    which is as coarse as its voxels, the photo decides.
+    """
+    hulls, _ = assess_masks([found > 0.5 for found in maps], _resize_cameras(cameras, maps))
+    weighed = []
+    for found, hull in zip(maps, hulls, strict=True):
+        odds = PRIOR_ODDS * (2 * found - 1)
+        radius = max(1, round(TOLERANCE * float(np.sqrt(hull.sum()))))
+        window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
+        grown, shrunk = cv2.dilate(hull.astype(np.uint8), window) > 0, cv2.erode(hull.astype(np.uint8), window, borderValue=1) > 0
+        contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
+        weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))
+    return weighed
+
+
+def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """(H, W) bool masks by the network alone, without what lies off the hull that they share, and the record of their quality.
+
+    Raises:
+        StepError: too few agree.
+    """
+    cameras = _resize_cameras([view.camera for view in views], maps)
+    hulls, _ = assess_masks([found > 0.5 for found in maps], cameras)
+    tidied = [support_plane.tidy_mask(found, hull) if hull.any() else found for found, hull in zip(maps, hulls, strict=True)]
+    _, qualities = assess_masks([mask > 0.5 for mask in tidied], cameras)
+    names = [view.camera.name for view in views]
+    check_enough_good(qualities, names, tidied)
+    sizes_px = [(view.camera.width_px, view.camera.height_px) for view in views]
+    return [cv2.resize(mask, size) > 0.5 for mask, size in zip(tidied, sizes_px, strict=True)], describe_quality(qualities, names)
+
+
+def _resize_cameras(cameras: list[Camera], maps: list[np.ndarray]) -> list[Camera]:
+    return [camera.resized(found.shape[1], found.shape[0]) for camera, found in zip(cameras, maps, strict=True)]

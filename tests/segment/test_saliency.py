@@ -1,0 +1,113 @@
+"""A salient-object network gives the prior: what photos agree on counts, and the file is refused with its name where it is none."""
+
+import numpy as np
+import pytest
+
+from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
+from helpers.small_saliency import write_network
+from helpers.table_scene import table_views
+from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.segment.mask_agreement import compute_overlap
+from zeroshop_steps.segment.saliency import DEVIATION, MEAN, PRIOR_ODDS, weigh_maps
+from zeroshop_steps.segment.support_plane import find_masks
+
+OTHER = (1.3, 0.9, 0.2)
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    masks = write_ball_scene(tmp_path / "scene")
+    write_network(tmp_path / "saliency.onnx")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path, masks
+
+
+def segment(*options):
+    names = ["--method", "saliency", "--weights", "saliency.onnx", "--scene", "scene", "--out", "cameras"]
+    return stage_main("zeroshop_steps.segment", [*names, *options])
+
+
+def test_the_object_is_found_where_there_is_no_ground(workplace):
+    folder, masks = workplace
+    assert segment() == 0
+    record = read_json(folder / "cameras/segmentation.json")
+    assert record["method"] == "saliency" and record["good_masks"] == 12 and record["network"] == "saliency.onnx"
+    assert "ground" in record["without_ground"] or "plane" in record["without_ground"]
+    for path, truth in zip(list_images(folder / "cameras/images"), masks, strict=True):
+        found = read_mask(folder / "cameras/masks" / f"{path.stem}.png", truth.shape[::-1])
+        assert compute_overlap(found, truth) > 0.93
+
+
+def test_what_few_photos_see_says_nothing():
+    """Two photos take another thing along, two miss the half: there the prior is 0, and elsewhere what the photos say."""
+    cameras = ball_cameras()
+    masks = [ball_mask(camera) for camera in cameras]
+    others = [ball_mask(camera, OTHER, 0.25) & ~mask for camera, mask in zip(cameras, masks, strict=True)]
+    maps = [mask.astype(np.float32) for mask in masks]
+    for index in (0, 5):
+        maps[index] = (masks[index] | others[index]).astype(np.float32)
+    lost = {}
+    for index in (2, 8):
+        middle = np.flatnonzero(masks[index].any(axis=1)).mean()
+        lost[index] = masks[index] & (np.arange(len(masks[index])) > middle)[:, None]
+        maps[index] = (masks[index] & ~lost[index]).astype(np.float32)
+    odds = weigh_maps(maps, cameras)
+    for index in (0, 5):
+        assert (odds[index][others[index]] == 0).mean() > 0.8 and (odds[index][masks[index]] == PRIOR_ODDS).mean() > 0.95
+    for index in (2, 8):
+        assert (odds[index][lost[index]] == 0).mean() > 0.8
+    assert (odds[1][~masks[1]] == -PRIOR_ODDS).mean() > 0.95
+
+
+@pytest.mark.slow
+def test_a_prior_finds_what_has_the_tables_colour(tmp_path):
+    """A ball of the table's colour: colours see no more than its shadow, the prior gives its outline."""
+    ball = (0.0, 0.0, 0.45)
+    views, model = table_views(tmp_path, [[ball]] * 12, plain=True)
+    truths = [ball_mask(view.camera, ball, ball[2]) for view in views]
+    prior = weigh_maps([truth.astype(np.float32) for truth in truths], [view.camera for view in views])
+    masks, _ = find_masks(views, model, 240, 0, prior)
+    plain, _ = find_masks(views, model, 240, 0)
+    overlaps, without = ([compute_overlap(mask, truth) for mask, truth in zip(found, truths, strict=True)] for found in (masks, plain))
+    assert np.median(overlaps) > max(0.97, np.median(without))
+
+
+def test_photos_without_cameras_are_masked(workplace):
+    folder, masks = workplace
+    (folder / "scene/capture.json").write_text("{}")
+    names = ["--method", "object_capture", "--pictures", "scene", "--capture", "scene", "--out", "object"]
+    assert stage_main("zeroshop_steps.segment", [*names, "--segmentation", "saliency", "--options", "--weights", "saliency.onnx"]) == 0
+    assert read_json(folder / "object/segmentation.json")["good_masks"] == 12
+    found = read_mask(folder / "object/masks" / f"{list_images(folder / 'object/images')[3].stem}.png", masks[3].shape[::-1])
+    assert compute_overlap(found, masks[3]) > 0.95
+
+
+def test_values_before_the_sigmoid_mean_the_same(workplace):
+    folder, _ = workplace
+    write_network(folder / "raw.onnx", sigmoid=False)
+    image = np.full((30, 40, 3), 90, np.uint8)
+    image[8:20, 10:30] = (200, 30, 30)
+    [sure, raw] = [SalientObjectNetwork(folder / name, MEAN, DEVIATION).predict(image, (40, 30)) for name in ("saliency.onnx", "raw.onnx")]
+    assert sure.shape == (30, 40) and np.allclose(sure, raw, atol=1e-5)
+    assert (sure[10:18, 12:28] > 0.9).all() and (sure[:6] < 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda path: path.unlink(), "does not exist; segment.saliency.weights names an ONNX file"),
+        (lambda path: path.write_bytes(b"not a network"), "cannot be read as an ONNX network"),
+        (lambda path: write_network(path, channels=1), "expected one float image of 1 x 3 x height x width"),
+        (lambda path: write_network(path, outputs=2), "expected one map"),
+    ],
+)
+def test_what_is_no_such_network_is_named(workplace, capfd, damage, message):
+    folder, _ = workplace
+    damage(folder / "saliency.onnx")
+    assert segment() == 1
+    error = capfd.readouterr().err
+    assert message in error and "saliency.onnx" in error and "Traceback" not in error
+    assert not (folder / "cameras").exists()
