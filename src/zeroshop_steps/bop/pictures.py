@@ -30,10 +30,16 @@ IN_A_ROW = 5  # tiles
 TILE_PX, CAPTION_PX = 320, 44
 TILE_MARGIN, LEAST_MARGIN_PX = 1.3, 16  # side of a tile: 1.3 times the longer side of the masks, and so many pixels
 TRUE_COLOR, ESTIMATED_COLOR = (40, 220, 40), (255, 40, 40)
+AXIS_COLORS = ((255, 60, 60), (60, 220, 60), (80, 80, 255))  # x, y, z: red, green, blue, bright enough for dark photos
+BLACK, WHITE = (0, 0, 0), (255, 255, 255)
 AXIS_DIAMETERS = 0.3  # length of the drawn axes
 NEAREST_MM = 1.0  # axes with an end closer to the camera plane are not drawn
 HUE_STEP = 67  # between the colours of consecutive objects, of OpenCV's 180; neighbours differ clearly
+BRIGHT = (200, 255)  # saturation and value of these colours, of 255
+MASK_TINT = 0.5  # share of the object's colour in a detected mask
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+CAPTION_SCALE, CAPTION_LEFT_PX, CAPTION_BASELINES_PX = 0.42, 4, (17, 36)  # two lines fit a caption's height, 45 letters its width
+LABEL_SCALE, LABEL_EDGE_PX = 0.45, 3  # white letters with a black edge, which show on any photo
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,7 +109,7 @@ def draw_detections(photo: np.ndarray, detections: Sequence[Detection]) -> np.nd
     image, labels = photo.copy(), []
     for one in detections:
         mask, color = decode_mask(one.require_mask()), choose_color(one.object_id)
-        image[mask] = (0.5 * image[mask] + 0.5 * np.array(color)).astype(np.uint8)
+        image[mask] = ((1 - MASK_TINT) * image[mask] + MASK_TINT * np.array(color)).astype(np.uint8)
         _draw_outline(image, mask, color)
         if not mask.any():
             continue
@@ -130,7 +136,7 @@ def draw_poses(
         if (projected[:, 2] <= NEAREST_MM).any():
             continue
         start, *tips = np.rint(projected[:, :2] / projected[:, 2:]).astype(int).tolist()
-        for tip, color in zip(tips, ((255, 60, 60), (60, 220, 60), (80, 80, 255)), strict=True):
+        for tip, color in zip(tips, AXIS_COLORS, strict=True):
             cv2.line(image, start, tip, color, 2, cv2.LINE_AA)
         _draw_text(image, f"{number}: {score:.2f}", start)
     return image
@@ -171,8 +177,8 @@ def draw_worst(
         lines = [f"scene {frame.scene_id}, image {frame.image_id}, object {number}{share}"]
         lines.append(", ".join(f"{kind.upper()} {row[kind]:.2f}" for kind in ("mssd", "mspd", "vsd") if kind in row))
         caption = np.full((CAPTION_PX, TILE_PX, 3), 255, np.uint8)
-        for index, line in enumerate([lines[0], f"{lines[1]}, score {row['score']:.2f}"]):
-            cv2.putText(caption, line, (4, 17 + 19 * index), FONT, 0.42, (0, 0, 0), 1, cv2.LINE_AA)
+        for baseline_px, line in zip(CAPTION_BASELINES_PX, (lines[0], f"{lines[1]}, score {row['score']:.2f}"), strict=True):
+            cv2.putText(caption, line, (CAPTION_LEFT_PX, baseline_px), FONT, CAPTION_SCALE, BLACK, 1, cv2.LINE_AA)
         tiles.append(np.concatenate([tile, caption]))
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % min(IN_A_ROW, len(tiles)))
     across = min(IN_A_ROW, len(tiles))
@@ -181,7 +187,7 @@ def draw_worst(
 
 def choose_color(number: int) -> tuple[int, int, int]:
     """A bright colour for an object."""
-    hue = np.array([[[(number * HUE_STEP) % 180, 200, 255]]], np.uint8)
+    hue = np.array([[[(number * HUE_STEP) % 180, *BRIGHT]]], np.uint8)
     red, green, blue = cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0].tolist()
     return red, green, blue
 
@@ -192,8 +198,8 @@ def _draw_outline(image: np.ndarray, mask: np.ndarray, color: tuple[int, int, in
 
 
 def _draw_text(image: np.ndarray, text: str, place: Sequence[int]) -> None:
-    for color, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-        cv2.putText(image, text, tuple(place), FONT, 0.45, color, thickness, cv2.LINE_AA)
+    for color, thickness in ((BLACK, LABEL_EDGE_PX), (WHITE, 1)):
+        cv2.putText(image, text, tuple(place), FONT, LABEL_SCALE, color, thickness, cv2.LINE_AA)
 
 
 def _cut_tile(image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
@@ -203,6 +209,6 @@ def _cut_tile(image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, float]:
         rows, columns = np.arange(mask.shape[0]), np.arange(mask.shape[1])
     side = int(TILE_MARGIN * max(rows[-1] - rows[0], columns[-1] - columns[0])) + LEAST_MARGIN_PX
     top, left = int(rows[0] + rows[-1] - side) // 2, int(columns[0] + columns[-1] - side) // 2
-    cut = cv2.copyMakeBorder(image, side, side, side, side, cv2.BORDER_CONSTANT, value=(0, 0, 0))
+    cut = cv2.copyMakeBorder(image, side, side, side, side, cv2.BORDER_CONSTANT, value=BLACK)
     cut = cut[top + side : top + 2 * side, left + side : left + 2 * side]
     return cv2.resize(cut, (TILE_PX, TILE_PX), interpolation=cv2.INTER_LINEAR), TILE_PX / side

@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.contact_sheets import arrange_in_rows, tile_size_px, write_label
 from zeroshop_steps.runtime.files import write_json
 
 # Levels are of 255. Set by hand on the kitchen photos, DTU, DexYCB and rendered films.
@@ -21,7 +22,6 @@ SHARPNESS_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5  # width to whi
 EDGE_LEVELS, STRONG_EDGES, SHARPEST, LEAST_EDGES = 16.0, 0.1, 0.1, 50
 MOST_EDGE_BLUR_PX = 1.5
 """Sharp photos have 0.4 to 1.0, the same blurred by 3 px have 1.8 to 2.4 (kitchen, DTU, DexYCB, rendered)."""
-SHEET_COLUMNS, TILE_WIDTH_PX = 5, 320
 
 
 def shrink_to_grey(image: np.ndarray) -> np.ndarray:
@@ -96,20 +96,10 @@ def draw_contact_sheet(images: Iterable[np.ndarray], names: list[str]) -> np.nda
     """(H, W, 3) uint8: all pictures, small, in rows, with their names."""
     tiles = []
     for image, name in zip(images, names, strict=True):
-        tile = cv2.resize(
-            image, (TILE_WIDTH_PX, max(1, round(image.shape[0] * TILE_WIDTH_PX / image.shape[1]))), interpolation=cv2.INTER_AREA
-        )
-        cv2.putText(tile, name, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+        tile = cv2.resize(image, tile_size_px(image), interpolation=cv2.INTER_AREA)
+        write_label(tile, name)
         tiles.append(tile)
     return arrange_in_rows(tiles)
-
-
-def arrange_in_rows(tiles: list[np.ndarray]) -> np.ndarray:
-    """Pictures of one width in rows of `SHEET_COLUMNS`; below lower ones there is black."""
-    height_px = max(tile.shape[0] for tile in tiles)
-    padded = [np.pad(tile, ((0, height_px - tile.shape[0]), (0, 0), (0, 0))) for tile in tiles]
-    padded += [np.zeros_like(padded[0])] * (-len(tiles) % SHEET_COLUMNS)
-    return np.vstack([np.hstack(padded[start : start + SHEET_COLUMNS]) for start in range(0, len(padded), SHEET_COLUMNS)])
 
 
 def write_capture_record(

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.capture.frames import SHEET_COLUMNS, TILE_WIDTH_PX, arrange_in_rows
+from zeroshop_steps.geometry.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image
 from zeroshop_steps.register.record import find_lens, read_registration
 from zeroshop_steps.register.undistort import make_undistortion_map
@@ -21,6 +21,7 @@ from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.tables import write_table
 
 TILE_HALF = 0.6  # half of the side of a tile, in longer sides of the box around both masks: a margin of a tenth on each side
+TINT = 0.6  # of what is wrong: its colour shows, and the photo below it, too
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
         rows.append({"camera": name, "measure": "iou", "value": None if overlap is None else round(overlap, 4)})
     write_table(args.out, rows)
     compared = [frame for frame in frames if frame.found is not None]
-    worst = sorted(compared, key=lambda frame: overlaps[frame.name] or 0.0)[:SHEET_COLUMNS]
+    worst = sorted(compared, key=lambda frame: overlaps[frame.name] or 0.0)[:COLUMNS]
     images = [read_image(args.cameras / "images" / f"{frame.name}.png") for frame in worst]
     write_image(args.out.with_suffix(".png"), draw_mask_errors(worst, images))
 
@@ -98,13 +99,12 @@ def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.n
         half = TILE_HALF * max(float(np.ptp(rows)), float(np.ptp(columns)), 1.0) + 1
         middle = np.array([(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2])
         shown = image.copy()
-        for part, color in ((found & ~frame.true, (255, 0, 0)), (frame.true & ~found, (0, 255, 0))):
-            shown[part] = (0.4 * shown[part] + 0.6 * np.array(color)).astype(np.uint8)
+        for part, color in ((found & ~frame.true, RED), (frame.true & ~found, GREEN)):
+            shown[part] = ((1 - TINT) * shown[part] + TINT * np.array(color)).astype(np.uint8)
         scale = TILE_WIDTH_PX / (2 * half)
         warp = np.array([[scale, 0, TILE_WIDTH_PX / 2 - scale * middle[0]], [0, scale, TILE_WIDTH_PX / 2 - scale * middle[1]]])
         tile = cv2.warpAffine(shown, warp, (TILE_WIDTH_PX, TILE_WIDTH_PX), flags=cv2.INTER_LINEAR)
-        label = f"{frame.name} IoU {frame.overlap:.3f}"
-        cv2.putText(tile, label, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+        write_label(tile, f"{frame.name} IoU {frame.overlap:.3f}")
         tiles.append(tile)
     return arrange_in_rows(tiles) if tiles else np.zeros((TILE_WIDTH_PX, TILE_WIDTH_PX, 3), np.uint8)
 

@@ -15,6 +15,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
 TILE_PX = 320
+WHITE = (255, 255, 255)
 SAMPLES = 3  # rays along each side of a pixel
 
 
@@ -50,6 +51,6 @@ def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registra
         tile = camera.resized(TILE_PX, TILE_PX)
         interpolation = cv2.INTER_AREA if camera.width_px > TILE_PX else cv2.INTER_CUBIC
         rows: list[np.ndarray] = [cv2.resize(photo, (TILE_PX, TILE_PX), interpolation=interpolation)]
-        rows += [renderer.render_color(tile, (255, 255, 255), SAMPLES), renderer.render_shaded(tile, samples=SAMPLES)]
+        rows += [renderer.render_color(tile, WHITE, SAMPLES), renderer.render_shaded(tile, samples=SAMPLES)]
         columns.append(np.concatenate(rows, 0))
     return np.concatenate(columns, 1)

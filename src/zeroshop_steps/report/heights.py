@@ -26,6 +26,8 @@ PUBLISHED = Path(__file__).with_name("published_heights.csv")
 BESIDE, APART, THESIS = "board beside the object", "board in the empty scene", "thesis: MASt3R"
 COLORS = {BESIDE: "tab:orange", APART: "tab:green", THESIS: "tab:blue"}
 MARKS = {BESIDE: "^", APART: "v", THESIS: "o"}
+FIGURE_INCHES, DOTS_PER_INCH, MARK_POINTS2 = (7.0, 4.5), 150, 24  # as wide as a text column; the area of a mark
+LEAST_FOR_TREND = 3  # points; two always lie on a line
 COLUMNS = (
     "dataset",
     "object",
@@ -131,7 +133,7 @@ def _published_columns(found: PublishedHeight) -> dict[str, str | float]:
 
 def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[PublishedHeight]) -> Figure:
     """Plot the absolute error in per cent over the true height in metres, ours and the thesis's, with straight trends."""
-    figure = Figure(figsize=(7.0, 4.5), dpi=150, layout="constrained")
+    figure = Figure(figsize=FIGURE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
     points = {THESIS: np.array([(found.height_m, abs(found.difference_percent)) for found in published])}
     for how in (BESIDE, APART):
@@ -140,8 +142,8 @@ def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[Publis
     for how, found in points.items():
         if len(found) == 0:
             continue
-        axes.scatter(found[:, 0], found[:, 1], s=24, color=COLORS[how], marker=MARKS[how], label=how)
-        if len(found) > 2:
+        axes.scatter(found[:, 0], found[:, 1], s=MARK_POINTS2, color=COLORS[how], marker=MARKS[how], label=how)
+        if len(found) >= LEAST_FOR_TREND:
             slope, level = np.polyfit(found[:, 0], found[:, 1], 1)
             ends = np.array([found[:, 0].min(), found[:, 0].max()])
             axes.plot(ends, level + slope * ends, color=COLORS[how], linewidth=1.0)

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.capture.frames import TILE_WIDTH_PX, arrange_in_rows
+from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
@@ -24,6 +24,7 @@ from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.mask_quality import MasksRejected
 
+DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
 RECORD = "segmentation.json"
 """The file beside images/ and masks/ that says how the masks were found and how good they are."""
 
@@ -102,14 +103,14 @@ def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str
     """(H, W, 3) uint8: every image with what lies outside its mask darkened, the outline red; dropped ones crossed out."""
     tiles = []
     for path, mask in zip(paths, masks, strict=True):
-        size = (TILE_WIDTH_PX, max(1, round(mask.shape[0] * TILE_WIDTH_PX / mask.shape[1])))
+        size = tile_size_px(mask)
         tile = cv2.resize(read_image(path), size, interpolation=cv2.INTER_AREA)
         small = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
-        tile = np.where(small[..., None], tile, tile // 3)
-        tile[small & ~(cv2.erode(small.astype(np.uint8), np.ones((3, 3))) > 0)] = (255, 0, 0)
+        tile = np.where(small[..., None], tile, tile // DARKENED_BY)
+        tile[small & ~(cv2.erode(small.astype(np.uint8), np.ones((3, 3))) > 0)] = RED
         if path.name in dropped:
-            cv2.line(tile, (0, 0), size, (255, 0, 0), 3)
-        cv2.putText(tile, path.stem, (5, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+            cv2.line(tile, (0, 0), size, RED, 3)
+        write_label(tile, path.stem)
         tiles.append(tile)
     return arrange_in_rows(tiles)
 

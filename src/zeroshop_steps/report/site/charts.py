@@ -11,7 +11,13 @@ from collections.abc import Mapping, Sequence
 from markupsafe import Markup, escape
 
 WIDTH, HEIGHT = 560, 300
-LEFT, RIGHT, TOP, BOTTOM = 56, 14, 14, 44
+LEFT, RIGHT, TOP, BOTTOM = 56, 14, 14, 44  # margins for the numbers and names of the axes
+# Places of text beside the axes, in the chart's units, which are pixels where it is shown at full width.
+BELOW, BESIDE, DOWN = 16, 6, 4  # baselines of numbers below the x axis, left of the y axis, and down to its middle
+NAME_BELOW, NAME_LEFT = 6, 13  # baselines of the axes' names, from the lower and from the left edge
+DOT_RADIUS = 4.5  # large enough for a pointer, which asks for its name
+SERIES_STYLES = 5  # s1 to s5 in assets/report.css
+LEAST_FOR_TREND = 3  # points; two always lie on a line
 
 
 class _Axes:
@@ -38,17 +44,17 @@ class _Axes:
         across = ticks(self.x0, self.x1)
         for value in across:
             parts.append(
-                f'<text x="{self.x(value):.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{_told_apart(value, across)}</text>'
+                f'<text x="{self.x(value):.1f}" y="{HEIGHT - BOTTOM + BELOW}" text-anchor="middle">{_told_apart(value, across)}</text>'
             )
         levels = range(math.ceil(self.y0), math.floor(self.y1) + 1) if self.log_y else ticks(self.y0, self.y1)
         for level in levels:
             value = 10.0**level if self.log_y else level
             y, label = self.y(value), _short(value) if self.log_y else _told_apart(value, levels)
             parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
-            parts.append(f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{label}</text>')
-        parts.append(f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{HEIGHT - 6}" text-anchor="middle">{escape(x_label)}</text>')
+            parts.append(f'<text x="{LEFT - BESIDE}" y="{y + DOWN:.1f}" text-anchor="end">{label}</text>')
+        parts.append(f'<text x="{(LEFT + WIDTH - RIGHT) / 2}" y="{HEIGHT - NAME_BELOW}" text-anchor="middle">{escape(x_label)}</text>')
         middle = (TOP + HEIGHT - BOTTOM) / 2
-        parts.append(f'<text transform="translate(13 {middle}) rotate(-90)" text-anchor="middle">{escape(y_label)}</text>')
+        parts.append(f'<text transform="translate({NAME_LEFT} {middle}) rotate(-90)" text-anchor="middle">{escape(y_label)}</text>')
         return parts
 
 
@@ -62,7 +68,7 @@ def line_chart(series: Mapping[str, Sequence[tuple[float, float]]], x_label: str
     parts = axes.grid(x_label, y_label)
     for k, points in enumerate(shown.values()):
         path = " ".join(f"{axes.x(x):.1f},{axes.y(y):.1f}" for x, y in points)
-        parts.append(f'<polyline class="series s{k % 5 + 1}" points="{path}"/>')
+        parts.append(f'<polyline class="series {_style(k)}" points="{path}"/>')
     return _figure(parts, list(shown), f"{y_label} over {x_label}")
 
 
@@ -77,16 +83,16 @@ def scatter(
     axes = _Axes([point[0] for point in every], [point[1] for point in every], from_zero=from_zero)
     parts = axes.grid(x_label, y_label)
     for k, points in enumerate(shown.values()):
-        if trend and len(points) > 2:
+        if trend and len(points) >= LEAST_FOR_TREND:
             slope, level = _straight(points)
             ends = [min(point[0] for point in points), max(point[0] for point in points)]
             inside = [(x, max(level + slope * x, 0.0)) for x in ends]
             parts.append(
-                f'<polyline class="series s{k % 5 + 1}" points="{" ".join(f"{axes.x(x):.1f},{axes.y(y):.1f}" for x, y in inside)}"/>'
+                f'<polyline class="series {_style(k)}" points="{" ".join(f"{axes.x(x):.1f},{axes.y(y):.1f}" for x, y in inside)}"/>'
             )
         for x, y, what in points:
             title = f"<title>{escape(what)}: {_short(x)}, {_short(y)}</title>"
-            parts.append(f'<circle class="dot s{k % 5 + 1}" cx="{axes.x(x):.1f}" cy="{axes.y(y):.1f}" r="4.5">{title}</circle>')
+            parts.append(f'<circle class="dot {_style(k)}" cx="{axes.x(x):.1f}" cy="{axes.y(y):.1f}" r="{DOT_RADIUS}">{title}</circle>')
     return _figure(parts, list(shown), f"{y_label} over {x_label}")
 
 
@@ -122,7 +128,12 @@ def _told_apart(value: float, others: Sequence[float]) -> str:
     return _short(value) if abs(value) >= 1e4 else f"{value:.{max(0, -math.floor(math.log10(step) + 1e-9))}f}"
 
 
+def _style(k: int) -> str:
+    """The class of a series, which has a colour in the page's styles."""
+    return f"s{k % SERIES_STYLES + 1}"
+
+
 def _figure(parts: list[str], names: list[str], title: str) -> Markup:
-    keys = "".join(f'<li><i class="s{k % 5 + 1}"></i>{escape(name)}</li>' for k, name in enumerate(names))
+    keys = "".join(f'<li><i class="{_style(k)}"></i>{escape(name)}</li>' for k, name in enumerate(names))
     drawing = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
     return Markup(f'<div class="chart">{drawing}<ul class="keys">{keys}</ul></div>')

@@ -14,10 +14,15 @@ from zeroshop_steps.report.site.viewer_meshes import TrueModel
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
-THUMBNAIL_PX = 320
+THUMBNAIL_PX, THUMBNAIL_SAMPLES = 320, 3  # rays along each side of a pixel
+QUALITY = 82  # 0 to 100, of WebP
+FRONT = (1.0, -0.55, 0.45)
+"""Towards the camera, in the frame of the mesh: a little from the right and from above, so that three sides show."""
+DISTANCE_RADII = 4.0  # from the centre, in radii of the sphere around the mesh: little perspective
+MARGIN = 1.02  # the picture is so much larger than that sphere
 
 
-def write_webp(path: Path, image: np.ndarray, quality: int = 82) -> None:
+def write_webp(path: Path, image: np.ndarray, quality: int = QUALITY) -> None:
     """Write (height, width, 3 or 4) uint8 RGB or RGBA as WebP."""
     swapped = cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR)
     made, data = cv2.imencode(".webp", swapped, [cv2.IMWRITE_WEBP_QUALITY, quality])
@@ -27,15 +32,15 @@ def write_webp(path: Path, image: np.ndarray, quality: int = 82) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def place_camera(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = (1.0, -0.55, 0.45)) -> Camera:
+def place_camera(mesh: Mesh, size_px: int, direction: tuple[float, float, float] = FRONT) -> Camera:
     """A square camera that sees the whole mesh from a direction in the frame of the mesh, z up."""
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-9)
     forward = -np.array(direction) / np.linalg.norm(direction)
     camera_from_world = np.eye(4)
     camera_from_world[:3, :3] = face_along(forward)
-    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (centre - forward * 4.0 * radius)
-    focal_px = size_px / 2 * np.sqrt(15.0) / 1.02  # the sphere around the mesh fills the picture
+    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ (centre - forward * DISTANCE_RADII * radius)
+    focal_px = size_px / 2 * np.sqrt(DISTANCE_RADII**2 - 1) / MARGIN  # its tangents from the camera meet the picture's edges
     intrinsics = make_intrinsics(focal_px, size_px, size_px)
     return Camera("view", size_px, size_px, intrinsics, camera_from_world)
 
@@ -46,7 +51,7 @@ def render_thumbnail(runs: list[Run], truth: TrueModel | None) -> np.ndarray | N
     mesh = mesh or (truth.mesh if truth else None)
     if mesh is None:
         return None
-    color, coverage = MeshRenderer(mesh).render_cut_out(place_camera(mesh, THUMBNAIL_PX), 3)
+    color, coverage = MeshRenderer(mesh).render_cut_out(place_camera(mesh, THUMBNAIL_PX), THUMBNAIL_SAMPLES)
     return np.dstack([color, coverage])
 
 

@@ -21,7 +21,12 @@ MOST_PHOTOS = 40  # on a sheet
 SHEET_QUALITY = 78  # 0 to 100, of WebP
 GAIN = 4.0
 """Factor by which differences are amplified."""
-MISSING = (196, 60, 48)
+MISSING, MISSING_EDGE_PX = (196, 60, 48), 6
+"""Frame of a photo without a camera: the report's red, wide enough to stand out."""
+FADED, PALE_LEVEL = 0.25, 170
+"""A background keeps this share of its contrast and becomes at least so bright, of 255: the object stands out, its place is still known."""
+OUTLINE = (232, 80, 40)
+GAP_PX = 4
 
 
 def write_sheets(run: Run, folder: Path) -> dict[str, str]:
@@ -40,7 +45,7 @@ def write_sheets(run: Run, folder: Path) -> dict[str, str]:
         image = read_image(source / "images" / path.name) if there and (source / "images" / path.name).is_file() else read_image(path)
         tile = cv2.resize(image, (TILE_PX, round(TILE_PX * image.shape[0] / image.shape[1])), interpolation=cv2.INTER_AREA)
         if registered and not there:
-            cv2.rectangle(tile, (0, 0), (tile.shape[1] - 1, tile.shape[0] - 1), MISSING, 6)
+            cv2.rectangle(tile, (0, 0), (tile.shape[1] - 1, tile.shape[0] - 1), MISSING, MISSING_EDGE_PX)
         plain.append(tile)
         mask = next((mask for base in (source, run.capture) if (mask := base / "masks" / f"{path.stem}.png").is_file()), None)
         if mask is not None:
@@ -56,9 +61,9 @@ def write_sheets(run: Run, folder: Path) -> dict[str, str]:
 def dim_background(tile: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """A photo with a faded background and the outline of the mask."""
     small = cv2.resize(mask.astype(np.uint8), (tile.shape[1], tile.shape[0]), interpolation=cv2.INTER_AREA)
-    faded = np.where(small[..., None] > 0, tile, (tile * 0.25 + 170).astype(np.uint8))
+    faded = np.where(small[..., None] > 0, tile, (tile * FADED + PALE_LEVEL).astype(np.uint8))
     outline = cv2.morphologyEx(small, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
-    faded[outline] = (232, 80, 40)
+    faded[outline] = OUTLINE
     return faded
 
 
@@ -67,10 +72,9 @@ def make_contact_sheet(tiles: list[np.ndarray]) -> np.ndarray:
     height = max(tile.shape[0] for tile in tiles)
     rows = -(-len(tiles) // SHEET_COLUMNS)
     columns = min(SHEET_COLUMNS, len(tiles))
-    gap = 4
-    whole = np.full((rows * (height + gap) - gap, columns * (TILE_PX + gap) - gap, 3), 255, np.uint8)
+    whole = np.full((rows * (height + GAP_PX) - GAP_PX, columns * (TILE_PX + GAP_PX) - GAP_PX, 3), 255, np.uint8)
     for k, tile in enumerate(tiles):
-        top, left = (k // SHEET_COLUMNS) * (height + gap), (k % SHEET_COLUMNS) * (TILE_PX + gap)
+        top, left = (k // SHEET_COLUMNS) * (height + GAP_PX), (k % SHEET_COLUMNS) * (TILE_PX + GAP_PX)
         whole[top : top + tile.shape[0], left : left + TILE_PX] = tile
     return whole
 
