@@ -26,12 +26,9 @@ VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 # Photos as they are, and registered by what lies inside the masks alone.
 WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
 
-# The steps run with the Python that runs Snakemake, whether or not its environment is activated; that of a conda environment
-# finds them, too.
-os.environ.update(
-    PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
-    PYTHONPATH=os.pathsep.join([str(ROOT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]),
-)
+# Steps run with the Python that runs Snakemake, activated or not; that of a conda environment finds them, too.
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])])
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
 shell.prefix(
     'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
@@ -51,8 +48,7 @@ except StepError as error:
 
 wildcard_constraints:
     dataset="[^/]+",
-    # These folders hold what belongs to a whole dataset.
-    object=r"(?!(?:bop|tables|report)/)[^/]+",
+    object=r"(?!(?:bop|tables|report)/)[^/]+",  # these folders hold what belongs to a whole dataset
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
@@ -83,8 +79,7 @@ def require_known(what, name, names, remedy):
 
 def usable(what, name, table, remedy):
     """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods."""
-    reason = methods.refusal(what, require_known(what, name, table, remedy), table)
-    if reason:
+    if reason := methods.refusal(what, require_known(what, name, table, remedy), table):
         raise WorkflowError(reason)
     return name
 
