@@ -199,10 +199,17 @@ def _put(entry: Path, out: Path, cached: Cached) -> None:
                 shutil.copyfile(path, target)
                 manifest[name] = _sha256(path)
         (scratch / MANIFEST).write_text(json.dumps(manifest, indent=1))
-        scratch.chmod(0o755)
+        _share(scratch, entry.parent)
         with contextlib.suppress(FileExistsError):
             if not entry.exists():
                 os.rename(scratch, entry)
+
+
+def _share(entry: Path, folder: Path) -> None:
+    """Let everybody read an entry who may read the folder of the cache, whatever this user's umask."""
+    readers = folder.stat().st_mode & 0o044
+    for path in (entry, *entry.rglob("*")):
+        path.chmod(path.stat().st_mode | readers | (readers >> 2 if path.is_dir() else 0))
 
 
 def _remove(entry: Path) -> bool:
