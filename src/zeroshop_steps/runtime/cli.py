@@ -17,6 +17,7 @@ from pathlib import Path
 
 from zeroshop_steps.runtime import failures
 from zeroshop_steps.runtime.cache import run_cached
+from zeroshop_steps.runtime.child_process import wait_for_child
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 from zeroshop_steps.runtime.kernel_cache import provide_kernel_cache
 
@@ -32,9 +33,13 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
         argv: the command line without the program's name; the process's own by default.
     """
     if argv is None:
+        argv = sys.argv[1:]
+        status = wait_for_child(_find_out(argv))
+        if status is not None:
+            return status
         # A scheduler's request to end is taken like Ctrl+C, so that nothing half-written stays.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-    argv = list(sys.argv[1:] if argv is None else argv)
+    argv = list(argv)
     choose = argparse.ArgumentParser(prog=f"python -m {package}", add_help=False)
     choose.add_argument("--method", choices=stage_methods(package), required=True)
     choose.add_argument("--record-failure", nargs="+", default=[], metavar="OUTPUT", help=RECORD_FAILURE)
@@ -70,6 +75,11 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
         details = error.write_details if isinstance(error, StepError) else None
         return _give_up(failure, known.record_failure if failures.is_result(error) else [], details)
     return 0
+
+
+def _find_out(argv: Sequence[str]) -> Path | None:
+    """What a command line names as --out."""
+    return next((Path(value) for word, value in zip(argv, argv[1:], strict=False) if word == "--out"), None)
 
 
 def _give_up(failure: failures.Failure, outputs: Sequence[str], write_details: Callable[[Path], None] | None = None) -> int:

@@ -19,8 +19,9 @@ class StepError(Exception):
         """Leave in the folder that holds the record of this failure (failures.py) what helps to see why; most have nothing."""
 
 
+REMEDY_FOR_ROOM = "Check free disk space (df -h, and df -i for the number of files) and the largest size of a file (ulimit -f)."
 _REMEDIES = {
-    errno.ENOSPC: "Check free disk space (df -h, and df -i for the number of files) and the largest size of a file (ulimit -f).",
+    errno.ENOSPC: REMEDY_FOR_ROOM,
     errno.EDQUOT: "Your quota of disk space is used up; remove files or ask for more.",
     errno.EFBIG: "The file is larger than this shell or file system allows; ulimit -f shows and changes the shell's limit.",
     errno.EACCES: "Check permissions: ls -ld on it and on the folders above it.",
@@ -61,17 +62,17 @@ def explain_machine_fault(error: BaseException) -> str | None:
     if isinstance(error, StepError):
         return None
     if is_out_of_memory(error):
-        return f"memory ran out ({_memory_there()}). Raise that, run less beside it, or take fewer or smaller images"
+        return f"memory ran out: {describe_memory()}"
     if is_disk_full(error):
-        return f"the disk of the results or of {tempfile.gettempdir()} is full or may not be written to. {_REMEDIES[errno.ENOSPC]}"
+        return f"the disk of the results or of {tempfile.gettempdir()} is full or may not be written to. {REMEDY_FOR_ROOM}"
     if isinstance(error, OSError) and error.errno is not None:
         name = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
         return f"{name}{error.strerror}. {remedy_for(error)}"
     return None
 
 
-def _memory_there() -> str:
-    """How much memory this process may take and the machine has left."""
+def describe_memory() -> str:
+    """How much memory a process may take and the machine has left, what that is enough for, and the remedy."""
     there = []
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY:
@@ -80,7 +81,8 @@ def _memory_there() -> str:
         lines = Path("/proc/meminfo").read_text().splitlines()
         free_kb = int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
         there.append(f"the machine has {free_kb / 1e3:.0f} MB free")
-    return ", ".join([*there, "20 images of 1000 x 750 px need 2000 MB"])
+    need = "20 images of 1000 x 750 px need 2000 MB"
+    return f"{', '.join([*there, need])}. Raise that, run less beside it, or take fewer or smaller images"
 
 
 WARNING = "warning: "

@@ -7,12 +7,14 @@ and the next writer of the same product removes it. Locks rather than process nu
 import contextlib
 import fcntl
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 PART = ".part"
+TEMPORARY = re.compile(rf"\..*\.[0-9a-f]{{8}}{re.escape(PART)}(\..*)?", re.DOTALL)
 NAME_BYTES = 100
 """Of a product's name in that of its temporary: file systems end at 255 bytes for all of it."""
 
@@ -68,6 +70,13 @@ def _sweep(parent: Path, start: str, end: str) -> None:
                     _remove(path)
                 finally:
                     os.close(lock)
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove every temporary file and folder in `folder` that no living process holds."""
+    with contextlib.suppress(OSError):
+        for name in [entry.name for entry in os.scandir(folder) if TEMPORARY.fullmatch(entry.name)]:
+            _sweep(folder, name, "")
 
 
 def _holds(lock: int, path: Path) -> bool:
