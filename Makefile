@@ -12,7 +12,7 @@ READY := .venv/.ready
 # Two processes, one thread each; the tests of one file share what they set up.
 TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist loadscope
 
-.PHONY: mesh check test faults lint bench viewer
+.PHONY: mesh check test faults lint types style bench viewer
 .DELETE_ON_ERROR:
 
 mesh: $(READY)
@@ -27,10 +27,16 @@ test: check
 faults: $(READY)
 	$(BIN)/python -m pytest -q -m faults --durations=15
 
+# The types beside the rest, each with one core.
 lint: $(READY)
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target types style
+
+types: $(READY)
+	$(BIN)/mypy
+
+style: $(READY)
 	$(BIN)/ruff check src tests benchmarks
 	$(BIN)/ruff format --check src tests benchmarks
-	$(BIN)/mypy
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 

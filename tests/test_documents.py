@@ -47,6 +47,7 @@ def test_the_readme_is_short():
     assert len((REPOSITORY / "README.md").read_text().splitlines()) <= README_LINES
 
 
+@pytest.mark.slow
 def test_every_target_can_be_planned(tmp_path):
     words = {word for document in documents() for command in COMMAND.findall(document.read_text()) for word in command.split()}
     # vggt needs weights; mine is a dataset or a method of the reader's own.

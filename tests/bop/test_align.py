@@ -94,6 +94,7 @@ def run(method, words) -> int:
     return stage_main("zeroshop_steps.bop", ["--method", method, *map(str, words)])
 
 
+@pytest.mark.slow
 def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
     cell = tmp_path / "tomato_can"
     truth = read_ply(models / "tomato_can" / "model.ply")

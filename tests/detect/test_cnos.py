@@ -52,6 +52,7 @@ def weights(tmp_path, monkeypatch):
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_random_networks_find(dataset, weights):
     options = ("--points-per-side", "4", "--least-iou", "0.5", "--least-stability", "0.3", "--width-px", "160", "--device", "cpu")
     assert detect(dataset, "cnos", *options) == 0
@@ -78,6 +79,7 @@ def test_damaged_weights_are_named(dataset, weights, capsys):
     assert "dinov2-large/model.safetensors cannot be loaded" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_cut_out_view_is_named_as_its_object(dataset, weights):
     """Even random tokens tell red boxes from green cans, where masks are true."""
     describer = CropDescriber(weights / "dinov2-large", torch.device("cpu"))

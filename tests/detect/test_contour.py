@@ -35,6 +35,7 @@ def test_finds_carton_and_can_among_strange_blocks(dataset):
             assert best.seconds > 0
 
 
+@pytest.mark.slow
 def test_the_same_twice(dataset):
     without_time = []
     for _ in range(2):

@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 
 
 @pytest.fixture(scope="module")
-def truth(carton_capture):
-    return read_sparse_model(carton_capture / "truth").cameras
+def truth():
+    return tuple(ring_camera(index, 10, 400.0, (5.0, 35.0), (0.0, 0.0, 0.0), 600.0, (480, 360)) for index in range(10))
 
 
 def in_another_frame(cameras):
@@ -58,7 +59,8 @@ def test_two_cameras_cannot_be_aligned(truth):
         compare_cameras(truth[:2], truth)
 
 
-def test_command_writes_json_and_table(truth, carton_capture, tmp_path):
+def test_command_writes_json_and_table(truth, tmp_path):
+    write_cameras(tmp_path / "truth", truth)
     write_cameras(tmp_path / "cameras" / "sparse", in_another_frame(truth))
     write_json(tmp_path / "cameras" / "registration.json", {"status": "ok", "reason": None})
     words = [
@@ -67,7 +69,7 @@ def test_command_writes_json_and_table(truth, carton_capture, tmp_path):
         "--cameras",
         tmp_path / "cameras",
         "--truth",
-        carton_capture / "truth",
+        tmp_path / "truth",
         "--out",
         tmp_path / "error.json",
     ]

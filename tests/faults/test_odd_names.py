@@ -8,6 +8,7 @@ from faults.photos import name_in_latin_1, take_photos
 from faults.plans import HEADER, TARGET, plan
 
 
+@pytest.mark.slow
 def test_braces_and_latin_1_in_the_names_of_photos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photos = take_photos(tmp_path)
     (photos / "0.jpg").rename(photos / "{brace}.jpg")

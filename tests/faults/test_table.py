@@ -8,9 +8,22 @@ from faults import cameras, machine, models, photos, plans, poses
 from helpers.faults import CLEAR, Fault, judge
 
 ROOMS = (cameras, machine, models, photos, plans, poses)
-TABLE = [(room.__name__.rpartition(".")[2], fault) for room in ROOMS for fault in room.FAULTS]
+QUICK = {plans: 4}
+"""How many of a part's faults every check runs, where each takes half a second and more."""
 
 
-@pytest.mark.parametrize("fault", [pytest.param(fault, id=f"{room}: {fault.name}") for room, fault in TABLE])
+def slow_from(quick: int | None, index: int) -> list[pytest.MarkDecorator]:
+    """The marks of a fault of a part."""
+    return [] if quick is None or index < quick else [pytest.mark.slow]
+
+
+TABLE = [
+    pytest.param(fault, id=f"{room.__name__.rpartition('.')[2]}: {fault.name}", marks=slow_from(QUICK.get(room), index))
+    for room in ROOMS
+    for index, fault in enumerate(room.FAULTS)
+]
+
+
+@pytest.mark.parametrize("fault", TABLE)
 def test_fault(fault: Fault, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert judge(fault, tmp_path, capfd) == CLEAR

@@ -80,6 +80,7 @@ def test_duplicate_and_degenerate_faces_go(views):
     assert len(mesh.faces) == len(sphere.faces)
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_mesh(views):
     first, second = (clean_mesh(ball(18.0, subdivisions=5), views, max_faces=3000)[0] for _ in range(2))
     assert np.array_equal(first.vertices, second.vertices) and np.array_equal(first.faces, second.faces)

@@ -70,6 +70,7 @@ def test_a_lid_that_nothing_measured_has_no_say_in_the_height(scene):
     assert nothing.top == nothing.top_of_mesh, "where nothing was measured the mesh is all there is"
 
 
+@pytest.mark.slow
 @given(
     rotation=st.tuples(*[st.floats(-1, 1) for _ in range(4)]).filter(lambda q: np.linalg.norm(q) > 0.1),
     log_scale=st.floats(-4, 4),

@@ -22,7 +22,9 @@ from zeroshop_steps.runtime.errors import StepError
 A4 = BOARDS["a4"]
 
 
-@pytest.mark.parametrize("board", BOARDS.values(), ids=lambda board: board.name)
+@pytest.mark.parametrize(
+    "board", [pytest.param(board, id=name, marks=[] if name == "a4" else pytest.mark.slow) for name, board in BOARDS.items()]
+)
 def test_the_sheet_shows_the_board_at_its_size(board):
     """Printed at 8 dots a millimetre and read back, every corner is where the board says, in millimetres."""
     figure = draw_sheet(board)

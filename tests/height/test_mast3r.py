@@ -103,6 +103,7 @@ def test_the_alignment_finds_the_true_cameras(scenes):
     assert alignment.error_px < 1.5, "matches are whole pixels, in pictures 192 px wide"
 
 
+@pytest.mark.slow
 def test_photos_of_another_place_are_refused(scenes, registered):
     nothing = [np.zeros_like(depth) for depth in scenes[1].depths]
     elsewhere = (scenes[0], type(scenes[1])(scenes[1].cameras, nothing, scenes[1].masks))

@@ -95,6 +95,7 @@ def test_print_that_no_photo_saw_counts_neither_for_a_pose_nor_against_it(model)
     assert marked[0] > marked[1]
 
 
+@pytest.mark.slow
 def test_a_hollow_behind_a_lid_that_was_assumed_is_allowed_for():
     """The mesh of an open box keeps a lid; the box lies with its opening towards the camera."""
     box = trimesh.creation.box((120, 80, 60))

@@ -1,21 +1,30 @@
 """Right cameras pass the checks, wrong ones do not, and nothing but the pictures is asked."""
 
+import itertools
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.images import read_mask
+from helpers.camera_ring import ring_camera
 from zeroshop_steps.register.pair_support import PairSupport, find_explained
 from zeroshop_steps.register.silhouette_coherence import bound_object, measure_silhouette_coherence
 
+SIZE_MM = (73.0, 28.0, 85.0)
+
 
 @pytest.fixture(scope="module")
-def views(carton_capture):
-    cameras = list(read_sparse_model(carton_capture / "truth").cameras)
-    return cameras, {camera.name: read_mask(carton_capture / "masks" / camera.name) for camera in cameras}
+def views():
+    """A ring of ten cameras around a box, and its silhouettes."""
+    cameras = [ring_camera(index, 10, 300.0, (35.0, 35.0), (0.0, 0.0, 0.0), 630.0, (480, 360)) for index in range(10)]
+    corners = np.array(list(itertools.product((-1, 1), repeat=3))) * SIZE_MM / 2
+    masks = {}
+    for camera in cameras:
+        outline = cv2.convexHull(np.rint(camera.project(corners)[0] - 0.5).astype(np.int32))
+        masks[camera.name] = cv2.fillConvexPoly(np.zeros((360, 480), np.uint8), outline, 1) > 0
+    return cameras, masks
 
 
 def orbited(camera, angle_deg: float):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, read_registration
@@ -15,6 +16,7 @@ from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import read_json
 
 
+@pytest.mark.slow
 def test_true_cameras_and_pictures_stay_as_they_are(carton_capture, tmp_path):
     register(read_image_set(carton_capture), carton_capture / "truth", "su_h", tmp_path / "cameras", SiftOptions(max_features=1000))
     model, truth = read_sparse_model(tmp_path / "cameras" / "sparse"), read_sparse_model(carton_capture / "truth")
@@ -25,13 +27,12 @@ def test_true_cameras_and_pictures_stay_as_they_are(carton_capture, tmp_path):
         assert np.array_equal(read_image(path), read_image(tmp_path / "cameras" / "images" / path.name))
 
 
-def test_a_picture_without_a_true_camera_is_named(carton_capture, tmp_path):
-    image_set = read_image_set(carton_capture)
-    (tmp_path / "truth").mkdir()
-    from zeroshop_steps.geometry.cameras import write_cameras
-
-    write_cameras(tmp_path / "truth", read_sparse_model(carton_capture / "truth").cameras[:5])
-    with pytest.raises(StepError, match="no camera for image 000015.png"):
+def test_a_picture_without_a_true_camera_is_named(blank_capture, tmp_path):
+    image_set = read_image_set(blank_capture)
+    write_cameras(
+        tmp_path / "truth", [ring_camera(index, 10, 400.0, (5.0, 35.0), (0.0, 0.0, 0.0), 200.0, (160, 120)) for index in range(5)]
+    )
+    with pytest.raises(StepError, match="no camera for image 000005.png"):
         register(image_set, tmp_path / "truth", "su_h", tmp_path / "cameras", SiftOptions(max_features=1000))
 
 

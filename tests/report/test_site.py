@@ -163,6 +163,7 @@ def test_what_is_damaged_is_left_out_and_said(tmp_path, carton, capsys, damaged)
     assert broken_links(page / "index.html") == []
 
 
+@pytest.mark.slow
 def test_same_input_same_bytes(tmp_path, carton):
     finished_cell(tmp_path / "demo/carton", carton)
     pages = [made_page(tmp_path / "demo/carton", tmp_path / which, "--faces", "400") for which in ("one", "two")]

@@ -31,6 +31,7 @@ def distances_in(path: Path) -> np.ndarray:
     return np.frombuffer(base64.b64decode(data_in(path)["distances"]), np.uint8)
 
 
+@pytest.mark.slow
 def test_distances_of_a_perfect_mesh_are_none_and_of_a_shifted_one_the_shift(tmp_path, carton):
     cell = finished_cell(tmp_path / "demo/carton", carton)
     page = made_page(tmp_path / "demo/carton", tmp_path / "report")

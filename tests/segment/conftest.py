@@ -1,15 +1,19 @@
 """A small virtual scene that the segmentation tests share: a printed carton on a textured surface, with exact masks."""
 
+import functools
+
 import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.cameras import SparseModel, read_sparse_model
 from zeroshop_steps.geometry.images import read_depth_mm
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.synthetic import lighting, scene_meshes
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
 
 WIDTH, HEIGHT = 240, 180
+TEXELS = 1024  # of the surface, along each side
 
 
 @pytest.fixture(scope="session")
@@ -17,7 +21,11 @@ def carton_scene(tmp_path_factory) -> tuple[list[View], SparseModel]:
     """Twenty views with true cameras and masks, and sparse points sampled from their true depths, on the object and around it."""
     folder = tmp_path_factory.mktemp("segment")
     write_demo_object("gelatin_carton", folder / "model")
-    capture(folder / "model" / "model.ply", "su_h", WIDTH, HEIGHT, 0, folder / "capture")
+    with pytest.MonkeyPatch.context() as patch:
+        # Fewer texels and samples of light, which take most of the time and do not matter in images this small.
+        patch.setattr(lighting, "SURFACE_CELLS", 24)
+        patch.setattr(scene_meshes, "make_rich_texture", functools.partial(scene_meshes.make_rich_texture, texels=TEXELS))
+        capture(folder / "model" / "model.ply", "su_h", WIDTH, HEIGHT, 0, folder / "capture")
     cameras = read_sparse_model(folder / "capture" / "truth").cameras
     views = [View(camera, folder / "capture/images" / camera.name, folder / "capture/masks" / camera.name) for camera in cameras]
     rng = np.random.default_rng(0)

@@ -29,6 +29,7 @@ def test_nothing_on_the_table(tmp_path):
     assert "nothing stands on the ground" in told(tmp_path, [[]] * COUNT)
 
 
+@pytest.mark.slow
 def test_two_things_beside_the_middle(tmp_path):
     assert "2 objects stand equally near" in told(tmp_path, [[(0.7, 0, 0.35), (-0.7, 0, 0.35)]] * COUNT)
 

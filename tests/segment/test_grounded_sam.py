@@ -86,6 +86,7 @@ def test_a_film_that_keeps_the_object_is_followed_from_its_first_picture(ball):
     assert record["good_masks"] == 12 and record["lost_at_first"] == [] and list(record["boxes"]) == ["000000.png"]
 
 
+@pytest.mark.slow
 def test_pictures_in_which_it_was_lost_are_looked_at_again(ball):
     pictures, masks = ball
     elsewhere = ball_mask(pictures.cameras[7], (-0.8, 0.6, 0.2), 0.35)

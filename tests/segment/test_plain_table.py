@@ -64,6 +64,7 @@ def test_the_flat_top_of_the_object_is_no_support(plain_scene):
         fit_scene_support(SparseModel(model.cameras, lid, np.zeros((300, 3), np.uint8), np.full(300, 3)), views)
 
 
+@pytest.mark.slow
 def test_a_plane_through_the_things_on_the_table_is_not_taken(plain_scene, carton_scene):
     """Many points at one height, on the object and beside it, but points of the object lie clearly below them."""
     views, model = plain_scene
@@ -95,6 +96,7 @@ def test_too_few_points_tell_no_plane(plain_scene):
         guess_scene_support(few, views)
 
 
+@pytest.mark.slow
 def test_a_print_is_not_plain(plain_scene, tmp_path):
     for plain in (False, True):
         views, model = table_views(tmp_path / str(plain), [[BALL]] * VIEWS, plain)

@@ -60,6 +60,7 @@ def test_masks_match_the_true_ones(carton_scene):
     assert not record["cut_off"]
 
 
+@pytest.mark.slow
 def test_an_empty_ground_is_an_error(carton_scene, monkeypatch):
     """The picture of the bare ground in every view: nothing differs from it."""
     from zeroshop_steps.segment import ground

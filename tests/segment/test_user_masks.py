@@ -67,6 +67,7 @@ def test_masks_that_contradict_each_other_end_it(scene, carton_scene, capsys):
     assert not (scene.parent / "cameras").exists()
 
 
+@pytest.mark.slow
 def test_masks_of_several_sizes_are_judged_alike(scene):
     cameras = []
     for number, camera in enumerate(read_sparse_model(scene / "sparse").cameras):

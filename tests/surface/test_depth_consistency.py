@@ -1,6 +1,7 @@
 """Which depths of stereo are believed."""
 
 import numpy as np
+import pytest
 import torch
 
 from helpers.cup import RIM, camera_above, depth_of_cup
@@ -46,6 +47,7 @@ def test_depths_that_views_across_look_through_are_dropped() -> None:
     assert kept > 0.6 * true, "what is there stays"
 
 
+@pytest.mark.slow
 def test_a_depth_that_only_its_neighbours_find_stays_while_nobody_contradicts() -> None:
     cameras = [camera_above(azimuth) for azimuth in range(0, 360, 30)]
     truths = [depth_of_cup(camera) for camera in cameras]

@@ -58,7 +58,7 @@ def test_a_confirmed_depth_is_anchored_at_the_pixel_that_shows_it(sizes):
         assert (np.abs(around - confirmed.numpy()).min(axis=0) == 0).all(), "the coarse pixel is the one that covers the fine one"
 
 
-@pytest.mark.parametrize("method", ["2dgs", "svraster"])
+@pytest.mark.parametrize("method", ["2dgs", pytest.param("svraster", marks=pytest.mark.slow)])
 def test_training_goes_from_coarse_to_fine_and_resumes_on_either_side(method, sizes, tmp_path: Path):
     views, depths = sizes
     initialization = confirmed_initialization(views.fine, depths)

@@ -8,6 +8,7 @@ from zeroshop_steps.synthetic import blender_environment
 from zeroshop_steps.synthetic.blender_environment import make_environment
 
 
+@pytest.mark.slow
 def test_an_environment_without_blender_is_made_and_not_taken_for_done(tmp_path, capfd, monkeypatch):
     """A list without packages makes an environment that lacks Blender."""
     monkeypatch.setattr(blender_environment, "find_spec", lambda name: None)

@@ -22,6 +22,7 @@ def moved(poses):
     return [solid.vertices @ pose[:3, :3].T + pose[:3, 3] for solid, pose in zip(SOLIDS, poses, strict=True)]
 
 
+@pytest.mark.slow
 def test_things_fall_from_above_the_table_and_apart():
     starts = drop_bodies(bodies(), np.random.default_rng(0))
     vertices = moved(starts)
@@ -33,6 +34,7 @@ def test_things_fall_from_above_the_table_and_apart():
     assert all((one == other).all() for one, other in zip(starts, again, strict=True))
 
 
+@pytest.mark.slow
 def test_what_does_not_come_to_rest_is_tried_again_and_then_refused(tmp_path, monkeypatch):
     falls = []
 

@@ -57,6 +57,7 @@ def test_a_killed_render_is_taken_up_at_the_first_missing_frame(box, tmp_path, c
     assert len(list((out / "images").iterdir())) == 30
 
 
+@pytest.mark.slow
 def test_a_test_set_goes_on_after_a_kill(box, tmp_path, capsys):
     """Tables of the box alone: fallen, rendered, and annotated as a BOP dataset."""
     mesh, models = read_ply(box), tmp_path / "models"

@@ -42,6 +42,7 @@ def filmed(tmp_path_factory):
     return folder / "film"
 
 
+@pytest.mark.slow
 def test_the_film_is_a_video_that_frames_are_taken_from(filmed, tmp_path):
     extract_frames(filmed / "film.mp4", 8, 1920, tmp_path / "capture")
     assert len(list_images(tmp_path / "capture" / "images")) >= 7
@@ -49,6 +50,7 @@ def test_the_film_is_a_video_that_frames_are_taken_from(filmed, tmp_path):
     assert (record["width_px"], record["height_px"], record["video_frames"]) == (*SIZE_PX, FRAMES)
 
 
+@pytest.mark.slow
 def test_the_truth_covers_every_frame(filmed):
     cameras = read_sparse_model(filmed / "truth" / "cameras").cameras
     masks = [read_mask(path) for path in list_images(filmed / "truth" / "masks")]
@@ -69,6 +71,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_another_table(tmp_pa
     assert one == again and one != other
 
 
+@pytest.mark.slow
 def test_the_board_lies_in_the_empty_scene_and_the_object_does_not():
     mesh = box_mesh()
     table = lay_table(mesh, SUBJECT, 0, np.random.default_rng(0))
@@ -84,6 +87,7 @@ def test_the_board_lies_in_the_empty_scene_and_the_object_does_not():
     assert not view.render_mask(camera).any()
 
 
+@pytest.mark.slow
 def test_a_glossy_table_mirrors_the_object_and_a_matt_one_does_not(monkeypatch):
     """What lies below the object in the picture gets its colours."""
     monkeypatch.setattr(table_tops, "TEXELS", 64)
@@ -124,13 +128,12 @@ def test_the_hand_goes_around_twice_in_two_heights_and_is_never_still():
     assert min(turned) > 1e-5 and max(turned) < 0.05
 
 
-def test_clutter_keeps_apart_and_low_enough_to_hide_nothing():
-    mesh = box_mesh()
-    for seed in range(2):
-        things = lay_table(mesh, SUBJECT, seed, np.random.default_rng(seed)).clutter
-        assert len(things) >= 3
-        for thing in things:
-            gap_mm = np.linalg.norm(np.maximum(np.abs(thing.vertices[:, :2]) - [20, 30], 0), axis=1).min()
-            tall_mm = thing.vertices[:, 2].max() + 50
-            assert gap_mm > max(LEAST_GAP_MM, tall_mm / np.tan(np.radians(CLEAR_VIEW_DEG))) - 1.5
-            assert thing.vertices[:, 2].min() == pytest.approx(-50, abs=0.5)
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_clutter_keeps_apart_and_low_enough_to_hide_nothing(seed):
+    things = lay_table(box_mesh(), SUBJECT, seed, np.random.default_rng(seed)).clutter
+    assert len(things) >= 3
+    for thing in things:
+        gap_mm = np.linalg.norm(np.maximum(np.abs(thing.vertices[:, :2]) - [20, 30], 0), axis=1).min()
+        tall_mm = thing.vertices[:, 2].max() + 50
+        assert gap_mm > max(LEAST_GAP_MM, tall_mm / np.tan(np.radians(CLEAR_VIEW_DEG))) - 1.5
+        assert thing.vertices[:, 2].min() == pytest.approx(-50, abs=0.5)

@@ -22,6 +22,7 @@ from zeroshop_steps.synthetic.make_test_scenes import choose_objects
 from zeroshop_steps.synthetic.table_scene import TILE_PX, merge_meshes
 
 
+@pytest.mark.slow
 def test_things_rest_on_the_table_and_keep_apart():
     rng = np.random.default_rng(0)
     solids = [trimesh.creation.box((80, 60, 30)), trimesh.creation.cylinder(30, 90), trimesh.creation.icosphere(3, 35)] * 2

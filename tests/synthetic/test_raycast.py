@@ -106,7 +106,7 @@ def test_front_is_unmirrored_and_upright(plain):
     assert left < right
 
 
-@pytest.mark.parametrize("scene", ["plain", "rich", "alone"])
+@pytest.mark.parametrize("scene", ["plain", pytest.param("rich", marks=pytest.mark.slow), "alone"])
 def test_depth_lies_on_the_model_and_agrees_between_views(scene, request):
     folder = request.getfixturevalue(scene)
     cameras = read_sparse_model(folder / "truth").cameras
@@ -156,6 +156,7 @@ def test_object_darkens_the_surface_beside_it(plain):
     assert brightness(4.0) < 0.93 * brightness(60.0)
 
 
+@pytest.mark.slow
 def test_surfaces_differ_as_the_scenes_say(plain, rich):
     view = "000010.png"
     outside = ~read_mask(plain / "masks" / view)
@@ -165,6 +166,7 @@ def test_surfaces_differ_as_the_scenes_say(plain, rich):
     assert grey["plain"].std() < 12 and grey["rich"].std() > 25
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_and_other_seed_other_noise(box, alone, tmp_path):
     capture(box, "se", WIDTH, HEIGHT, 0, tmp_path / "again")
     capture(box, "se", WIDTH, HEIGHT, 1, tmp_path / "other")

@@ -25,6 +25,7 @@ def photographed(tmp_path):
     return "--config", f"objects_table={table}", f"segment={models}"
 
 
+@pytest.mark.slow
 def test_what_auto_means_depends_on_the_weights(snakemake, tmp_path, photographed):
     run = snakemake("-n", TARGET, *photographed)
     assert run.returncode == 0 and "--method support_plane" in run.stdout, run.stdout

@@ -8,6 +8,7 @@ import pytest
 
 from helpers.paths import REPOSITORY
 from helpers.pretend import pretend
+from helpers.quick import first
 from helpers.running import planned
 from zeroshop_steps import methods
 from zeroshop_steps.geometry.images import write_image
@@ -89,6 +90,7 @@ def test_the_row_of_a_photographed_cell_is_its_grade_alone(snakemake, tmp_path):
     assert (tmp_path / cell / "grade.csv").exists() and not (tmp_path / cell / "quality.csv").exists()
 
 
+@pytest.mark.slow
 def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
     """Given masks are there before anything is registered; without weights, others are found in the registered whole scene."""
     for name in ("images", "masks"):
@@ -157,6 +159,7 @@ def test_a_height_that_cannot_be_measured_is_said_before_anything_runs(snakemake
     assert message in run.stdout
 
 
+@pytest.mark.slow
 def test_the_table_of_heights_measures_every_object_twice(snakemake):
     run = snakemake("-n", "results/demo/tables/height.csv")
     assert run.returncode == 0, run.stdout
@@ -165,6 +168,7 @@ def test_the_table_of_heights_measures_every_object_twice(snakemake):
     assert jobs["capture_empty_scene"] == jobs["capture_with_board"] == jobs["capture_virtual"] == 11
 
 
+@pytest.mark.slow
 def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_set_of_models(snakemake):
     run = snakemake("-n", "results/demo/tables/bop.csv")
     assert run.returncode == 0, run.stdout
@@ -197,6 +201,7 @@ def test_every_cell_of_the_matrix_has_a_path(snakemake):
     assert planned(run.stdout)["demo_model"] == 1
 
 
+@pytest.mark.slow
 def test_tables_cover_every_object(snakemake):
     run = snakemake("-n", "results/ycbv/tables/cameras.csv", "--config", "tables={registrations: [colmap]}")
     assert run.returncode == 0, run.stdout
@@ -216,8 +221,8 @@ ALL_CELLS = 3 * able(methods.REGISTRATIONS) * able(methods.SURFACES)
     [
         ("results/demo/mug/su_l/truth/2dgs/cell.csv", 1, 1),
         ("results/demo/mug/cells.csv", 1, ALL_CELLS),
-        ("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1),
-        ("results/demo/tables/reconstruction.csv", 11, ALL_CELLS),
+        pytest.param("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1, marks=pytest.mark.slow),
+        pytest.param("results/demo/tables/reconstruction.csv", 11, ALL_CELLS, marks=pytest.mark.slow),
         pytest.param("results/demo/tables/reconstruction.md", 11, ALL_CELLS, marks=pytest.mark.slow),
     ],
 )
@@ -242,50 +247,50 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
     assert "Left out of tables: svraster" in named.stdout or "Left out" not in named.stdout
 
 
-@pytest.mark.parametrize(
-    ("target", "message"),
-    [
-        ("results/demo/mustad_bottle/2dgs.ply", "unknown object of dataset demo: mustad_bottle. Did you mean mustard_bottle"),
-        ("results/demoo/mustard_bottle/2dgs.ply", "unknown dataset: demoo. Did you mean demo? Known: demo, ycbv, photos"),
-        ("results/demoo/mustard_bottle/su_h/colmap/2dgs/mesh.ply", "unknown dataset: demoo. Did you mean demo?"),
-        ("results/demoo/mustard_bottle/su_h/colmap/2dgs/cell.csv", "unknown dataset: demoo. Did you mean demo?"),
-        ("results/demo/mustard_bottle/su_x/capture", "unknown scene of a virtual dataset: su_x. Did you mean su_"),
-        ("results/demo/bop/train_su_x", "unknown scene of a virtual dataset: su_x. Did you mean su_"),
-        ("results/demo/mustard_bottle/3dgs.ply", "unknown nvs method: 3dgs. Did you mean 2dgs? Known: 2dgs, svraster"),
-        ("results/demo/mustard_bottle/su_x/colmap/2dgs/mesh.ply", "unknown scene of a virtual dataset: su_x."),
-        ("results/demo/mustard_bottle/su_h/colmp/2dgs/mesh.ply", "unknown registration of a virtual dataset: colmp. Did you mean colmap"),
-        ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),
-        ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video, video_segmented"),
-        ("results/photos/cup/2dgs.ply", "the video or folder of its images, photos/of/nothing, does not exist"),
-        ("results/photos/tables/reconstruction.csv", "unknown virtual dataset: photos"),
-        ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),
-        ("results/demo/tables/su_q/colmap/2dgs.csv", "unknown scene of a virtual dataset: su_q. Did you mean su_"),
-        ("results/demo/tables/su_h/colmop/2dgs.csv", "unknown registration of a virtual dataset: colmop. Did you mean colmap"),
-        ("results/demo/tables/su_h/colmap/nerf.csv", "unknown nvs method: nerf. Known: 2dgs"),
-        ("results/demo/mug/su_h/vggt/2dgs/mesh.ply", "registration of a virtual dataset vggt cannot run here, it lacks"),
-    ],
-)
+UNKNOWN = [
+    ("results/demo/mustad_bottle/2dgs.ply", "unknown object of dataset demo: mustad_bottle. Did you mean mustard_bottle"),
+    ("results/demoo/mustard_bottle/2dgs.ply", "unknown dataset: demoo. Did you mean demo? Known: demo, ycbv, photos"),
+    ("results/demoo/mustard_bottle/su_h/colmap/2dgs/mesh.ply", "unknown dataset: demoo. Did you mean demo?"),
+    ("results/demoo/mustard_bottle/su_h/colmap/2dgs/cell.csv", "unknown dataset: demoo. Did you mean demo?"),
+    ("results/demo/mustard_bottle/su_x/capture", "unknown scene of a virtual dataset: su_x. Did you mean su_"),
+    ("results/demo/bop/train_su_x", "unknown scene of a virtual dataset: su_x. Did you mean su_"),
+    ("results/demo/mustard_bottle/3dgs.ply", "unknown nvs method: 3dgs. Did you mean 2dgs? Known: 2dgs, svraster"),
+    ("results/demo/mustard_bottle/su_x/colmap/2dgs/mesh.ply", "unknown scene of a virtual dataset: su_x."),
+    ("results/demo/mustard_bottle/su_h/colmp/2dgs/mesh.ply", "unknown registration of a virtual dataset: colmp. Did you mean colmap"),
+    ("results/photos/cap/2dgs.ply", "unknown object of dataset photos: cap. Did you mean cup? Known: cup."),
+    ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video, video_segmented"),
+    ("results/photos/cup/2dgs.ply", "the video or folder of its images, photos/of/nothing, does not exist"),
+    ("results/photos/tables/reconstruction.csv", "unknown virtual dataset: photos"),
+    ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),
+    ("results/demo/tables/su_q/colmap/2dgs.csv", "unknown scene of a virtual dataset: su_q. Did you mean su_"),
+    ("results/demo/tables/su_h/colmop/2dgs.csv", "unknown registration of a virtual dataset: colmop. Did you mean colmap"),
+    ("results/demo/tables/su_h/colmap/nerf.csv", "unknown nvs method: nerf. Known: 2dgs"),
+    ("results/demo/mug/su_h/vggt/2dgs/mesh.ply", "registration of a virtual dataset vggt cannot run here, it lacks"),
+]
+
+
+@pytest.mark.parametrize(("target", "message"), first(8, UNKNOWN))
 def test_an_unknown_name_in_a_target_lists_what_exists(snakemake, tmp_path, target, message):
     run = snakemake("-n", target, *photo_table(tmp_path, "photos/of/nothing", "masks/of/nothing"))
     assert run.returncode != 0
     assert message in run.stdout
 
 
-@pytest.mark.parametrize(
-    ("config", "message"),
-    [
-        ("finish={texture_size: 512}", "unknown key in finish: texture_size. Did you mean texture_size_px?"),
-        ("sed=1", "unknown key: sed. Did you mean seed?"),
-        ("seed=-1", "seed: -1 is less than the minimum of 0"),
-        ("finish={texture_size_px: big}", "finish.texture_size_px: 'big' is not of type 'integer'"),
-        ("chosen={virtual: {scene: su_x}}", "chosen.virtual.scene: 'su_x' is not one of ['su_l', 'su_h', 'se']"),
-        ("datasets={mine: {kind: bob}}", "datasets.mine.kind: 'bob' is not one of"),
-        ("datasets={mine: {kind: bop}}", "datasets.mine: 'models_folder' is a required property"),
-        ("objects_table=no/such.tsv", "such.tsv does not exist"),
-        ("tables={scenes: every}", "tables.scenes: 'all' was expected"),
-        ("tables={nvs: [nerf]}", "tables.nvs.0: 'nerf' is not one of"),
-    ],
-)
+BAD_CONFIGS = [
+    ("finish={texture_size: 512}", "unknown key in finish: texture_size. Did you mean texture_size_px?"),
+    ("sed=1", "unknown key: sed. Did you mean seed?"),
+    ("seed=-1", "seed: -1 is less than the minimum of 0"),
+    ("finish={texture_size_px: big}", "finish.texture_size_px: 'big' is not of type 'integer'"),
+    ("chosen={virtual: {scene: su_x}}", "chosen.virtual.scene: 'su_x' is not one of ['su_l', 'su_h', 'se']"),
+    ("datasets={mine: {kind: bob}}", "datasets.mine.kind: 'bob' is not one of"),
+    ("datasets={mine: {kind: bop}}", "datasets.mine: 'models_folder' is a required property"),
+    ("objects_table=no/such.tsv", "such.tsv does not exist"),
+    ("tables={scenes: every}", "tables.scenes: 'all' was expected"),
+    ("tables={nvs: [nerf]}", "tables.nvs.0: 'nerf' is not one of"),
+]
+
+
+@pytest.mark.parametrize(("config", "message"), first(4, BAD_CONFIGS))
 def test_a_bad_config_names_the_key(snakemake, config, message):
     run = snakemake("-n", "--config", config)
     assert run.returncode != 0

@@ -42,6 +42,7 @@ def checkout(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_bare_call_takes_the_one_at_the_top_and_plans_what_the_other_plans(checkout):
     top, other = bare(checkout, "-n"), bare(checkout, "-n", "--snakefile", "workflow/Snakefile")
     assert f"Snakefile: {checkout}/Snakefile" in top and f"Snakefile: {checkout}/workflow/Snakefile" in other

@@ -71,6 +71,7 @@ def test_no_view_goes_unasked_before_voxels_are_dropped(ball: tuple) -> None:
     assert all(tensor.grad is None for tensor in trainer.model.tensors().values())
 
 
+@pytest.mark.slow
 def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> None:
     views, _ = ball
     settings = {"iterations": 48, "adapt_shares": (0.3, 0.5, 0.8), "count_max": 4000}
@@ -138,6 +139,7 @@ def test_half_of_the_light_is_stopped_at_the_half_value() -> None:
         assert 1 - np.exp(-density * DENSITY_SCALE * step) == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_distances_are_signed_and_hidden_points_are_inside(ball: tuple) -> None:
     views, depths = ball
     cameras = [view.camera for view in views]
