@@ -10,7 +10,7 @@ from pathlib import Path
 
 from faults.photos import take_photos
 from helpers.faults import Fault, step
-from helpers.paths import REPOSITORY
+from helpers.paths import REPOSITORY, SNAKEFILE
 from zeroshop_steps.runtime.files import read_json
 
 PLAIN_USER = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
@@ -27,7 +27,7 @@ def run_alone(words: list[object], limits: dict[int, int] | None = None) -> int:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY / "src"), *sys.path])}
     command = [*(PLAIN_USER if os.geteuid() == 0 else []), sys.executable, "-m", *map(str, words)]
     run = subprocess.run(command, env=environment, preexec_fn=prepare, capture_output=True, text=True, check=False, timeout=120)
-    print(run.stderr, file=sys.stderr)
+    print(run.stderr, run.stdout, file=sys.stderr)
     return run.returncode
 
 
@@ -69,7 +69,20 @@ def read_under_limit(folder: Path) -> int:
     return run_alone(words, {resource.RLIMIT_AS: 1_500_000_000})
 
 
+def plan_with_closed_table(folder: Path) -> int:
+    """Plan with a table of objects that may not be read."""
+    (folder / "objects.tsv").write_text("dataset\tobject\timages\n")
+    (folder / "objects.tsv").chmod(0)
+    words = ["snakemake", "--snakefile", SNAKEFILE, "--directory", folder, "--cores", 1, "-n", "results/photos/thing/2dgs.ply"]
+    return run_alone([*words, "--config", f"objects_table={folder / 'objects.tsv'}"])
+
+
 PERMISSIONS = [
+    Fault(
+        "a table that may not be read",
+        plan_with_closed_table,
+        (r"objects\.tsv cannot be read: Permission denied", "objects_table", "ls -ld"),
+    ),
     Fault(
         "a photo that may not be read",
         capture_without(lambda photos: (photos / "1.jpg").chmod(0)),

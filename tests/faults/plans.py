@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,7 +60,20 @@ def link_to_itself(table: Path) -> None:
     os.symlink(table, table)
 
 
+def plan_photos_of_tomorrow(folder: Path) -> int:
+    """Plan with photos from a camera whose clock is ahead."""
+    photos = take_photos(folder)
+    os.utime(photos / "3.jpg", times=(time.time() + 86_400,) * 2)
+    (folder / "objects.tsv").write_text(f"{HEADER}\nphotos\tthing\t{photos}\t\t0.1\t\n")
+    return plan(folder, TARGET, "--config", f"objects_table={folder / 'objects.tsv'}")
+
+
 FAULTS = [
+    Fault(
+        "photos of tomorrow",
+        plan_photos_of_tomorrow,
+        (r"1 of the user's files are from the future, such as .*photos/3\.jpg", r"touch photos/\*"),
+    ),
     Fault("NaN in a range", plan_config("finish: {grade: {displaced_share: [.nan, 0.4]}}"), (r"displaced_share\.0: nan is not a finite",)),
     Fault("infinity in a range", plan_config("capture: {samples: .inf}"), (r"capture\.samples",)),
     Fault(

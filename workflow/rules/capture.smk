@@ -3,6 +3,8 @@
 from zeroshop_steps.geometry.image_files import is_text
 from zeroshop_steps.runtime.errors import remedy_for
 
+CLOCK_TOLERANCE_S = 5  # clocks of file servers differ by a second or two; a capture takes longer
+
 
 def is_filmed(
     dataset,
@@ -55,11 +57,27 @@ def photo_files(
         wildcards,
     ):
         place = Path(photo_place(wildcards, column))
-        if place.is_file() or is_filmed(wildcards.dataset):
+        if is_filmed(wildcards.dataset):
             return [str(place)]
-        return sorted(str(path) for path in visible_files(place) if has_plain_name(path))
+        found = [place] if place.is_file() else [path for path in visible_files(place) if has_plain_name(path)]
+        require_past(found, f"{place}/*" if place.is_dir() else place)
+        return sorted(map(str, found))
 
     return files
+
+
+def require_past(
+    files,
+    words,
+):
+    """Raise an error where a file was changed in the future: Snakemake would discard what is made from it as older. `words` name all files."""
+    ahead = [path for path in files if path.stat().st_mtime > time.time() + CLOCK_TOLERANCE_S]
+    if ahead:
+        changed = time.strftime("%Y-%m-%d %H:%M", time.localtime(ahead[0].stat().st_mtime))
+        raise WorkflowError(
+            f"{len(ahead)} of the user's files are from the future, such as {ahead[0]} ({changed}): the clock of this machine or of the"
+            f" camera is wrong. Set it right, or give the files the present time: touch {words}"
+        )
 
 
 def visible_files(

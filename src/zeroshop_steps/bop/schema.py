@@ -10,7 +10,7 @@ from typing import Any
 import jsonschema
 
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.files import read_json, read_json_value
 
 
 def read_validated(path: Path, kind: str) -> Any:
@@ -19,7 +19,7 @@ def read_validated(path: Path, kind: str) -> Any:
     Raises:
         StepError: the file is missing or damaged, an entry has the wrong form, or a number is not finite.
     """
-    content = _read_gzipped(path) if Path(path).suffix == ".gz" else read_json(path)
+    content = _read_gzipped(path) if Path(path).suffix == ".gz" else read_json_value(path)
     error = next(_validator(kind).iter_errors(content), None)
     if error is not None:
         raise StepError(f"{path}: {_place(error)}{error.message[:200]}; BOP's format is described in bop_datasets_format.md of bop_toolkit")

@@ -5,6 +5,7 @@ measured. The scale is the median ratio on the object.
 """
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.image_files import check_kind
 from zeroshop_steps.geometry.images import decode_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
@@ -108,15 +110,20 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
 
 def find_depth_files(registered: RegisteredObject, folder: Path) -> list[tuple[View, Path]]:
     """Each view's depth image, where there is one, named like the user's photo. Raises StepError for a video."""
-    facts = read_json(registered.capture / "capture.json")
+    record = registered.capture / "capture.json"
+    facts = read_json(record)
     if "source_frames" in facts:
         raise StepError(f"depth images belong to photos, and {registered.capture} comes from a video: export the colour images as photos")
     names = facts.get("source_names")
+    numbers = [int(Path(view.camera.name).stem) for view in registered.views] if names else []
+    if names and not (isinstance(names, list) and all(isinstance(name, str) for name in names) and max(numbers) < len(names)):
+        raise StepError(f"{record}: source_names must list the user's photos, one for each image; delete the folder and run capture again")
     found = []
     for view in registered.views:
         stem = Path(view.camera.name).stem
         path = folder / f"{Path(names[int(stem)]).stem if names else stem}.png"
-        if path.is_file():
+        if os.path.lexists(path):
+            check_kind(path)
             found.append((view, path))
     return found
 

@@ -59,6 +59,7 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
     if odd:
         raise StepError("; ".join(odd))
     photos = list_images(folder)
+    sizes = {read_image(photo).shape for photo in photos}
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     with tempfile.TemporaryDirectory(prefix="scene_photos.") as scratch_name:
         scratch = Path(scratch_name)
@@ -70,7 +71,7 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
             os.symlink(view.image_path.resolve(), images / f"{OBJECT}_{view.image_path.name}")
         for name, photo in placed_as.items():
             os.symlink(photo.resolve(), images / name)
-        _extract_features(database, images, objects, list(placed_as), options)
+        _extract_features(database, images, objects, list(placed_as), len(sizes) == 1, options)
         match_features(database, options)
         model = _map_jointly(database, images, objects, scratch, options)
     placed = [
@@ -86,10 +87,11 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
     return placed
 
 
-def _extract_features(database: Path, images: Path, objects: dict[str, Camera], scene: list[str], options: SiftOptions) -> None:
-    """Extract features of all photos. The object's have known cameras, the empty scene's share one unknown lens."""
-    sizes = {read_image(images / name).shape for name in scene}
-    mode = pycolmap.CameraMode.SINGLE if len(sizes) == 1 else pycolmap.CameraMode.PER_IMAGE
+def _extract_features(
+    database: Path, images: Path, objects: dict[str, Camera], scene: list[str], one_lens: bool, options: SiftOptions
+) -> None:
+    """Extract features of all photos. The object's have known cameras, the empty scene's one unknown lens, or one each."""
+    mode = pycolmap.CameraMode.SINGLE if one_lens else pycolmap.CameraMode.PER_IMAGE
     pinhole, lens = pycolmap.ImageReaderOptions(), pycolmap.ImageReaderOptions()
     pinhole.camera_model, lens.camera_model = "PINHOLE", "SIMPLE_RADIAL"
     create_database(database, len(objects) + len(scene))
@@ -123,7 +125,12 @@ def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scrat
     for name in ("triangulated", "joint"):
         (scratch / name).mkdir()
     pycolmap.set_random_seed(options.seed)
-    pycolmap.triangulate_points(model, database, images, scratch / "triangulated", options=mapper)
+    triangulated = pycolmap.triangulate_points(model, database, images, scratch / "triangulated", options=mapper)
+    if triangulated.num_points3D() == 0:  # COLMAP's mapper would end with an IndexError
+        raise StepError(
+            "the object's photos share no point of the ground, among which the empty scene's could be placed: put the object on something"
+            " with texture, or lay the board beside it"
+        )
     mapper.multiple_models = False
     mapper.fix_existing_frames = mapper.mapper.fix_existing_frames = True
     mapper.constant_cameras = mapper.mapper.constant_cameras = lenses

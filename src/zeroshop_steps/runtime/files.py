@@ -117,8 +117,31 @@ def write_json(path: Path, content: Any) -> None:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: Path) -> Any:
-    """Read JSON, with an error that names the file."""
+class Record(dict[str, Any]):
+    """The JSON object in a file; a key that it lacks is an error that names the file."""
+
+    def __init__(self, path: Path, content: dict[str, Any]) -> None:
+        super().__init__(content)
+        self.path = path
+
+    def __missing__(self, key: str) -> Any:
+        raise StepError(f"{self.path} has no {key}: it is damaged or of another version; delete it and run its step again")
+
+
+def read_json(path: Path) -> Record:
+    """Read the record that a step wrote.
+
+    Raises:
+        StepError: names the file, which is missing or damaged; also later, where a key is read that the record lacks.
+    """
+    content = read_json_value(path)
+    if not isinstance(content, dict):
+        raise StepError(f"{path} holds no JSON object, but a {type(content).__name__}; delete it and run its step again")
+    return Record(path, content)
+
+
+def read_json_value(path: Path) -> Any:
+    """Read any JSON, with an error that names the file."""
     try:
         return json.loads(Path(path).read_text())
     except FileNotFoundError:
