@@ -58,3 +58,17 @@ def test_snakemakes_own_report_has_captions_and_categories(snakemake, tmp_path):
     assert "red is a surface seen from behind" in texts, "the caption of the preview"
     assert "80 % of an object" in texts, "captions read the config"
     assert all(name in texts for name in ("Meshes", "Tables", "camera errors", "2dgs.preview.png"))
+
+
+@pytest.mark.slow
+def test_snakemakes_own_report_names_a_result_that_is_gone(snakemake, tmp_path):
+    target = "results/demo/mug/2dgs.ply"
+    pretend(snakemake, tmp_path, target)
+    for record in (tmp_path / ".snakemake/metadata").iterdir():
+        record.write_bytes(b"{damaged")
+    assert snakemake("--report", "own.zip", target).returncode == 0, "what Snakemake recorded is not needed"
+    (tmp_path / "own.zip").unlink()
+    (tmp_path / "results/demo/mug/2dgs.preview.png").unlink()
+    run = snakemake("--report", "own.zip", target)
+    assert run.returncode != 0 and "2dgs.preview.png marked for report but does not exist" in run.stdout
+    assert "Traceback" not in run.stdout and not (tmp_path / "own.zip").exists()
