@@ -3,6 +3,7 @@
 import argparse
 import importlib.metadata
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,7 @@ def move_to_object_frame(mesh: Mesh, object_from_registration: np.ndarray, textu
     return Mesh(vertices, mesh.faces, None, mesh.uv, texture).with_normals()
 
 
-def make_metadata(mesh: Mesh, frame: dict, stages: dict[str, dict]) -> dict:
+def make_metadata(mesh: Mesh, frame: dict, stages: Mapping[str, dict]) -> dict:
     """The content of mesh.json.
 
     Args:
