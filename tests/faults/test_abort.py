@@ -2,6 +2,8 @@
 
 import contextlib
 import os
+import re
+import resource
 import signal
 import subprocess
 import sys
@@ -16,6 +18,7 @@ from faults.photos import take_photos
 from helpers.faults import small_disk
 from helpers.paths import REPOSITORY
 from zeroshop_steps.runtime.child_process import explain_end
+from zeroshop_steps.runtime.errors import explain_machine_fault
 from zeroshop_steps.runtime.temporary import remove_abandoned, temporary_file, temporary_folder
 
 ROOM_BYTES = 20 << 20
@@ -79,6 +82,20 @@ def test_a_step_does_not_outlive_its_parent(tmp_path: Path, number: signal.Signa
 def test_other_causes_are_named(tmp_path: Path) -> None:
     text = explain_end(signal.SIGSEGV, [tmp_path])
     assert "ended by a library (SIGSEGV" in text and "memory" in text and "fewer or smaller images" in text
+
+
+@pytest.mark.parametrize(
+    ("limit_mb", "says"),
+    [
+        (1500, "ulimit -v allows 1500 MB, .*Any object needs 2000 MB"),
+        (3600, "enough for 100 megapixels in all.*20 images of 5.0 megapixels"),
+    ],
+)
+def test_memory_that_ran_out_says_what_would_fit(monkeypatch: pytest.MonkeyPatch, limit_mb: int, says: str) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (limit_mb * 10**6, -1))
+    monkeypatch.setattr(Path, "read_text", lambda path: "MemAvailable: 99000000 kB\n")
+    text = explain_machine_fault(MemoryError())
+    assert text and re.search(says, text) and "fewer or smaller images" in text, text
 
 
 def test_what_a_living_process_holds_stays(tmp_path: Path) -> None:

@@ -71,18 +71,32 @@ def explain_machine_fault(error: BaseException) -> str | None:
     return None
 
 
+LEAST_MEMORY_MB = 2000
+"""For any object: what training and grading take at their fixed sizes (20 images of 1000 x 750 px)."""
+FIXED_MB, MB_PER_MEGAPIXEL = 600, 30
+"""Of the texture, the step that holds all images as they are: 0.67 GB for 3 megapixels in all, 1.36 GB for 28, 2.06 GB for 49."""
+
+
 def describe_memory() -> str:
     """How much memory a process may take and the machine has left, what that is enough for, and the remedy."""
-    there = []
+    there_mb = {}
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY:
-        there.append(f"ulimit -v allows this process {limit / 1e6:.0f} MB")
+        there_mb["ulimit -v allows {:.0f} MB"] = limit / 1e6
     with contextlib.suppress(OSError, StopIteration, ValueError):
         lines = Path("/proc/meminfo").read_text().splitlines()
-        free_kb = int(next(line for line in lines if line.startswith("MemAvailable")).split()[1])
-        there.append(f"the machine has {free_kb / 1e3:.0f} MB free")
-    need = "20 images of 1000 x 750 px need 2000 MB"
-    return f"{', '.join([*there, need])}. Raise that, run less beside it, or take fewer or smaller images"
+        there_mb["the machine has {:.0f} MB free"] = int(next(line for line in lines if line.startswith("MemAvailable")).split()[1]) / 1e3
+    told = ", ".join(words.format(mb) for words, mb in there_mb.items())
+    fit = _describe_fit(min(there_mb.values(), default=0.0))
+    return f"{told}. {fit} Give it more memory, run less beside it, or take fewer or smaller images"
+
+
+def _describe_fit(memory_mb: float) -> str:
+    """Which images fit into so much memory."""
+    if memory_mb < LEAST_MEMORY_MB:
+        return f"Any object needs {LEAST_MEMORY_MB} MB, and large images more."
+    megapixels = (memory_mb - FIXED_MB) / MB_PER_MEGAPIXEL
+    return f"That is enough for {megapixels:.0f} megapixels in all images together, such as 20 images of {megapixels / 20:.1f} megapixels."
 
 
 WARNING = "warning: "
