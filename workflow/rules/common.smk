@@ -27,8 +27,10 @@ VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
 
 # Steps run with the Python that runs Snakemake, activated or not; that of a conda environment finds them, too.
-os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])])
+os.environ.update(
+    PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
+    PYTHONPATH=os.pathsep.join([str(ROOT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]),
+)
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own.
 shell.prefix(
     'export NUMBA_NUM_THREADS="$OMP_NUM_THREADS" OPENCV_FOR_THREADS_NUM="$OMP_NUM_THREADS" PYTHONHASHSEED=0; '
