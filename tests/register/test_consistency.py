@@ -14,14 +14,16 @@ def fault(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
     count = len(NAMES)
     disagreement_px = np.zeros((count, count))
     disagreement_px[2] = unexplained_px
-    coherence = SilhouetteCoherence(NAMES, np.where(np.arange(count) == 2, unexplained_px, 0.5), disagreement_px)
+    coherence = SilhouetteCoherence(NAMES, np.where(np.arange(count) == 2, unexplained_px, 0.5), disagreement_px, np.zeros((count, count)))
     supporting = np.full((count, count), 100)
     supporting[2] = supporting[:, 2] = link
     np.fill_diagonal(supporting, 0)
     against = np.zeros((count, count), int)
     against[2] = against[:, 2] = contradicting
     errors_px = dict.fromkeys(NAMES, 0.3) | {"c": error_px}
-    return find_first_fault(coherence, PairSupport(NAMES, supporting, against), errors_px, ConsistencyLimits(), dict.fromkeys(NAMES, 1.0))
+    ones, limits = dict.fromkeys(NAMES, 1.0), ConsistencyLimits()
+    mask_limits_px = dict.fromkeys(NAMES, limits.unexplained_px)
+    return find_first_fault(coherence, PairSupport(NAMES, supporting, against), errors_px, limits, ones, mask_limits_px)
 
 
 def test_a_model_that_everything_bears_out_passes():

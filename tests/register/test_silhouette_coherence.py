@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from helpers.ball_scene import ball_cameras, ball_mask
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.register.pair_support import PairSupport, find_explained
-from zeroshop_steps.register.silhouette_coherence import bound_object, measure_silhouette_coherence
+from zeroshop_steps.register.silhouette_coherence import bound_object, find_wrong_masks, measure_silhouette_coherence
 
 SIZE_MM = (73.0, 28.0, 85.0)
 
@@ -44,6 +45,32 @@ def test_a_misplaced_camera_is_found(views):
     coherence = measure_silhouette_coherence(wrong, masks)
     assert coherence.unexplained_px.max() > 6.0
     assert coherence.culprit() == cameras[3].name
+
+
+def test_wrong_masks_are_found_and_right_ones_are_not(views):
+    """A part is missing, something else is in it, all of it is elsewhere: each in another view."""
+    cameras, masks = views
+    names = [camera.name for camera in cameras]
+    masks = dict(masks)
+    half = masks[names[2]].copy()
+    half[: int(np.nonzero(half)[0].mean())] = False
+    more = masks[names[5]] | np.roll(masks[names[5]], 60, axis=1)
+    masks |= {names[2]: half, names[5]: more, names[9]: np.roll(masks[names[9]], (50, -70), (0, 1))}
+    limits_px = np.array([0.06 * np.sqrt(mask.sum()) for mask in masks.values()])
+    assert find_wrong_masks(cameras, masks, limits_px) == [names[2], names[5], names[9]]
+    assert find_wrong_masks(*views, limits_px) == []
+
+
+def test_what_rays_miss_without_a_mask_is_what_they_miss_among_the_others():
+    cameras = ball_cameras(6)
+    masks = {camera.name: ball_mask(camera) for camera in cameras}
+    masks[cameras[1].name] = np.roll(masks[cameras[1].name], 20, axis=1)
+    coherence = measure_silhouette_coherence(cameras, masks)
+    others = [index for index in range(6) if index != 1]
+    among = measure_silhouette_coherence([cameras[index] for index in others], masks)
+    assert np.allclose(coherence.without_px[1, others], among.unexplained_px, atol=1.0)
+    assert coherence.unexplained_px[others].max() > 5.0 and coherence.without_px[1, others].max() < 1.5
+    assert coherence.doubtful_mask() == cameras[1].name
 
 
 def test_half_a_ring_on_the_wrong_side_is_found(views):

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.pair_support import PairSupport, count_pair_support
 from zeroshop_steps.register.repair import measure_reprojection_errors_px
-from zeroshop_steps.register.silhouette_coherence import SilhouetteCoherence, measure_silhouette_coherence
+from zeroshop_steps.register.silhouette_coherence import SilhouetteCoherence, find_wrong_masks, measure_silhouette_coherence
 from zeroshop_steps.register.undistort import undistort_masks
 
 
@@ -29,6 +30,9 @@ class ConsistencyLimits:
         error_ratio: an image's median reprojection error may be this many times that of the median image, ...
         error_px: ... or this large.
         cut_matches: any two groups of images must be held together by this many matches.
+        rough_share: masks that are drawn by hand may miss by this share of the square root of their area, where the cameras were found
+            without them; with outlines that waver by 1.5 % of it, rays miss by 4 %.
+        wrong_masks_share: of the masks that may be wrong there, before the cameras are doubted instead.
     """
 
     unexplained_px: float = 6.0
@@ -36,6 +40,8 @@ class ConsistencyLimits:
     error_ratio: float = 2.5
     error_px: float = 0.5
     cut_matches: int = 60
+    rough_share: float = 0.06
+    wrong_masks_share: float = 0.4
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,7 @@ class ConsistencyReport:
         errors_px: {image name: median reprojection error}.
         reason: why the model is wrong, for the user; None if all checks pass.
         culprits: the images to blame, if single ones are.
+        wrong_masks: images whose masks contradict most of the others, and were left out of the check.
     """
 
     coherence: SilhouetteCoherence | None
@@ -55,6 +62,7 @@ class ConsistencyReport:
     errors_px: dict[str, float]
     reason: str | None
     culprits: tuple[str, ...]
+    wrong_masks: tuple[str, ...] = ()
 
     def figures(self) -> dict[str, Any]:
         """The figures as written to registration.json."""
@@ -65,6 +73,8 @@ class ConsistencyReport:
                 "silhouette_px": dict(zip(self.coherence.names, np.round(self.coherence.unexplained_px, 2).tolist(), strict=True)),
                 "silhouette_worst_px": round(float(self.coherence.unexplained_px.max()), 2),
             }
+        if self.wrong_masks:
+            silhouettes["wrong_masks"] = list(self.wrong_masks)
         return {
             **silhouettes,
             "error_px": {name: round(error, 3) for name, error in self.errors_px.items()},
@@ -76,13 +86,50 @@ class ConsistencyReport:
         }
 
 
-def check_consistency(model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, limits: ConsistencyLimits) -> ConsistencyReport:
-    """Check a model against the masks, if there are any, and against each image pair's own matches."""
-    coherence = measure_silhouette_coherence(*undistort_masks(model, image_set)) if image_set.masks else None
+def check_consistency(
+    model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, limits: ConsistencyLimits, doubt_masks: bool = False
+) -> ConsistencyReport:
+    """Check a model against the masks, if there are any, and against each image pair's own matches.
+
+    Where the whole scene was registered, masks that contradict the others are more likely wrong than the cameras, which the ground
+    holds: `doubt_masks` leaves them out, and allows for outlines drawn by hand.
+    """
+    coherence: SilhouetteCoherence | None = None
+    wrong_masks: list[str] = []
+    mask_limits = {name: limits.unexplained_px * scale for name, scale in image_set.scales.items()}
+    if image_set.masks:
+        cameras, masks = undistort_masks(model, image_set)
+        if doubt_masks:
+            mask_limits |= {name: max(mask_limits[name], limits.rough_share * float(np.sqrt(mask.sum()))) for name, mask in masks.items()}
+        coherence = measure_silhouette_coherence(cameras, masks)
+        if doubt_masks and _exceeds(coherence, mask_limits).max() > 1:
+            coherence, wrong_masks = _leave_out_wrong_masks(cameras, masks, coherence, mask_limits, limits)
     evidence = count_pair_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
-    reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales)
-    return ConsistencyReport(coherence, evidence, errors_px, reason, culprits)
+    reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
+    return ConsistencyReport(coherence, evidence, errors_px, reason, culprits, tuple(wrong_masks))
+
+
+def _leave_out_wrong_masks(
+    cameras: list[Camera],
+    masks: dict[str, np.ndarray],
+    coherence: SilhouetteCoherence,
+    mask_limits_px: Mapping[str, float],
+    limits: ConsistencyLimits,
+) -> tuple[SilhouetteCoherence, list[str]]:
+    """How well the masks agree without those that contradict most of the others, and the names of these; none if they were too many."""
+    wrong = find_wrong_masks(cameras, masks, np.array([mask_limits_px[camera.name] for camera in cameras]))
+    while len(wrong) <= limits.wrong_masks_share * len(cameras):
+        left = measure_silhouette_coherence([camera for camera in cameras if camera.name not in wrong], masks)
+        if _exceeds(left, mask_limits_px).max() <= 1:
+            return left, wrong
+        wrong.append(left.doubtful_mask())
+    return coherence, []
+
+
+def _exceeds(coherence: SilhouetteCoherence, limits_px: Mapping[str, float]) -> np.ndarray:
+    """(N,) by how many times its limit each view's rays miss the other masks."""
+    return coherence.unexplained_px / [limits_px[name] for name in coherence.names]
 
 
 def find_first_fault(
@@ -91,14 +138,18 @@ def find_first_fault(
     errors_px: dict[str, float],
     limits: ConsistencyLimits,
     scales: Mapping[str, float],
+    mask_limits_px: Mapping[str, float],
 ) -> tuple[str | None, tuple[str, ...]]:
-    """The first check that fails: its reason for the user, and the images to blame. `scales` are those of `ImageSet`."""
+    """The first check that fails: its reason for the user, and the images to blame.
+
+    `scales` are those of `ImageSet`, `mask_limits_px` by how much the rays of each view may miss the other masks.
+    """
     wrong = "the reconstruction hangs together but is wrong"
     remedy = "add pictures in between, or put the object on a strongly textured surface"
     if coherence:
-        relative = coherence.unexplained_px / [scales[name] for name in coherence.names]
-        name, worst_px = coherence.names[int(relative.argmax())], float(coherence.unexplained_px[relative.argmax()])
-    if coherence and relative.max() > limits.unexplained_px:
+        excess = _exceeds(coherence, mask_limits_px)
+        name, worst_px = coherence.names[int(excess.argmax())], float(coherence.unexplained_px[excess.argmax()])
+    if coherence and excess.max() > 1:
         found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
         return f"{wrong}, or masks are: {found}; check the masks, {remedy}", (coherence.culprit(),)
     share = evidence.contradicted_share

@@ -5,6 +5,7 @@ pass somewhere through the masks of all other views (the visual hull, Laurentini
 other masks, and makes rays of the other cameras miss its own.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -16,6 +17,8 @@ from zeroshop_steps.geometry.rays import find_nearest_point
 RADIUS_MARGIN, RADIUS_PERCENTILE = 1.2, 90  # of the object's sphere: all of the object, but not for the size of a wrong mask
 NEAREST_DEPTH = 0.05  # share of the depth of the object's centre at which rays start where the sphere holds the camera
 MISS_PERCENTILE = 95  # of the distances by which the rays of a view miss the other masks: single bad mask pixels do not count
+RAYS, STEPS = 200, 160  # pixels that are tested of a view, half of them on its mask's rim, and depths along the ray of each
+AGREEING_SHARE = 0.95  # of a mask's rays that lie in another mask, in the mean over the others, and of theirs in it
 UNSEEN_PX = 1e4  # in place of a signed distance: a point off the image may lie in the mask, one behind the camera cannot
 
 
@@ -27,6 +30,7 @@ class SilhouetteCoherence:
         names: image names.
         unexplained_px: (N,) for each view, the distance in pixels by which its mask rays miss the other masks: at the best point of
             each ray, from the mask that is farthest (95th percentile over the rays).
+        without_px: (N, N) `unexplained_px` of view i where the mask of view j is left out, at [j, i].
         disagreement_px: (N, N) for each pair, the distance in pixels by which the rays of view i miss the mask of view j (95th
             percentile).
     """
@@ -34,44 +38,86 @@ class SilhouetteCoherence:
     names: tuple[str, ...]
     unexplained_px: np.ndarray
     disagreement_px: np.ndarray
+    without_px: np.ndarray
 
     def culprit(self) -> str:
         """The view that disagrees most with the others, in both directions."""
         return self.names[int((self.disagreement_px + self.disagreement_px.T).sum(1).argmax())]
 
+    def doubtful_mask(self) -> str:
+        """The view without whose mask the rays of the others miss least."""
+        return self.names[int((self.without_px.sum(1) - np.diag(self.without_px)).argmin())]
 
-def measure_silhouette_coherence(
-    cameras: list[Camera], masks: dict[str, np.ndarray], rays_per_view: int = 200, steps: int = 160
-) -> SilhouetteCoherence:
+
+def measure_silhouette_coherence(cameras: list[Camera], masks: dict[str, np.ndarray]) -> SilhouetteCoherence:
     """Measure how far the mask rays of every view miss the masks of the others.
 
     Args:
         cameras: registered pinhole cameras.
         masks: {image name: (height, width) bool}, of the cameras' sizes.
-        rays_per_view: number of mask pixels tested per view, evenly spread, half of them on the mask's rim.
-        steps: number of depths tested along each ray.
     """
-    names = tuple(camera.name for camera in cameras)
-    distance = [_compute_signed_distance_px(masks[name]) for name in names]
-    centre, radius = bound_object(cameras, [masks[name] for name in names])
     count = len(cameras)
-    unexplained, disagreement = np.zeros(count), np.zeros((count, count))
-    for i, camera in enumerate(cameras):
-        pixels = _choose_mask_pixels(masks[names[i]], rays_per_view)
-        inside = np.full((count, len(pixels), steps), np.inf, dtype=np.float32)
-        world_from_camera = np.linalg.inv(camera.camera_from_world)
-        rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T
-        depth = float((camera.camera_from_world @ [*centre, 1.0])[2])
-        depths = np.linspace(max(depth - radius, NEAREST_DEPTH * depth), depth + radius, steps)
-        points = (rays[:, None] * depths[:, None]).reshape(-1, 3) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
-        for j, other in enumerate(cameras):
-            if j != i:
-                inside[j] = _look_up(distance[j], other, points).reshape(len(pixels), steps)
+    unexplained, disagreement, without = np.zeros(count), np.zeros((count, count)), np.zeros((count, count))
+    for i, inside in enumerate(_cast_mask_rays(cameras, masks)):
         worst = inside.min(0)
         best = worst.argmax(1)
         unexplained[i] = np.percentile(np.maximum(-worst.max(1), 0), MISS_PERCENTILE)
-        disagreement[i] = np.percentile(np.maximum(-inside[:, np.arange(len(pixels)), best], 0), MISS_PERCENTILE, axis=1)
-    return SilhouetteCoherence(names, unexplained, disagreement)
+        blocking, second = inside.argmin(0), np.partition(inside, 1, axis=0)[1] if count > 2 else worst
+        for j in range(count):
+            left = np.where(blocking == j, second, worst).max(1)
+            without[j, i] = np.percentile(np.maximum(-left, 0), MISS_PERCENTILE)
+        disagreement[i] = np.percentile(np.maximum(-inside[:, np.arange(len(best)), best], 0), MISS_PERCENTILE, axis=1)
+    return SilhouetteCoherence(tuple(camera.name for camera in cameras), unexplained, disagreement, without)
+
+
+def find_wrong_masks(cameras: list[Camera], masks: dict[str, np.ndarray], limits_px: np.ndarray) -> list[str]:
+    """Names of the images whose masks contradict most of the others: a part is missing, or something else is in them.
+
+    A ray's object is where most masks have it, so that a few wrong masks do not matter. The mask that agrees least is taken out until
+    all that are left agree.
+
+    Args:
+        cameras, masks: as above.
+        limits_px: (N,) by how much a ray may miss the mask of each view.
+    """
+    count = len(cameras)
+    agreement = np.ones((count, count))  # share of the rays of view i that lie in the mask of view j, of those that it sees
+    for i, inside in enumerate(_cast_mask_rays(cameras, masks)):
+        missed = inside < -limits_px[:, None, None]
+        held = ~missed & (inside < UNSEEN_PX)
+        best = (held.sum(0, dtype=int) - missed.sum(0, dtype=int)).argmax(1)
+        rays = np.arange(len(best))
+        within, without = held[:, rays, best].sum(1), missed[:, rays, best].sum(1)
+        agreement[i] = np.where(within + without > 0, within / np.maximum(within + without, 1), 1.0)
+        agreement[i, i] = 1.0
+    kept = list(range(count))
+    while len(kept) > 1:
+        among = agreement[np.ix_(kept, kept)]
+        others = len(kept) - 1
+        scores = np.minimum((among.sum(0) - 1) / others, (among.sum(1) - 1) / others)
+        if scores.min() >= AGREEING_SHARE:
+            break
+        del kept[int(scores.argmin())]
+    return [camera.name for index, camera in enumerate(cameras) if index not in kept]
+
+
+def _cast_mask_rays(cameras: list[Camera], masks: dict[str, np.ndarray]) -> Iterator[np.ndarray]:
+    """For each view, (N, P, STEPS) float32: how far points of its P mask rays lie in the mask of each view, px; infinite for its own."""
+    chosen = [masks[camera.name] for camera in cameras]
+    distance = [_compute_signed_distance_px(mask) for mask in chosen]
+    centre, radius = bound_object(cameras, chosen)
+    for i, camera in enumerate(cameras):
+        pixels = _choose_mask_pixels(chosen[i], RAYS)
+        inside = np.full((len(cameras), len(pixels), STEPS), np.inf, dtype=np.float32)
+        world_from_camera = np.linalg.inv(camera.camera_from_world)
+        rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T
+        depth = float((camera.camera_from_world @ [*centre, 1.0])[2])
+        depths = np.linspace(max(depth - radius, NEAREST_DEPTH * depth), depth + radius, STEPS)
+        points = (rays[:, None] * depths[:, None]).reshape(-1, 3) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
+        for j, other in enumerate(cameras):
+            if j != i:
+                inside[j] = _look_up(distance[j], other, points).reshape(len(pixels), STEPS)
+        yield inside
 
 
 def bound_object(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:

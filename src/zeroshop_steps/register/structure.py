@@ -101,6 +101,12 @@ def reconstruct(
             *figures.get("warnings", []),
             f"left out, {len(missing)} of {count} photos have no sure place among the others: {shown}",
         ]
+    if report.wrong_masks:
+        shown = ", ".join(image_set.shown[name] for name in report.wrong_masks)
+        figures["warnings"] = [
+            *figures.get("warnings", []),
+            f"the masks of {len(report.wrong_masks)} of {count} photos contradict those of the others: {shown}",
+        ]
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
     figures |= describe_lenses(model)
@@ -132,7 +138,8 @@ def _settle(
     """Refine, place suspicious images again, and leave out those that the pictures contradict even then."""
     images = image_set.images[0].parent
     model, again = repair(model, database, images, scratch, options.seed)
-    report = check_consistency(model, image_set, database, options.limits)
+    doubt_masks = options.leave_out and not options.object_only
+    report = check_consistency(model, image_set, database, options.limits, doubt_masks)
     dropped: list[str] = []
     for _ in range(options.max_dropped):
         if report.reason is None or model.num_reg_images() - len(report.culprits) < options.min_images:
@@ -145,6 +152,6 @@ def _settle(
             again += names
             model = register_again(model, names, database, images, scratch, options.seed)
         refine_robustly(model)
-        report = check_consistency(model, image_set, database, options.limits)
+        report = check_consistency(model, image_set, database, options.limits, doubt_masks)
     figures |= {"placed_again": again, "left_out": dropped}
     return model, report

@@ -17,7 +17,7 @@ ROUNDS_MISSES_VOXELS = ((0.34, 48), (0.2, 48), (0.05, 72))
 """Rounds of carving: the share of the masks that a voxel may miss, many while masks of other things are included, and the number of
 voxels along the grid's edge."""
 JUDGED_WIDTH_PX = 480  # masks are compared at this width at most, which is as fine as the voxels
-LEAST_OVERLAP = 0.5
+LEAST_OVERLAP = 0.8
 """A mask whose overlap with the silhouette is below this share of the median mask's is left out of the next round."""
 
 

@@ -5,9 +5,11 @@ They are checked like masks that were found: one that contradicts the others is 
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
@@ -30,6 +32,11 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"{args.scene} has no masks; give their folder in objects.tsv, or segment by support_plane")
     masks, names = [view.mask() for view in views], [view.camera.name for view in views]
     _, qualities = assess_masks(masks, [view.camera for view in views])
+    wrong = read_registration(args.scene).get("consistency", {}).get("wrong_masks", [])
+    qualities = [
+        replace(quality, fault=quality.fault or "its rays miss the masks of most other views") if name in wrong else quality
+        for quality, name in zip(qualities, names, strict=True)
+    ]
     with show_rejected_masks([view.image_path for view in views], args.rejected):
         check_enough_good(qualities, names, masks)
     record = read_mask_record(args.capture) | describe_quality(qualities, names) | {"seconds": round(time.monotonic() - start_s, 2)}
