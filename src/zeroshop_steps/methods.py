@@ -41,6 +41,7 @@ class Method:
 
     Of registrations:
         true_cameras: it needs true cameras, which photos lack.
+        tries: the registrations that it tries one after the other, those whose weights are there; "all" does not mean it.
 
     Of segmentations:
         given: the masks come with the capture; the config cannot choose it.
@@ -80,6 +81,7 @@ class Method:
     runtime_min: int = 30
     threads: int = 8
     true_cameras: bool = False
+    tries: tuple[str, ...] = ()
     given: bool = False
     in_scene: bool = False
     prompt: bool = False

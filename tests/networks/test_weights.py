@@ -14,6 +14,7 @@ from torch import nn
 from zeroshop_steps import methods
 from zeroshop_steps.networks import weights
 from zeroshop_steps.networks.weights import WeightsFile, fetch_weights, load_strictly, read_table, require_weights
+from zeroshop_steps.networks.wheels import WheelFile
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
 
@@ -36,7 +37,7 @@ def test_the_table_is_whole_and_names_all_that_methods_need():
     tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.HEIGHTS, methods.SURFACES)
     assert {name for methods_table in tables for method in methods_table.values() for name in method.weights} <= set(table)
     for row in table.values():
-        assert row.url.startswith("https://") and row.licence and row.purpose and row.without
+        assert (row.url.startswith("https://") or WheelFile.parse(row.url)) and row.licence and row.purpose and row.without
         assert row.sha256 is None or len(bytes.fromhex(row.sha256)) == 32
         assert row.size_bytes is None or row.size_bytes > 0
 

@@ -22,6 +22,8 @@ STEPS_WITH_KEYS = [
     ("segment.saliency", ("segment", "saliency")),
     ("segment.grounded_sam", ("segment", "grounded_sam")),
     ("register.colmap", ("register", "colmap")),
+    ("register.aliked", ("register", "aliked")),
+    ("register.auto", ("register", "auto")),
     ("register.mast3r", ("register", "mast3r")),
     ("register.vggt", ("register", "vggt")),
     ("surface.twodgs", ("nvs", "2dgs", "train")),

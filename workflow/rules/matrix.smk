@@ -30,7 +30,7 @@ def table_axis(
 ):
     """The names that the config wants on an axis of the tables."""
     wanted = config["tables"][axis]
-    return [name for name, method in AXES[axis].items() if not methods.lacks(method)] if wanted == "all" else wanted
+    return [name for name, method in AXES[axis].items() if not (methods.lacks(method) or method.tries)] if wanted == "all" else wanted
 
 
 def surfaces_with_cameras(

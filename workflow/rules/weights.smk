@@ -27,7 +27,11 @@ def weights_stamp(
     Not an input: Snakemake would delete and download weights again whenever their rule changes.
     """
     own = (config[stage].get(name) or {}).get("weights")
-    files = [Path(os.path.relpath(ROOT / own))] if own else [methods.WEIGHTS_FOLDER / file for file in method.files]
+    needed = [file for one in (method, *map(methods.REGISTRATIONS.get, method.tries)) for file in one.files]
+    files = [methods.WEIGHTS_FOLDER / file for file in needed]
+    if own:
+        path = Path(os.path.relpath(ROOT / own))
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
     return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
 
 

@@ -16,5 +16,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the file."""
     row = look_up_weights(args.file)
-    print(f"{row.file}: for {row.purpose}, from {row.url}. Its licence: {row.licence}. By using it you accept that.", file=sys.stderr)
+    print(f"{row.file}: for {row.purpose}, from {row.source}. Its licence: {row.licence}. By using it you accept that.", file=sys.stderr)
     fetch_weights(args.file, args.out)

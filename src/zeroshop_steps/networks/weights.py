@@ -9,11 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from zeroshop_steps.networks.wheels import WheelFile, take_from_wheel
 from zeroshop_steps.runtime.downloads import download, verify
 from zeroshop_steps.runtime.errors import StepError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import torch
+
+    Tensors = dict[str, torch.Tensor]
 
 WEIGHTS_FOLDER = Path("resources/weights")
 TABLE = Path(__file__).with_name("weights.csv")
@@ -27,7 +32,7 @@ class WeightsFile:
 
     Attributes:
         file: its path below resources/weights.
-        url: where its publisher has it.
+        url: where its publisher has it; of a file in a Python package, see `wheels.WheelFile`.
         size_bytes, sha256: what it must be; None where no publisher says so. The first download's sha256 is then kept beside it.
         licence: of the weights, which is not that of this project.
         purpose: what it is for.
@@ -48,12 +53,17 @@ class WeightsFile:
         return WEIGHTS_FOLDER / self.file
 
     @property
+    def source(self) -> str:
+        """Where it comes from, for the user."""
+        return str(WheelFile.parse(self.url) or self.url)
+
+    @property
     def advice(self) -> str:
         """How to get it, under which licence, and what can be done without it."""
         size = f"{self.size_bytes / 1e6:.0f} MB, " if self.size_bytes else ""
         return (
-            f"`snakemake {self.path}` downloads it ({size}licence {self.licence}) from {self.url}; offline, put that file at {self.path};"
-            f" {self.without}"
+            f"`snakemake {self.path}` downloads it ({size}licence {self.licence}) from {self.source}; offline, put that file at"
+            f" {self.path}; {self.without}"
         )
 
 
@@ -128,11 +138,15 @@ def fetch_weights(name: str, path: Path) -> None:
         StepError: no network, no disk space, or not the file that the table describes.
     """
     row = look_up_weights(name)
-    download(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
+    packed = WheelFile.parse(row.url)
+    if packed:
+        take_from_wheel(packed, path, row.without, sha256=row.sha256)
+    else:
+        download(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
     _check_size(row, path)
 
 
-def load_strictly(module: "torch.nn.Module", path: Path) -> None:
+def load_strictly(module: "torch.nn.Module", path: Path, adapt: "Callable[[Tensors], Tensors]" = dict) -> None:
     """Give `module` the parameters and buffers in a checkpoint: all of them, and none besides.
 
     The module may be on the meta device; it then takes the tensors as they are in the file, which is mapped, not read.
@@ -140,11 +154,12 @@ def load_strictly(module: "torch.nn.Module", path: Path) -> None:
     Args:
         module: the network.
         path: .safetensors, or PyTorch's own format: the tensors by name, alone or under the key "model".
+        adapt: gives the published tensors the module's names, and adds those that it computes.
 
     Raises:
         StepError: a damaged file, or names and shapes that are not the network's; it names them.
     """
-    state = read_checkpoint(path)
+    state = adapt(read_checkpoint(path))
     expected = module.state_dict()
     missing = [name for name in expected if name not in state]
     extra = [name for name in state if name not in expected]

@@ -29,6 +29,7 @@ from zeroshop_steps.register.still_background import (
     measure_still_share,
     verify_without_still,
 )
+from zeroshop_steps.register.strange_sides import check_sides
 from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
@@ -73,23 +74,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common_arguments(parser)
     defaults = ColmapOptions()
     add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.sift.seed)
-    parser.add_argument(
-        "--max-features", type=int, default=defaults.sift.max_features, help="SIFT features per image (default: %(default)s)"
-    )
+    add_own_arguments(parser)
     parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
 
 
-def run(args: argparse.Namespace) -> None:
-    """Write the cameras folder."""
-    options = ColmapOptions(
+def add_own_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that this method alone has."""
+    features = SiftOptions().max_features
+    parser.add_argument("--max-features", type=int, default=features, help="SIFT features per image (default: %(default)s)")
+
+
+def read_options(args: argparse.Namespace) -> ColmapOptions:
+    """The options that the command line gives."""
+    features = SiftOptions(max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
+    return ColmapOptions(
+        sift=features,
         object_only=args.scene in OBJECT_ONLY,
         leave_out=args.scene in PHOTO_SCENES,
         min_share=args.min_share,
         min_images=args.min_images,
     )
-    features = replace(options.sift, max_features=args.max_features, focal_px=args.focal_px, seed=args.seed, threads=args.threads)
-    options = replace(options, sift=features)
-    image_set = read_image_set(args.capture)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    options, image_set = read_options(args), read_image_set(args.capture)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     write_registration(args.out, lambda folder: register(image_set, folder, options))
 
@@ -144,7 +153,9 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
             options.leave_out,
         )
         try:
-            return reconstruct(database, image_set, out, needs, figures, stopwatch)
+            figures = reconstruct(database, image_set, out, needs, figures, stopwatch)
+            tested = None if pairs is None else {frozenset(Path(name).stem for name in pair) for pair in pairs}
+            return check_sides(out, figures, None if tested is None else lambda one, other: frozenset((one, other)) not in tested)
         except RegistrationFailed as error:
             if not still:
                 raise

@@ -32,6 +32,7 @@ from zeroshop_steps.register.record import (
     add_estimation_arguments,
     write_registration,
 )
+from zeroshop_steps.register.strange_sides import check_sides
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
@@ -149,7 +150,7 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
                 " with more overlap",
                 figures,
             )
-        return reconstruct(database, image_set, out, structure, figures, stopwatch)
+        return check_sides(out, reconstruct(database, image_set, out, structure, figures, stopwatch))
 
 
 def match_images(predictor: PairPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:

@@ -1,0 +1,203 @@
+"""Register by learned features: ALIKED's features of the object, enlarged, matched by LightGlue; then COLMAP's mapper and its checks.
+
+They match views of an object alone, on a plain ground or without one, where SIFT finds too little. Where there are masks, only the
+object counts. Views of sides that look alike match, too, but LightGlue is less sure of these matches: pairs count by their sure matches.
+"""
+
+import argparse
+import functools
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import torch
+
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.networks.aliked import (
+    FOLDER,
+    AlikedMatcher,
+    Crop,
+    FeatureMatcher,
+    cut_out,
+    find_weights,
+    load_extractor,
+    load_matcher,
+)
+from zeroshop_steps.networks.devices import DEVICES, choose_device
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
+from zeroshop_steps.register.match_database import PairMatches, write_matches
+from zeroshop_steps.register.pair_selection import choose_alike_pairs
+from zeroshop_steps.register.record import (
+    OBJECT_ONLY,
+    PHOTO_SCENES,
+    RegistrationFailed,
+    add_common_arguments,
+    add_estimation_arguments,
+    write_registration,
+)
+from zeroshop_steps.register.rotation_agreement import leave_out_contradicting
+from zeroshop_steps.register.sift import RIM_SHARE
+from zeroshop_steps.register.strange_sides import check_sides
+from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.files import scratch_directory
+from zeroshop_steps.runtime.progress import track
+
+CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
+MARGIN = 0.08  # around the object, as a share of its size in the image
+LARGEST_SCALE = 4.0  # beyond it, enlarging shows nothing more
+AGAIN = 2  # times the fewest sure matches of a pair: images from nearly one direction have many more
+
+
+@dataclass(frozen=True)
+class AlikedOptions:
+    """Parameters of the method.
+
+    Attributes:
+        side_px: the object, or a photo without a mask, is resized to this length of its longer side.
+        max_keypoints: of each image.
+        threshold: of the network's score of a keypoint.
+        partners: images that each image is matched with: those that share most features that look alike.
+        sure_score, sure_matches: a pair counts where so many matches have this score or a higher one.
+        min_score: in a pair that counts, of each match.
+        focal_px: known focal length; None reads EXIF, else estimates.
+        structure: of the reconstruction.
+    """
+
+    side_px: int = 640
+    max_keypoints: int = 768
+    threshold: float = 0.005
+    partners: int = 7
+    sure_score: float = 0.85
+    sure_matches: int = 15
+    min_score: float = 0.4
+    focal_px: float | None = None
+    structure: StructureOptions = field(default_factory=StructureOptions)
+
+
+METHOD = {
+    "title": "ALIKED",
+    "rank": 2,
+    "weights": ("aliked/aliked-n16.pth", "aliked/aliked_lightglue.pth"),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    structure = StructureOptions()
+    add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
+    add_own_arguments(parser)
+    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
+
+
+def add_own_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that this method alone has."""
+    defaults = AlikedOptions()
+    parser.add_argument("--side-px", type=int, default=defaults.side_px, help="length of the network's pictures (default: %(default)s)")
+    parser.add_argument("--max-keypoints", type=int, default=defaults.max_keypoints, help="of each image (default: %(default)s)")
+    parser.add_argument("--partners", type=int, default=defaults.partners, help="images to match each with (default: %(default)s)")
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="where the networks run (default: %(default)s)")
+    parser.add_argument(
+        "--weights", type=Path, default=WEIGHTS_FOLDER / FOLDER, help="folder of the networks' weights (default: %(default)s)"
+    )
+
+
+def read_options(args: argparse.Namespace) -> AlikedOptions:
+    """The options that the command line gives."""
+    return AlikedOptions(
+        side_px=args.side_px,
+        max_keypoints=args.max_keypoints,
+        partners=args.partners,
+        focal_px=args.focal_px,
+        structure=StructureOptions(
+            min_share=args.min_share,
+            min_images=args.min_images,
+            seed=args.seed,
+            object_only=args.scene in OBJECT_ONLY,
+            leave_out=args.scene in PHOTO_SCENES,
+        ),
+    )
+
+
+def make_matcher(args: argparse.Namespace, options: AlikedOptions) -> Callable[[list[Crop]], FeatureMatcher]:
+    """What finds and matches the features of crops, with the weights and on the device that the command line names.
+
+    Raises:
+        StepError: the weights are not there or wrong, or there is no such device.
+    """
+    device = torch.device(choose_device(args.device))
+    extractor, matcher = find_weights(args.weights)
+
+    def prepare(crops: list[Crop]) -> FeatureMatcher:
+        torch.set_num_threads(args.threads)
+        return AlikedMatcher(load_extractor(extractor), load_matcher(matcher), crops, device, options.max_keypoints, options.threshold)
+
+    return prepare
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    options = read_options(args)
+    prepare, image_set = make_matcher(args, options), read_image_set(args.capture)
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    write_registration(args.out, lambda folder: register(image_set, folder, options, prepare))
+
+
+def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Callable[[list[Crop]], FeatureMatcher]) -> dict[str, Any]:
+    """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`; returns the record.
+
+    Raises:
+        RegistrationFailed: nothing matches, too few images, or an inconsistent model.
+        StepError: the networks cannot run.
+    """
+    stopwatch = Stopwatch()
+    figures: dict[str, Any] = {"method": "aliked", "images": len(image_set.images), "registered": 0, "seconds": stopwatch.seconds}
+    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__, "torch": torch.__version__}}
+    matcher = prepare(cut_crops(image_set, options.side_px))
+    figures["median_features"] = float(np.median([len(points) for points in matcher.keypoints]))
+    stopwatch.lap("extract")
+    matches = match_images(matcher, options)
+    stopwatch.lap("match")
+    with scratch_directory(out, "aliked") as scratch:
+        database = scratch / "database.db"
+        structure = options.structure
+        figures |= write_matches(database, image_set, matcher.keypoints, matches, 2, structure.seed, options.focal_px)
+        figures["contradicting_pairs"] = leave_out_contradicting(database, structure.seed)
+        stopwatch.lap("verify")
+        if not figures["matches"]:
+            raise RegistrationFailed("no two images share enough features that surely match; take more pictures with more overlap", figures)
+        number = {path.stem: index for index, path in enumerate(image_set.images)}
+
+        @functools.cache
+        def look_again(one: str, other: str) -> bool:
+            _, scores = matcher.match(number[one], number[other])
+            return bool((scores >= options.sure_score).sum() >= AGAIN * options.sure_matches)
+
+        return check_sides(out, reconstruct(database, image_set, out, structure, figures, stopwatch), look_again)
+
+
+def cut_crops(image_set: ImageSet, side_px: int) -> list[Crop]:
+    """What the network sees of each image: the object where there is a mask, else all of it."""
+    masks = read_masks(image_set) if image_set.masks else {}
+    crops = []
+    for path, size_px in zip(image_set.images, image_set.sizes_px, strict=True):
+        rim_px = max(1, round(max(size_px) * RIM_SHARE))
+        crops.append(cut_out(read_image(path), masks.get(path.name), side_px, MARGIN, LARGEST_SCALE, rim_px))
+    return crops
+
+
+def match_images(matcher: FeatureMatcher, options: AlikedOptions) -> PairMatches:
+    """Match each image with its partners; the good matches of the pairs that count."""
+    pairs = choose_alike_pairs(matcher.similarities(), options.partners)
+    found = {}
+    for first, second in track(pairs, "matching pairs", len(pairs)):
+        numbers, scores = matcher.match(first, second)
+        if (scores >= options.sure_score).sum() >= options.sure_matches:
+            good = numbers[scores >= options.min_score]
+            found[first, second] = (good[:, 0], good[:, 1])
+    return found

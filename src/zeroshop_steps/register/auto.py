@@ -1,0 +1,95 @@
+"""Register by SIFT (colmap); where that fails, by learned features (aliked), if their weights are there. The record says which, and why.
+
+Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives.
+"""
+
+import argparse
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
+from zeroshop_steps.register import aliked, colmap
+from zeroshop_steps.register.image_set import read_image_set
+from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, add_estimation_arguments, write_registration
+from zeroshop_steps.register.structure import StructureOptions
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.files import scratch_directory
+
+CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
+METHOD = {"title": "automatic", "rank": 4, "tries": ("colmap", "aliked")}
+
+Attempt = Callable[[Path], dict[str, Any]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    add_common_arguments(parser)
+    structure = StructureOptions()
+    add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
+    colmap.add_own_arguments(parser)
+    aliked.add_own_arguments(parser)
+    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
+    image_set = read_image_set(args.capture)
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    learned = aliked.read_options(args)
+    attempts: dict[str, Attempt] = {"colmap": lambda folder: colmap.register(image_set, folder, colmap.read_options(args))}
+    if all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER)):
+        prepare = aliked.make_matcher(args, learned)
+        attempts["aliked"] = lambda folder: aliked.register(image_set, folder, learned, prepare)
+    write_registration(args.out, lambda folder: register(folder, attempts))
+
+
+def register(out: Path, attempts: dict[str, Attempt]) -> dict[str, Any]:
+    """Try one registration after the other, and keep the first that succeeds.
+
+    Args:
+        out: folder to fill.
+        attempts: by name, what fills a folder with cameras and returns its record.
+
+    Returns:
+        The record of the one that succeeded, with `tried`: why those before it failed, and how long they took.
+
+    Raises:
+        RegistrationFailed: none succeeded; with the figures and the model of the one that registered most images.
+    """
+    failures: dict[str, RegistrationFailed] = {}
+    tried: dict[str, dict[str, Any]] = {}
+    for name, attempt in attempts.items():
+        start_s = time.monotonic()
+        with scratch_directory(out, name) as folder:
+            try:
+                record = attempt(folder)
+            except RegistrationFailed as error:
+                failures[name] = error
+                tried[name] = {"reason": str(error), "seconds": round(time.monotonic() - start_s, 3)}
+                if name != list(attempts)[-1]:
+                    warn(f"registration by {name} failed ({error}); trying the next")
+                continue
+            for part in folder.iterdir():
+                shutil.move(part, out / part.name)
+        return record | {"tried": tried}
+    best = max(failures.values(), key=lambda error: error.figures.get("registered", 0))
+    reason = "; ".join(f"by {name}: {error}" for name, error in failures.items()) if len(failures) > 1 else str(best)
+    if "aliked" not in attempts:
+        reason += f". Learned features may find the cameras: {_advise()}"
+    raise RegistrationFailed(reason, best.figures | {"tried": tried}, best.rejected)
+
+
+def _advise() -> str:
+    """How to get the weights of the learned features."""
+    rows = [read_table()[f"{FOLDER}/{name}"] for name in (EXTRACTOR, MATCHER)]
+    megabytes = sum(row.size_bytes or 0 for row in rows) / 1e6
+    return (
+        f"`snakemake {WEIGHTS_FOLDER / FOLDER}/{{{EXTRACTOR},{MATCHER}}}` downloads their weights ({megabytes:.0f} MB, {rows[0].licence})"
+    )

@@ -1,0 +1,54 @@
+"""Refuse a model in which sides that look alike were laid onto each other: too many neighbouring images share almost no points."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.register.missed_points import MissedPoints, count_missed_points
+from zeroshop_steps.register.record import RegistrationFailed
+
+SHARED_POINTS = 0.12
+"""Neighbours are strangers where they share less than this share of what both should see: up to 0.1 where one of two images belongs to
+the other side of the object, 0.2 to 0.9 in right models."""
+STRANGER_PAIRS, STRANGER_SHARE = 2, 0.35
+"""So many pairs of neighbours may be strangers, or this share of all."""
+
+LookAgain = Callable[[str, str], bool]
+"""Whether two images, by name, may show the same after all: they match, or were never matched."""
+
+
+def check_sides(folder: Path, figures: dict[str, Any], look_again: LookAgain | None = None) -> dict[str, Any]:
+    """The record of a registration, with how many neighbouring images there are and which of them are strangers.
+
+    Args:
+        folder: holds sparse/, with images named STEM.png.
+        figures: the record so far.
+        look_again: is asked about neighbours that share almost no points of the model, by the stems of their names.
+
+    Raises:
+        RegistrationFailed: too many neighbours are strangers.
+    """
+    model = pycolmap.Reconstruction(str(folder / "sparse"))
+    missed = count_missed_points(model)
+    neighbours, strangers = find_strangers(missed, look_again)
+    figures |= {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
+    if len(strangers) > max(STRANGER_PAIRS, STRANGER_SHARE * neighbours):
+        raise RegistrationFailed(
+            "the reconstruction hangs together but is wrong: sides that look alike lie on each other."
+            f" {len(strangers)} of {neighbours} pairs of neighbouring images, such as {' and '.join(strangers[0])}, share almost nothing;"
+            " add pictures in between, or put the object on a strongly textured surface",
+            figures,
+            model,
+        )
+    return figures
+
+
+def find_strangers(missed: MissedPoints, look_again: LookAgain | None = None) -> tuple[int, list[tuple[str, str]]]:
+    """How many pairs of neighbours there are, and the stems of those that are strangers, also when asked again."""
+    neighbours, strange = missed.find_strangers(SHARED_POINTS)
+    stems = [Path(name).stem for name in missed.names]
+    pairs = [(stems[one], stems[other]) for one, other in np.argwhere(np.triu(strange))]
+    return neighbours, [pair for pair in pairs if look_again is None or not look_again(*pair)]

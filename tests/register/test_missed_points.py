@@ -1,0 +1,72 @@
+"""Front and back that were laid onto each other: cameras stand side by side and share no points."""
+
+import numpy as np
+import pycolmap
+import pytest
+
+from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.register.missed_points import count_missed_points
+from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.strange_sides import SHARED_POINTS, check_sides
+
+
+def look_at_middle(azimuth_deg: float) -> pycolmap.Rigid3d:
+    """A camera ten units from the middle of the scene."""
+    angle = np.radians(azimuth_deg)
+    outwards = np.array([np.cos(angle), np.sin(angle), 0.0])
+    rotation = np.stack([np.cross(-outwards, [0.0, 0.0, 1.0]), [0.0, 0.0, -1.0], -outwards])
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ (outwards * 10.0))
+
+
+def model_of(azimuths_deg: list[float], sides: list[int], share: float = 0.6) -> pycolmap.Reconstruction:
+    """Cameras that see points near the middle: those of one side a random share of its 200 points, and none of another side's."""
+    rng = np.random.default_rng(0)
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", width=400, height=300, params=[400.0, 200.0, 150.0], camera_id=1)
+    model.add_camera_with_trivial_rig(camera)
+    places = rng.uniform(-1.0, 1.0, (max(sides) + 1, 200, 3))
+    seen = [rng.random(200) < share for _ in sides]
+    for number, azimuth_deg in enumerate(azimuths_deg):
+        pose = look_at_middle(azimuth_deg)
+        keypoints = camera.img_from_cam(places[sides[number]] @ pose.matrix()[:, :3].T + pose.matrix()[:, 3])
+        model.add_image_with_trivial_frame(
+            pycolmap.Image(name=f"{number}.png", keypoints=keypoints, camera_id=1, image_id=number + 1), pose
+        )
+    for side, points in enumerate(places):
+        for index, place in enumerate(points):
+            track = pycolmap.Track()
+            for number, own in enumerate(sides):
+                if own == side and seen[number][index]:
+                    track.add_element(number + 1, index)
+            if track.length() >= 2:
+                model.add_point3D(place, track, np.zeros(3, np.uint8))
+    return model
+
+
+def check(model: pycolmap.Reconstruction, folder, look_again=None) -> dict:
+    """The verdict on a model."""
+    write_reconstruction(model, folder / "sparse")
+    return check_sides(folder, {"registered": model.num_reg_images()}, look_again)
+
+
+def test_neighbours_of_one_side_share_points(tmp_path):
+    model = model_of([0, 20, 40, 60, 80], [0] * 5)
+    assert check(model, tmp_path) == {"registered": 5, "neighbours": 4, "strangers": []}, "neighbours are up to 30 degrees apart"
+    missed = count_missed_points(model)
+    assert missed.expected[0, 2] == 0 < missed.expected[0, 1] and missed.shared[0, 1] > 0.4 * missed.expected[0, 1]
+
+
+def test_sides_that_lie_on_each_other_are_refused(tmp_path):
+    azimuths = [0, 36, 72, 108, 144, 1, 37, 73, 109, 145]
+    folded = model_of(azimuths, [0] * 5 + [1] * 5)
+    with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. 5 of 5 pairs .* such as 0 and 5") as error:
+        check(folded, tmp_path)
+    assert error.value.rejected is not None and len(error.value.figures["strangers"]) == 5
+    assert check(folded, tmp_path, lambda one, other: True)["strangers"] == [], "they match after all"
+    assert check(folded, tmp_path, lambda one, other: one in "012")["strangers"] == [["3", "8"], ["4", "9"]], "two alone are allowed"
+    assert check(model_of(azimuths, [0] * 10), tmp_path)["strangers"] == []
+
+
+@pytest.mark.parametrize("azimuths", [[0, 90, 180, 270], [0, 40, 80, 120]])
+def test_views_far_apart_are_not_judged(azimuths):
+    assert count_missed_points(model_of(azimuths, [0, 1, 0, 1])).find_strangers(SHARED_POINTS)[0] == 0
