@@ -13,12 +13,11 @@ from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, comp
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouette
 
 ROOM = 1.5  # half the edge of the voxel grid, in radii of the object
-ROUNDS_MISSES_VOXELS = ((0.34, 48), (0.2, 48), (0.05, 72))
-"""Rounds of carving: the share of the masks that a voxel may miss, many while masks of other things are included, and the number of
-voxels along the grid's edge."""
+ROUNDS = ((0.34, 48, 0.5), (0.2, 48, 0.7), (0.1, 72, 0.8), (0.05, 72, 0.8))
+"""Rounds of carving: the share of the masks that a voxel may miss, many while masks of other things are included; the number of voxels
+along the grid's edge; and the overlap with the silhouette, as a share of the median mask's, below which a mask is left out of the next
+round. The first silhouettes are coarse; by later ones, one tells masks that lack a part."""
 JUDGED_WIDTH_PX = 480  # masks are compared at this width at most, which is as fine as the voxels
-LEAST_OVERLAP = 0.8
-"""A mask whose overlap with the silhouette is below this share of the median mask's is left out of the next round."""
 
 
 def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[np.ndarray]:
@@ -30,13 +29,13 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
     """
     chosen = [index for index, mask in enumerate(masks) if mask.any()]
     hulls = [np.zeros_like(mask) for mask in masks]
-    for misses, voxels in ROUNDS_MISSES_VOXELS:
+    for misses, voxels, least_overlap in ROUNDS:
         if len(chosen) < 2:
             break
         grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
         hulls = [render_silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
         overlaps = {index: compute_overlap(masks[index], hulls[index]) for index in chosen}
-        least = LEAST_OVERLAP * float(np.median(list(overlaps.values())))
+        least = least_overlap * float(np.median(list(overlaps.values())))
         chosen = [index for index in chosen if overlaps[index] >= least > 0]
     return hulls
 
