@@ -55,6 +55,7 @@ def test_outlines_measure_a_round_wall_and_no_lid(cup):
     assert (evidence[where["underside"]] == UNSEEN).all()
 
 
+@pytest.mark.slow
 def test_stereo_measures_what_hangs_together_with_an_outline(cup):
     mesh, views = cup
     lid = places(mesh)["lid"]

@@ -41,6 +41,7 @@ def test_the_sheet_shows_the_board_at_its_size(board):
     assert identify_board(page) == board.name
 
 
+@pytest.mark.slow
 def test_the_pdf_is_a_vector_drawing_of_exact_size(tmp_path):
     out = tmp_path / "board.pdf"
     assert stage_main("zeroshop_steps.height", ["--method", "print_board", "--out", str(out)]) == 0

@@ -98,7 +98,8 @@ def test_values_and_gradients_match_the_float64_twin(kind: str, seed: int) -> No
         assert error < 1e-4, f"gradient of {name}: relative error {error:.2e}"
 
 
-@pytest.mark.parametrize("kind", first(1, KINDS))
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
 def test_what_prunes_and_subdivides_matches_the_twin(kind: str) -> None:
     """The largest blending weight, and the sum of |alpha d loss / d alpha| (Sun et al. 2025, sec. 3.2)."""
     (_, _, statistics), (_, twins, kept) = both(kind, 0)

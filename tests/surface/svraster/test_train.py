@@ -39,6 +39,7 @@ def watertight(mesh: Mesh) -> bool:
     return mesh.as_trimesh().is_watertight
 
 
+@pytest.mark.slow
 def test_training_finds_the_ball_and_its_closed_surface(ball: tuple) -> None:
     views, _ = ball
     trainer = trainer_for(views, iterations=200, count_max=6000)
