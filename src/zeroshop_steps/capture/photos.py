@@ -213,13 +213,9 @@ def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str]
     names, sharpnesses = [photo.path.name for photo in photos], [photo.sharpness for photo in photos]
     warnings += collect_image_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
     cut = [photo.path.name for photo in photos if photo.mask is not None and _touches_border(photo.mask)]
-    if len(photos) - len(cut) < min_images:
-        problems.append(
-            f"the object is cut off at the border in {len(cut)} of {len(photos)} images, {min_images} must show all of it;"
-            f" step back, or correct the masks: {_join_names(cut)}"
-        )
-    elif cut:
-        warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_join_names(cut)}")
+    if cut:
+        missing = "; a part that no photo shows will be missing, step back to have all of it" if len(photos) - len(cut) < min_images else ""
+        warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_join_names(cut)}{missing}")
     return problems, warnings
 
 

@@ -13,18 +13,27 @@ NORMAL_SMOOTHING_VOXELS = 1.5  # standard deviation: normals from blocky voxels 
 def find_inside_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray], misses_allowed: int = 0) -> np.ndarray:
     """(P,) bool: which (P, 3) points project into the masks, (H, W) bool, of all cameras but `misses_allowed`.
 
-    A point off an image counts as a miss: the images are crops around the masks.
+    A point off an image counts as a miss, because the images are crops around the masks, unless the mask touches the image's border on
+    that side: there the object is cut off, and what lies beyond is not known.
     """
     misses = np.zeros(len(points), int)
     kept = np.arange(len(points))
     for camera, mask in zip(cameras, masks, strict=True):
-        rows, columns, _, framed = camera.find_pixels(points[kept])
-        hit = np.zeros(len(kept), bool)
+        rows, columns, depth, framed = camera.find_pixels(points[kept])
+        hit = (depth > 0) & ~framed & _is_beyond_cut(rows, columns, mask)
         hit[framed] = mask[rows[framed], columns[framed]]
         misses[kept] += ~hit
         # Most of a volume is outside of the first masks already, and is not tested with the others.
         kept = kept[misses[kept] <= misses_allowed]
     return misses <= misses_allowed
+
+
+def _is_beyond_cut(rows: np.ndarray, columns: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """(P,) bool: pixels that lie off an image only on sides that its mask touches."""
+    height, width = mask.shape
+    off = (rows < 0, rows >= height, columns < 0, columns >= width)
+    touched = (mask[0].any(), mask[-1].any(), mask[:, 0].any(), mask[:, -1].any())
+    return ~np.any([beyond for beyond, touches in zip(off, touched, strict=True) if not touches] or [np.zeros(len(rows), bool)], axis=0)
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,13 @@ from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, comp
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouette
 
 ROOM = 1.5  # half the edge of the voxel grid, in radii of the object
-ROUNDS = ((0.34, 48, 0.5), (0.2, 48, 0.7), (0.1, 72, 0.8), (0.05, 72, 0.8))
-"""Rounds of carving: the share of the masks that a voxel may miss, many while masks of other things are included; the number of voxels
-along the grid's edge; and the overlap with the silhouette, as a share of the median mask's, below which a mask is left out of the next
-round. The first silhouettes are coarse; by later ones, one tells masks that lack a part."""
+ROUNDS = ((0.34, 48), (0.2, 48), (0.1, 72), (0.05, 72))
+"""Rounds of carving: the share of the masks that a voxel may miss, many while masks of other things are included, and the number of
+voxels along the grid's edge."""
+LEAST_OVERLAP, LEAST_COVER = 0.5, 0.75
+"""A mask is left out of the next round if its overlap with the silhouette is below this share of the median mask's, because it shows
+another thing; and from the second round on, if what it covers of the silhouette is below this share of the median, because it lacks a
+part. What a mask has beside the object does no harm to what all have in common."""
 JUDGED_WIDTH_PX = 480  # masks are compared at this width at most, which is as fine as the voxels
 
 
@@ -29,15 +32,22 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
     """
     chosen = [index for index, mask in enumerate(masks) if mask.any()]
     hulls = [np.zeros_like(mask) for mask in masks]
-    for misses, voxels, least_overlap in ROUNDS:
+    for number, (misses, voxels) in enumerate(ROUNDS):
         if len(chosen) < 2:
             break
         grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
         hulls = [render_silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
         overlaps = {index: compute_overlap(masks[index], hulls[index]) for index in chosen}
-        least = least_overlap * float(np.median(list(overlaps.values())))
-        chosen = [index for index in chosen if overlaps[index] >= least > 0]
+        chosen = _keep_usual(overlaps, LEAST_OVERLAP)
+        if number > 0:
+            chosen = _keep_usual({index: (masks[index] & hulls[index]).sum() / max(hulls[index].sum(), 1) for index in chosen}, LEAST_COVER)
     return hulls
+
+
+def _keep_usual(shares: dict[int, float], least: float) -> list[int]:
+    """The views whose share is at least `least` of the median one, and not 0."""
+    limit = least * float(np.median(list(shares.values()))) if shares else 0.0
+    return [index for index, share in shares.items() if share >= limit > 0]
 
 
 def assess_masks(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple[list[np.ndarray], list[MaskQuality]]:
