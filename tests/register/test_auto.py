@@ -1,7 +1,10 @@
 """One registration after the other: the first that succeeds gives the cameras, and the record says why those before it did not."""
 
+import argparse
+
 import pytest
 
+from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
 from zeroshop_steps.register.record import RegistrationFailed
 
@@ -45,8 +48,16 @@ def test_where_all_fail_both_reasons_are_told_and_nothing_is_left(out):
     assert not list(out.iterdir())
 
 
-def test_without_weights_the_reason_says_how_to_get_them(out):
+def test_without_weights_the_reason_says_how_to_get_them(blank_capture, tmp_path):
+    parser = argparse.ArgumentParser()
+    auto.add_arguments(parser)
+    words = ["--capture", blank_capture, "--scene", "su_l", "--out", tmp_path / "cameras", "--weights", tmp_path / "nowhere"]
     with pytest.raises(RegistrationFailed) as error:
-        register(out, {"colmap": fail(3)})
-    for part in ("3 of 20", "snakemake resources/weights/aliked/{aliked-n16.pth,aliked_lightglue.pth}", "50 MB", "Apache-2.0"):
+        auto.run(parser.parse_args(list(map(str, words))))
+    for part in (
+        "0 of 10 images registered",
+        "snakemake resources/weights/aliked/{aliked-n16.pth,aliked_lightglue.pth}",
+        "50 MB",
+        "Apache-2.0",
+    ):
         assert part in str(error.value)

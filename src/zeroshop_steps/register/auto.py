@@ -1,6 +1,7 @@
 """Register by SIFT (colmap); where that fails, by learned features (aliked), if their weights are there. The record says which, and why.
 
-Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives.
+Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives. Learned features are tried only on captures with
+masks, which check their cameras: on whole photos of plain tables they match other sides and other things too readily.
 """
 
 import argparse
@@ -44,18 +45,21 @@ def run(args: argparse.Namespace) -> None:
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
     attempts: dict[str, Attempt] = {"colmap": lambda folder: colmap.register(image_set, folder, colmap.read_options(args))}
-    if all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER)):
+    there = all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER))
+    if there and image_set.masks is not None:
         prepare = aliked.make_matcher(args, learned)
         attempts["aliked"] = lambda folder: aliked.register(image_set, folder, learned, prepare)
-    write_registration(args.out, lambda folder: register(folder, attempts))
+    advice = "" if there or image_set.masks is None else f". Learned features may find the cameras: {_advise()}"
+    write_registration(args.out, lambda folder: register(folder, attempts, advice))
 
 
-def register(out: Path, attempts: dict[str, Attempt]) -> dict[str, Any]:
+def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[str, Any]:
     """Try one registration after the other, and keep the first that succeeds.
 
     Args:
         out: folder to fill.
         attempts: by name, what fills a folder with cameras and returns its record.
+        advice: ends the reason where none succeeded.
 
     Returns:
         The record of the one that succeeded, with `tried`: why those before it failed, and how long they took.
@@ -81,9 +85,7 @@ def register(out: Path, attempts: dict[str, Attempt]) -> dict[str, Any]:
         return record | {"tried": tried}
     best = max(failures.values(), key=lambda error: error.figures.get("registered", 0))
     reason = "; ".join(f"by {name}: {error}" for name, error in failures.items()) if len(failures) > 1 else str(best)
-    if "aliked" not in attempts:
-        reason += f". Learned features may find the cameras: {_advise()}"
-    raise RegistrationFailed(reason, best.figures | {"tried": tried}, best.rejected)
+    raise RegistrationFailed(reason + advice, best.figures | {"tried": tried}, best.rejected)
 
 
 def _advise() -> str:

@@ -10,9 +10,9 @@ import pycolmap
 from zeroshop_steps.register.missed_points import MissedPoints, count_missed_points
 from zeroshop_steps.register.record import RegistrationFailed
 
-SHARED_POINTS = 0.12
-"""Neighbours are strangers where they share less than this share of what both should see: up to 0.1 where one of two images belongs to
-the other side of the object, 0.2 to 0.9 in right models."""
+SHARED_POINTS = 0.22
+"""Neighbours are strangers where they share less than this share of what both should see: up to 0.21 where one of two images belongs to
+another side of the object, nearly always 0.23 to 0.9 in right models."""
 STRANGER_PAIRS, STRANGER_SHARE = 2, 0.35
 """So many pairs of neighbours may be strangers, or this share of all."""
 
