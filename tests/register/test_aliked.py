@@ -7,7 +7,9 @@ from helpers.made_scene import MadeScene, made_scene
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.register.aliked import AlikedOptions, match_images, register
+from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.runtime.errors import StepError
 
 WIDTH_PX, HEIGHT_PX = 480, 360
 
@@ -56,6 +58,12 @@ def test_true_matches_with_noise_give_the_true_cameras(scene, tmp_path):
     errors_mm = np.linalg.norm(found - [camera.centre_in_world for _, camera in pairs], axis=1)
     assert errors_mm.mean() < 1.5, errors_mm
     assert len(list((tmp_path / "cameras/masks").iterdir())) == 12
+
+
+def test_whole_photos_are_refused(scene, tmp_path):
+    image_set = scene.image_set(tmp_path)
+    with pytest.raises(StepError, match="has no masks"):
+        register(ImageSet(image_set.images, None, image_set.sizes_px), tmp_path, AlikedOptions(), lambda crops: None)
 
 
 def test_a_pair_counts_by_its_sure_matches():

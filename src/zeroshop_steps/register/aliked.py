@@ -1,7 +1,8 @@
 """Register by learned features: ALIKED's features of the object, enlarged, matched by LightGlue; then COLMAP's mapper and its checks.
 
-They match views of an object alone, on a plain ground or without one, where SIFT finds too little. Where there are masks, only the
-object counts. Views of sides that look alike match, too, but LightGlue is less sure of these matches: pairs count by their sure matches.
+They match views of an object alone, on a plain ground or without one, where SIFT finds too little. Masks are needed: on whole photos
+of plain tables, wrong cameras passed all checks. Views of sides that look alike match, too, but LightGlue is less sure of these
+matches: pairs count by their sure matches.
 """
 
 import argparse
@@ -44,6 +45,7 @@ from zeroshop_steps.register.sift import RIM_SHARE
 from zeroshop_steps.register.strange_sides import check_sides
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
 from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
 
@@ -153,8 +155,13 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
 
     Raises:
         RegistrationFailed: nothing matches, too few images, or an inconsistent model.
-        StepError: the networks cannot run.
+        StepError: there are no masks, or the networks cannot run.
     """
+    if image_set.masks is None:
+        raise StepError(
+            f"{image_set.images[0].parent.parent} has no masks, and whole photos of plain tables gave wrong cameras by learned"
+            " features, which nothing showed to be wrong; give masks, or use the registration colmap"
+        )
     stopwatch = Stopwatch()
     figures: dict[str, Any] = {"method": "aliked", "images": len(image_set.images), "registered": 0, "seconds": stopwatch.seconds}
     figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__, "torch": torch.__version__}}
