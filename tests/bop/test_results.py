@@ -79,6 +79,7 @@ def test_blocks_of_a_huge_file_join_seamlessly(tmp_path, monkeypatch):
         read_estimates(path)
 
 
+@pytest.mark.slow
 def test_real_submissions_are_read(shared_data):
     folder = shared_data / "bop" / "scoring"
     files = sorted(folder.glob("cnos*.csv"))

@@ -155,6 +155,7 @@ def test_large_photos_are_reduced_with_their_masks(shoot):
     assert reduced.shape == (60, 80) and abs(reduced.mean() - shoot.disk().mean()) < 0.01
 
 
+@pytest.mark.slow
 def test_photos_of_many_megapixels_are_read_in_bounded_memory(tmp_path):
     path = tmp_path / "large.jpg"
     Image.new("RGB", (15000, 13000), (90, 120, 30)).save(path, quality=30)

@@ -32,6 +32,7 @@ def some_seeds(views: list[TrainingView]) -> Seeds:
     return Seeds(*(rng.normal(size=(50, 3)) for _ in range(3)), maps, VisualHull(rng.random((16, 16, 16)) > 0.5, 1.0))
 
 
+@pytest.mark.slow
 def test_stereo_finds_the_surface_and_its_normals() -> None:
     enlarged = 3
     views, depths = ball_views(enlarged * SIZE_PX, fineness=3.0)

@@ -24,6 +24,7 @@ def photo_table(folder, images, masks, height=""):
     return "--config", f"objects_table={table}"
 
 
+@pytest.mark.slow
 def test_warnings_of_steps_are_repeated_at_the_end(snakemake, tmp_path):
     (tmp_path / "photos").mkdir()
     for number in range(8):

@@ -27,6 +27,7 @@ def trainer_for(views: list[TrainingView], settings: SurfelSettings) -> SurfelTr
     return SurfelTrainer(initialize_surfels(initialization, settings.seed), ViewPyramid(views, views), initialization, settings)
 
 
+@pytest.mark.slow
 def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
     views, _ = ball
     trainer = trainer_for(views, SurfelSettings(iterations=300, densify_every=50))
