@@ -11,7 +11,7 @@ from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment.mask_agreement import compute_overlap
-from zeroshop_steps.segment.saliency import DEVIATION, MEAN, PRIOR_ODDS, weigh_maps
+from zeroshop_steps.segment.saliency import DEVIATION, MEAN, PRIOR_ODDS, keep_main_thing, weigh_maps
 from zeroshop_steps.segment.support_plane import find_masks
 
 OTHER = (1.3, 0.9, 0.2)
@@ -83,6 +83,15 @@ def test_photos_without_cameras_are_masked(workplace):
     assert read_json(folder / "object/segmentation.json")["good_masks"] == 12
     found = read_mask(folder / "object/masks" / f"{list_images(folder / 'object/images')[3].stem}.png", masks[3].shape[::-1])
     assert compute_overlap(found, masks[3]) > 0.95
+
+
+def test_of_several_things_the_one_in_the_middle_and_its_parts_are_kept():
+    found = np.zeros((90, 160), np.float32)
+    main, part, other = (slice(30, 60), slice(60, 95)), (slice(61, 68), slice(70, 80)), (slice(10, 40), slice(4, 40))
+    for thing in (main, part, other):
+        found[thing] = 1.0
+    kept = keep_main_thing(found)
+    assert kept[main].all() and kept[part].all() and not kept[other].any()
 
 
 def test_values_before_the_sigmoid_mean_the_same(workplace):

@@ -27,6 +27,7 @@ from zeroshop_steps.segment.record import add_common_arguments, show_rejected_ma
 METHOD: dict[str, Any] = {"rank": 1, "own_weights": True, "runtime_min": 60}
 PRIOR_ODDS = 2.5
 """Log odds where the network is sure and the photos agree: more than the ground or colours can say, less than both."""
+PART_GAP = 0.05  # shares of the square root of the main thing's area: what is nearer to it is a part of it
 MEAN, DEVIATION = [128.0, 128.0, 128.0], [256.0, 256.0, 256.0]  # of IS-Net's images, 0 to 255
 
 
@@ -79,7 +80,7 @@ def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argpar
         StepError: the network is missing or damaged, or too few masks are good.
     """
     maps = find_maps(paths, args)
-    masks = [cv2.resize(found, size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
+    masks = [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
     _, qualities = assess_masks(masks, None)
     names = [path.name for path in paths]
     check_enough_good(qualities, names, masks)
@@ -113,6 +114,21 @@ def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray
         contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
         weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))
     return weighed
+
+
+def keep_main_thing(found: np.ndarray) -> np.ndarray:
+    """A map, (h, w), with only the largest thing near the middle of the photo, and what nearly touches it: without cameras, nothing else
+    tells the object from other things."""
+    count, labels, stats, centroids = cv2.connectedComponentsWithStats((found > 0.5).astype(np.uint8), connectivity=8)
+    if count <= 2:
+        return found
+    middle = np.array([found.shape[1], found.shape[0]]) / 2
+    away = np.linalg.norm(centroids[1:] - middle, axis=1) / np.linalg.norm(middle)
+    main = 1 + int((stats[1:, cv2.CC_STAT_AREA] * (1 - away)).argmax())
+    reach = max(1, round(PART_GAP * float(np.sqrt(stats[main, cv2.CC_STAT_AREA]))))
+    near = cv2.distanceTransform((labels != main).astype(np.uint8), cv2.DIST_L2, 3) <= reach
+    kept = np.isin(labels, [0, *np.unique(labels[near])])
+    return np.where(kept, found, np.float32(0))
 
 
 def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list[np.ndarray], dict[str, Any]]:
