@@ -17,6 +17,8 @@ from zeroshop_steps.surface.twodgs.surfels import initialize_surfels
 from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
 
 STEPS = 25
+SIZE_PX = 61
+"""No multiple of a vector's length: the last pixels of a row are worked out by other machine code than the rest."""
 
 
 def digest_of(values: torch.Tensor | np.ndarray) -> str:
@@ -27,7 +29,7 @@ def digest_of(values: torch.Tensor | np.ndarray) -> str:
 def main() -> None:
     """Print one line per result."""
     use_threads(int(sys.argv[1]))
-    views, _ = ball_views()
+    views, _ = ball_views(SIZE_PX)
     start, pyramid = ball_initialization(views), ViewPyramid(views, views)
     settings = SurfelSettings(iterations=STEPS, densify_every=10, densify_from_share=0.2)
     surfels = SurfelTrainer(initialize_surfels(start, settings.seed), pyramid, start, settings)

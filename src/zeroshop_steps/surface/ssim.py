@@ -46,7 +46,7 @@ def ssim_map(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
 _WINDOW = gaussian_window().numpy()
 _HALF = len(_WINDOW) // 2
 _C1, _C2 = np.float32(0.01**2), np.float32(0.03**2)
-_TWO = np.float32(2.0)
+_ONE, _TWO = np.float32(1.0), np.float32(2.0)
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
@@ -77,24 +77,26 @@ def _blur(images, window, scratch, out):
                 out[k, y] += window[t] * scratch[k, y + t - _HALF]
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
-def _similarity(blurred, target_mean, target_square, weight, partials, row_sums):
-    """Weighted sum of the similarity by rows, and its weighted derivatives by the three blurred maps of the image."""
+# Without the reordering of sums and divisions: the compiler would order the last pixels of a row otherwise than the vectors before
+# them, and otherwise in a kernel that was compiled now than in one that was loaded.
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _similarity(blurred, target_mean, target_square, weight, partials, similarities):
+    """Weighted similarity of each pixel, and its weighted derivatives by the three blurred maps of the image."""
     channels, height, width = target_mean.shape
     for line in numba.prange(channels * height):
         c, y = line // height, line % height
-        total = np.float32(0.0)
         for x in range(width):
             mi, si, p = blurred[c, y, x], blurred[channels + c, y, x], blurred[2 * channels + c, y, x]
             mt, st, w = target_mean[c, y, x], target_square[c, y, x], weight[y, x]
             n1, n2 = _TWO * mi * mt + _C1, _TWO * (p - mi * mt) + _C2
             d1, d2 = mi * mi + mt * mt + _C1, (si - mi * mi) + (st - mt * mt) + _C2
-            s = n1 * n2 / (d1 * d2)
-            total += w * s
-            partials[c, y, x] = w * (_TWO * mt * (n2 - n1) / (d1 * d2) - s * _TWO * mi * (np.float32(1.0) / d1 - np.float32(1.0) / d2))
-            partials[channels + c, y, x] = -w * s / d2
-            partials[2 * channels + c, y, x] = w * _TWO * n1 / (d1 * d2)
-        row_sums[line] = total
+            per_d1, per_d2 = _ONE / d1, _ONE / d2
+            both = per_d1 * per_d2
+            s = n1 * n2 * both
+            similarities[c, y, x] = w * s
+            partials[c, y, x] = w * _TWO * (mt * (n2 - n1) * both - s * mi * (per_d1 - per_d2))
+            partials[channels + c, y, x] = -w * s * per_d2
+            partials[2 * channels + c, y, x] = w * _TWO * n1 * both
 
 
 class _Dissimilarity(torch.autograd.Function):
@@ -106,10 +108,10 @@ class _Dissimilarity(torch.autograd.Function):
         maps = np.concatenate([x, x * x, x * t, t, t * t])
         scratch, blurred = np.empty_like(maps), np.empty_like(maps)
         _blur(maps, _WINDOW, scratch, blurred)
-        partials, row_sums = np.empty_like(maps[: 3 * channels]), np.empty(channels * x.shape[1], np.float32)
-        _similarity(blurred, blurred[3 * channels : 4 * channels], blurred[4 * channels :], w, partials, row_sums)
+        partials, similarities = np.empty_like(maps[: 3 * channels]), np.empty_like(x)
+        _similarity(blurred, blurred[3 * channels : 4 * channels], blurred[4 * channels :], w, partials, similarities)
         context.kept = (x, t, partials, scratch, blurred)
-        return image.new_tensor(channels * float(w.sum(dtype=np.float64)) - float(row_sums.sum(dtype=np.float64)))
+        return image.new_tensor(channels * float(w.sum(dtype=np.float64)) - float(similarities.sum(dtype=np.float64)))
 
     @staticmethod
     def backward(context: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
