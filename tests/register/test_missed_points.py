@@ -4,7 +4,6 @@ import numpy as np
 import pycolmap
 import pytest
 
-from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.register.missed_points import count_missed_points
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.strange_sides import SHARED_POINTS, check_sides
@@ -43,28 +42,27 @@ def model_of(azimuths_deg: list[float], sides: list[int], share: float = 0.6) ->
     return model
 
 
-def check(model: pycolmap.Reconstruction, folder, look_again=None) -> dict:
+def check(model: pycolmap.Reconstruction, look_again=None) -> dict:
     """The verdict on a model."""
-    write_reconstruction(model, folder / "sparse")
-    return check_sides(folder, {"registered": model.num_reg_images()}, look_again)
+    return check_sides(model, {"registered": model.num_reg_images()}, look_again)
 
 
-def test_neighbours_of_one_side_share_points(tmp_path):
+def test_neighbours_of_one_side_share_points():
     model = model_of([0, 20, 40, 60, 80], [0] * 5)
-    assert check(model, tmp_path) == {"registered": 5, "neighbours": 4, "strangers": []}, "neighbours are up to 30 degrees apart"
+    assert check(model) == {"registered": 5, "neighbours": 4, "strangers": []}, "neighbours are up to 30 degrees apart"
     missed = count_missed_points(model)
     assert missed.expected[0, 2] == 0 < missed.expected[0, 1] and missed.shared[0, 1] > 0.4 * missed.expected[0, 1]
 
 
-def test_sides_that_lie_on_each_other_are_refused(tmp_path):
+def test_sides_that_lie_on_each_other_are_refused():
     azimuths = [0, 36, 72, 108, 144, 1, 37, 73, 109, 145]
     folded = model_of(azimuths, [0] * 5 + [1] * 5)
     with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. 5 of 5 pairs .* such as 0 and 5") as error:
-        check(folded, tmp_path)
+        check(folded)
     assert error.value.rejected is not None and len(error.value.figures["strangers"]) == 5
-    assert check(folded, tmp_path, lambda one, other: True)["strangers"] == [], "they match after all"
-    assert check(folded, tmp_path, lambda one, other: one in "012")["strangers"] == [["3", "8"], ["4", "9"]], "two alone are allowed"
-    assert check(model_of(azimuths, [0] * 10), tmp_path)["strangers"] == []
+    assert check(folded, lambda one, other: True)["strangers"] == [], "they match after all"
+    assert check(folded, lambda one, other: one in "012")["strangers"] == [["3", "8"], ["4", "9"]], "two alone are allowed"
+    assert check(model_of(azimuths, [0] * 10))["strangers"] == []
 
 
 @pytest.mark.parametrize("azimuths", [[0, 90, 180, 270], [0, 40, 80, 120]])

@@ -32,18 +32,10 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
 from zeroshop_steps.register.match_database import PairMatches, write_matches
 from zeroshop_steps.register.pair_selection import choose_alike_pairs
-from zeroshop_steps.register.record import (
-    OBJECT_ONLY,
-    PHOTO_SCENES,
-    RegistrationFailed,
-    add_common_arguments,
-    add_estimation_arguments,
-    write_registration,
-)
+from zeroshop_steps.register.record import RegistrationFailed, write_registration
 from zeroshop_steps.register.rotation_agreement import leave_out_contradicting
 from zeroshop_steps.register.sift import RIM_SHARE
-from zeroshop_steps.register.strange_sides import check_sides
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
+from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
@@ -90,11 +82,8 @@ METHOD = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_common_arguments(parser)
-    structure = StructureOptions()
-    add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
+    add_matching_arguments(parser)
     add_own_arguments(parser)
-    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
 
 
 def add_own_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,13 +105,7 @@ def read_options(args: argparse.Namespace) -> AlikedOptions:
         max_keypoints=args.max_keypoints,
         partners=args.partners,
         focal_px=args.focal_px,
-        structure=StructureOptions(
-            min_share=args.min_share,
-            min_images=args.min_images,
-            seed=args.seed,
-            object_only=args.scene in OBJECT_ONLY,
-            leave_out=args.scene in PHOTO_SCENES,
-        ),
+        structure=read_structure_options(args),
     )
 
 
@@ -185,7 +168,7 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
             _, scores = matcher.match(number[one], number[other])
             return bool((scores >= options.sure_score).sum() >= AGAIN * options.sure_matches)
 
-        return check_sides(out, reconstruct(database, image_set, out, structure, figures, stopwatch), look_again)
+        return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again)
 
 
 def cut_crops(image_set: ImageSet, side_px: int) -> list[Crop]:

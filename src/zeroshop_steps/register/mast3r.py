@@ -24,16 +24,8 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
 from zeroshop_steps.register.match_database import PairMatches, write_matches
 from zeroshop_steps.register.pair_selection import choose_pairs
-from zeroshop_steps.register.record import (
-    OBJECT_ONLY,
-    PHOTO_SCENES,
-    RegistrationFailed,
-    add_common_arguments,
-    add_estimation_arguments,
-    write_registration,
-)
-from zeroshop_steps.register.strange_sides import check_sides
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
+from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, write_registration
+from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
@@ -80,10 +72,8 @@ METHOD = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_common_arguments(parser)
+    add_matching_arguments(parser)
     defaults = Mast3rOptions()
-    structure = defaults.structure
-    add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
     parser.add_argument(
         "--anchors", type=int, default=defaults.anchors, help="up to so many images all pairs are matched (default: %(default)s; se: 30)"
     )
@@ -95,7 +85,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=LONG_SIDE_PX,
         help="length of the network's pictures along the longer side (default: %(default)s)",
     )
-    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
     parser.add_argument("--device", choices=DEVICES, default="auto", help="where the network runs (default: %(default)s)")
     parser.add_argument("--weights", type=Path, default=WEIGHTS_FOLDER / NAME, help="the network's weights (default: %(default)s)")
 
@@ -109,9 +98,7 @@ def run(args: argparse.Namespace) -> None:
         min_confidence=min(args.min_confidence, CONFIDENCE_WITHOUT_SURFACE) if bare else args.min_confidence,
         min_track=args.min_track,
         focal_px=args.focal_px,
-        structure=StructureOptions(
-            min_share=args.min_share, min_images=args.min_images, seed=args.seed, object_only=bare, leave_out=args.scene in PHOTO_SCENES
-        ),
+        structure=read_structure_options(args),
     )
     device = torch.device(choose_device(args.device))
     weights = resolve_weights(args.weights, NAME, SIZES)
@@ -150,7 +137,7 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
                 " with more overlap",
                 figures,
             )
-        return check_sides(out, reconstruct(database, image_set, out, structure, figures, stopwatch))
+        return reconstruct(database, image_set, out, structure, figures, stopwatch)
 
 
 def match_images(predictor: PairPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:

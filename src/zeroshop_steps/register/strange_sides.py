@@ -20,20 +20,18 @@ LookAgain = Callable[[str, str], bool]
 """Whether two images, by name, may show the same after all: they match, or were never matched."""
 
 
-def check_sides(folder: Path, figures: dict[str, Any], look_again: LookAgain | None = None) -> dict[str, Any]:
+def check_sides(model: pycolmap.Reconstruction, figures: dict[str, Any], look_again: LookAgain | None = None) -> dict[str, Any]:
     """The record of a registration, with how many neighbouring images there are and which of them are strangers.
 
     Args:
-        folder: holds sparse/, with images named STEM.png.
-        figures: the record so far.
+        model: its images are named STEM.png.
+        figures: the record so far; completed in place.
         look_again: is asked about neighbours that share almost no points of the model, by the stems of their names.
 
     Raises:
         RegistrationFailed: too many neighbours are strangers.
     """
-    model = pycolmap.Reconstruction(str(folder / "sparse"))
-    missed = count_missed_points(model)
-    neighbours, strangers = find_strangers(missed, look_again)
+    neighbours, strangers = find_strangers(count_missed_points(model), look_again)
     figures |= {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
     if len(strangers) > max(STRANGER_PAIRS, STRANGER_SHARE * neighbours):
         raise RegistrationFailed(

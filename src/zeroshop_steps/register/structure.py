@@ -1,5 +1,6 @@
 """From a database of matches to cameras: map, refine, check against masks and image pairs, undistort. Shared by methods that match."""
 
+import argparse
 import math
 import time
 from dataclasses import dataclass, field
@@ -12,8 +13,17 @@ from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyRe
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
 from zeroshop_steps.register.photo_groups import describe_groups, find_groups
-from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model
+from zeroshop_steps.register.record import (
+    OBJECT_ONLY,
+    PHOTO_SCENES,
+    RegistrationFailed,
+    add_common_arguments,
+    add_estimation_arguments,
+    describe_lenses,
+    describe_model,
+)
 from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
+from zeroshop_steps.register.strange_sides import LookAgain, check_sides
 from zeroshop_steps.register.undistort import undistort
 
 MANY_IMAGES = 30  # beyond them, adjusting all cameras together after each few images takes most of the time
@@ -44,6 +54,25 @@ class StructureOptions:
     leave_out: bool = False
 
 
+def add_matching_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all methods share that match features."""
+    add_common_arguments(parser)
+    defaults = StructureOptions()
+    add_estimation_arguments(parser, defaults.min_share, defaults.min_images, defaults.seed)
+    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
+
+
+def read_structure_options(args: argparse.Namespace) -> StructureOptions:
+    """The options that the command line gives."""
+    return StructureOptions(
+        min_share=args.min_share,
+        min_images=args.min_images,
+        seed=args.seed,
+        object_only=args.scene in OBJECT_ONLY,
+        leave_out=args.scene in PHOTO_SCENES,
+    )
+
+
 class Stopwatch:
     """Seconds of the parts of a run, for its record."""
 
@@ -62,19 +91,26 @@ class Stopwatch:
 
 
 def reconstruct(
-    database: Path, image_set: ImageSet, out: Path, options: StructureOptions, figures: dict[str, Any], stopwatch: Stopwatch
+    database: Path,
+    image_set: ImageSet,
+    out: Path,
+    options: StructureOptions,
+    figures: dict[str, Any],
+    stopwatch: Stopwatch,
+    look_again: LookAgain | None = None,
 ) -> dict[str, Any]:
     """Estimate cameras from the verified matches of a database and write images/, sparse/ and, where there are masks, masks/ to `out`.
 
     Args:
         database: COLMAP database with features and verified matches; what is written on the way lies beside it.
         figures: the record so far; completed in place.
+        look_again: is asked about neighbours that share almost no points, see `check_sides`.
 
     Returns:
         The record for registration.json.
 
     Raises:
-        RegistrationFailed: too few images, or an inconsistent model.
+        RegistrationFailed: too few images, an inconsistent model, or sides that look alike lie on each other.
     """
     count, scratch = len(image_set.images), database.parent
     expected = _count_common(database, image_set, options, figures) if options.leave_out else count
@@ -114,7 +150,7 @@ def reconstruct(
     stopwatch.stop()
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
-    return figures
+    return check_sides(pinhole_model, figures, look_again)
 
 
 def _count_common(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> int:
