@@ -60,15 +60,15 @@ def test_a_crop_tells_where_its_pixels_are_in_the_image():
     rows, columns = np.nonzero(crop.allowed)
     x, y = (columns + 0.5) / crop.scale + 116, (rows + 0.5) / crop.scale + 36
     assert 121.5 < x.min() < 123 and 157 < x.max() < 158.5 and 41.5 < y.min() < 43 and 57 < y.max() < 58.5, "the mask without its rim"
-    whole = cut_out(image, None, 100, 0.1, 4.0, 2)
-    assert whole.corner_px == (0, 0) and whole.allowed is None and whole.pixels.shape == (50, 100, 3)
+    whole = cut_out(image, np.ones_like(mask), 100, 0.1, 4.0, 2)
+    assert whole.corner_px == (0, 0) and whole.allowed.all() and whole.pixels.shape == (50, 100, 3)
     assert cut_out(image, mask, 1000, 0.1, 4.0, 2).scale == 4.0
 
 
 def test_features_lie_inside_the_mask_at_the_image_s_own_pixels(networks):
     image, mask = blobs(), np.zeros((160, 160), bool)
     mask[30:90, 40:130] = True
-    crops = [cut_out(image, mask, 150, 0.1, 4.0, 2), cut_out(image, None, 160, 0.1, 4.0, 2)]
+    crops = [cut_out(image, mask, 150, 0.1, 4.0, 2), cut_out(image, np.ones_like(mask), 160, 0.1, 4.0, 2)]
     matcher = AlikedMatcher(load_extractor(networks / EXTRACTOR), load_matcher(networks / MATCHER), crops, CPU, 200, 0.0)
     inside = matcher.keypoints[0]
     assert 20 < len(inside) <= 200 and len(matcher.keypoints[1]) == 200
@@ -81,7 +81,7 @@ def test_features_lie_inside_the_mask_at_the_image_s_own_pixels(networks):
 
 
 def test_a_picture_without_features_matches_nothing(networks):
-    plain = cut_out(np.full((64, 64, 3), 90, np.uint8), None, 64, 0.1, 4.0, 2)
+    plain = cut_out(np.full((64, 64, 3), 90, np.uint8), np.ones((64, 64), bool), 64, 0.1, 4.0, 2)
     matcher = AlikedMatcher(load_extractor(networks / EXTRACTOR), load_matcher(networks / MATCHER), [plain, plain], CPU, 200, 1.0)
     numbers, scores = matcher.match(0, 1)
     assert numbers.shape == (0, 2) and len(scores) == 0 and matcher.similarities().sum() == 0
@@ -103,7 +103,7 @@ def test_the_published_weights_give_what_the_published_code_gives():
     if not all((folder / name).is_file() for name in (EXTRACTOR, MATCHER)):
         pytest.skip(f"the weights in {folder} are not there; `snakemake {WEIGHTS_FOLDER / FOLDER}/...` downloads them")
     record = np.load(RECORD)
-    crops = [cut_out(blobs(shift), None, 160, 0.1, 4.0, 2) for shift in (0, 12)]
+    crops = [cut_out(blobs(shift), np.ones((160, 160), bool), 160, 0.1, 4.0, 2) for shift in (0, 12)]
     matcher = AlikedMatcher(load_extractor(folder / EXTRACTOR), load_matcher(folder / MATCHER), crops, CPU, 100, 0.005)
     for image, features in enumerate(matcher.features):
         theirs, descriptors = torch.from_numpy(record[f"keypoints_{image}"]), torch.from_numpy(record[f"descriptors_{image}"])

@@ -31,13 +31,13 @@ class Crop:
 
     Attributes:
         pixels: (height, width, 3) uint8 RGB.
-        allowed: (height, width) bool, where features may lie; None for everywhere.
+        allowed: (height, width) bool, where features may lie.
         corner_px: (x, y) of its upper left corner in the image.
         scale: pixels of the crop per pixel of the image.
     """
 
     pixels: np.ndarray
-    allowed: np.ndarray | None
+    allowed: np.ndarray
     corner_px: tuple[int, int]
     scale: float
 
@@ -116,16 +116,14 @@ class AlikedMatcher:
 
 
 def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max_keypoints: int, threshold: float) -> Features:
-    """Features of a crop; where it says so, only inside its mask."""
+    """Features of a crop, where it allows them."""
     picture = torch.from_numpy(np.ascontiguousarray(crop.pixels)).to(device).permute(2, 0, 1)[None].float() / 255.0
     height, width = crop.pixels.shape[:2]
     dense, scores = extractor.extract_dense_map(picture)  # type: ignore[operator]
     (places,), (strength,), _ = extractor.dkd(scores)  # type: ignore[operator]
     keypoints = (places + 1.0) / 2.0 * torch.tensor([width - 1.0, height - 1.0], device=device)
-    good = strength > threshold
-    if crop.allowed is not None:
-        columns, rows = keypoints.round().long().T
-        good &= torch.from_numpy(crop.allowed).to(device)[rows, columns]
+    columns, rows = keypoints.round().long().T
+    good = (strength > threshold) & torch.from_numpy(crop.allowed).to(device)[rows, columns]
     kept = good.nonzero()[:, 0]
     kept = kept[torch.argsort(strength[kept], descending=True, stable=True)[:max_keypoints]]
     if not len(kept):
@@ -134,31 +132,28 @@ def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max
     return Features(keypoints[kept].float(), descriptors.float(), (width, height))
 
 
-def cut_out(image: np.ndarray, mask: np.ndarray | None, side_px: int, margin: float, largest_scale: float, rim_px: int) -> Crop:
+def cut_out(image: np.ndarray, mask: np.ndarray, side_px: int, margin: float, largest_scale: float, rim_px: int) -> Crop:
     """The part of an image that the network sees.
 
     Args:
         image: (height, width, 3) uint8 RGB.
-        mask: (height, width) bool, the object; None for the whole image.
+        mask: (height, width) bool, the object.
         side_px: length of the crop's longer side.
         margin: around the mask's box, as a share of its longer side.
         largest_scale: crops are enlarged at most so much.
         rim_px: width of the mask's rim that gives no features, in pixels of the image.
     """
     height, width = image.shape[:2]
-    x0, y0, x1, y1, allowed = 0, 0, width, height, None
-    if mask is not None:
-        ys, xs = np.nonzero(mask)
-        border = round(margin * max(np.ptp(xs) + 1, np.ptp(ys) + 1))
-        x0, x1 = max(int(xs.min()) - border, 0), min(int(xs.max()) + 1 + border, width)
-        y0, y1 = max(int(ys.min()) - border, 0), min(int(ys.max()) + 1 + border, height)
+    ys, xs = np.nonzero(mask)
+    border = round(margin * max(np.ptp(xs) + 1, np.ptp(ys) + 1))
+    x0, x1 = max(int(xs.min()) - border, 0), min(int(xs.max()) + 1 + border, width)
+    y0, y1 = max(int(ys.min()) - border, 0), min(int(ys.max()) + 1 + border, height)
     scale = min(side_px / max(x1 - x0, y1 - y0), largest_scale)
     size = (max(round((x1 - x0) * scale), 1), max(round((y1 - y0) * scale), 1))
     pixels = cv2.resize(image[y0:y1, x0:x1], size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
-    if mask is not None:
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim_px + 1, 2 * rim_px + 1))
-        inner = cv2.erode(mask.astype(np.uint8), kernel, borderValue=1)[y0:y1, x0:x1]
-        allowed = cv2.resize(inner, size, interpolation=cv2.INTER_NEAREST) > 0
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim_px + 1, 2 * rim_px + 1))
+    inner = cv2.erode(mask.astype(np.uint8), kernel, borderValue=1)[y0:y1, x0:x1]
+    allowed = cv2.resize(inner, size, interpolation=cv2.INTER_NEAREST) > 0
     return Crop(pixels, allowed, (x0, y0), scale)
 
 

@@ -52,7 +52,7 @@ class AlikedOptions:
     """Parameters of the method.
 
     Attributes:
-        side_px: the object, or a photo without a mask, is resized to this length of its longer side.
+        side_px: the object is resized to this length of its longer side.
         max_keypoints: of each image.
         threshold: of the network's score of a keypoint.
         partners: images that each image is matched with: those that share most features that look alike.
@@ -172,12 +172,12 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
 
 
 def cut_crops(image_set: ImageSet, side_px: int) -> list[Crop]:
-    """What the network sees of each image: the object where there is a mask, else all of it."""
-    masks = read_masks(image_set) if image_set.masks else {}
+    """What the network sees of each image: the object."""
+    masks = read_masks(image_set)
     crops = []
     for path, size_px in zip(image_set.images, image_set.sizes_px, strict=True):
         rim_px = max(1, round(max(size_px) * RIM_SHARE))
-        crops.append(cut_out(read_image(path), masks.get(path.name), side_px, MARGIN, LARGEST_SCALE, rim_px))
+        crops.append(cut_out(read_image(path), masks[path.name], side_px, MARGIN, LARGEST_SCALE, rim_px))
     return crops
 
 
