@@ -14,7 +14,7 @@ def fault(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
     count = len(NAMES)
     disagreement_px = np.zeros((count, count))
     disagreement_px[2] = unexplained_px
-    coherence = SilhouetteCoherence(NAMES, np.where(np.arange(count) == 2, unexplained_px, 0.5), disagreement_px, np.zeros((count, count)))
+    coherence = SilhouetteCoherence(NAMES, np.where(np.arange(count) == 2, unexplained_px, 0.5), disagreement_px)
     supporting = np.full((count, count), 100)
     supporting[2] = supporting[:, 2] = link
     np.fill_diagonal(supporting, 0)

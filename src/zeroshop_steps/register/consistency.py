@@ -12,7 +12,12 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.pair_support import PairSupport, count_pair_support
 from zeroshop_steps.register.repair import measure_reprojection_errors_px
-from zeroshop_steps.register.silhouette_coherence import SilhouetteCoherence, find_wrong_masks, measure_silhouette_coherence
+from zeroshop_steps.register.silhouette_coherence import (
+    SilhouetteCoherence,
+    find_doubtful_mask,
+    find_wrong_masks,
+    measure_silhouette_coherence,
+)
 from zeroshop_steps.register.undistort import undistort_masks
 
 
@@ -120,10 +125,11 @@ def _leave_out_wrong_masks(
     """How well the masks agree without those that contradict most of the others, and the names of these; none if they were too many."""
     wrong = find_wrong_masks(cameras, masks, np.array([mask_limits_px[camera.name] for camera in cameras]))
     while len(wrong) <= limits.wrong_masks_share * len(cameras):
-        left = measure_silhouette_coherence([camera for camera in cameras if camera.name not in wrong], masks)
+        kept = [camera for camera in cameras if camera.name not in wrong]
+        left = measure_silhouette_coherence(kept, masks)
         if _exceeds(left, mask_limits_px).max() <= 1:
             return left, wrong
-        wrong.append(left.doubtful_mask())
+        wrong.append(find_doubtful_mask(kept, masks))
     return coherence, []
 
 

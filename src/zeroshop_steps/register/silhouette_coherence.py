@@ -30,7 +30,6 @@ class SilhouetteCoherence:
         names: image names.
         unexplained_px: (N,) for each view, the distance in pixels by which its mask rays miss the other masks: at the best point of
             each ray, from the mask that is farthest (95th percentile over the rays).
-        without_px: (N, N) `unexplained_px` of view i where the mask of view j is left out, at [j, i].
         disagreement_px: (N, N) for each pair, the distance in pixels by which the rays of view i miss the mask of view j (95th
             percentile).
     """
@@ -38,15 +37,10 @@ class SilhouetteCoherence:
     names: tuple[str, ...]
     unexplained_px: np.ndarray
     disagreement_px: np.ndarray
-    without_px: np.ndarray
 
     def culprit(self) -> str:
         """The view that disagrees most with the others, in both directions."""
         return self.names[int((self.disagreement_px + self.disagreement_px.T).sum(1).argmax())]
-
-    def doubtful_mask(self) -> str:
-        """The view without whose mask the rays of the others miss least."""
-        return self.names[int((self.without_px.sum(1) - np.diag(self.without_px)).argmin())]
 
 
 def measure_silhouette_coherence(cameras: list[Camera], masks: dict[str, np.ndarray]) -> SilhouetteCoherence:
@@ -57,17 +51,32 @@ def measure_silhouette_coherence(cameras: list[Camera], masks: dict[str, np.ndar
         masks: {image name: (height, width) bool}, of the cameras' sizes.
     """
     count = len(cameras)
-    unexplained, disagreement, without = np.zeros(count), np.zeros((count, count)), np.zeros((count, count))
+    unexplained, disagreement = np.zeros(count), np.zeros((count, count))
     for i, inside in enumerate(_cast_mask_rays(cameras, masks)):
         worst = inside.min(0)
         best = worst.argmax(1)
         unexplained[i] = np.percentile(np.maximum(-worst.max(1), 0), MISS_PERCENTILE)
-        blocking, second = inside.argmin(0), np.partition(inside, 1, axis=0)[1] if count > 2 else worst
-        for j in range(count):
-            left = np.where(blocking == j, second, worst).max(1)
-            without[j, i] = np.percentile(np.maximum(-left, 0), MISS_PERCENTILE)
         disagreement[i] = np.percentile(np.maximum(-inside[:, np.arange(len(best)), best], 0), MISS_PERCENTILE, axis=1)
-    return SilhouetteCoherence(tuple(camera.name for camera in cameras), unexplained, disagreement, without)
+    return SilhouetteCoherence(tuple(camera.name for camera in cameras), unexplained, disagreement)
+
+
+def find_doubtful_mask(cameras: list[Camera], masks: dict[str, np.ndarray]) -> str:
+    """The name of the view without whose mask the rays of the others miss least; arguments as above, of at least two views."""
+    return cameras[int(measure_misses_without(cameras, masks).sum(1).argmin())].name
+
+
+def measure_misses_without(cameras: list[Camera], masks: dict[str, np.ndarray]) -> np.ndarray:
+    """(N, N) px: by how much the mask rays of view i miss the other masks where that of view j is left out, at [j, i]; 0 where i is j."""
+    count = len(cameras)
+    without = np.zeros((count, count))
+    for i, inside in enumerate(_cast_mask_rays(cameras, masks)):
+        worst, blocking = inside.min(0), inside.argmin(0)
+        second = np.partition(inside, 1, axis=0)[1] if count > 2 else worst
+        for j in range(count):
+            if j != i:
+                left = np.where(blocking == j, second, worst).max(1)
+                without[j, i] = np.percentile(np.maximum(-left, 0), MISS_PERCENTILE)
+    return without
 
 
 def find_wrong_masks(cameras: list[Camera], masks: dict[str, np.ndarray], limits_px: np.ndarray) -> list[str]:
