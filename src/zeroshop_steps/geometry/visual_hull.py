@@ -31,9 +31,9 @@ def find_inside_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.
 def _is_beyond_cut(rows: np.ndarray, columns: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """(P,) bool: pixels that lie off an image only on sides that its mask touches."""
     height, width = mask.shape
-    off = (rows < 0, rows >= height, columns < 0, columns >= width)
-    touched = (mask[0].any(), mask[-1].any(), mask[:, 0].any(), mask[:, -1].any())
-    return ~np.any([beyond for beyond, touches in zip(off, touched, strict=True) if not touches] or [np.zeros(len(rows), bool)], axis=0)
+    off = np.array([rows < 0, rows >= height, columns < 0, columns >= width])
+    touched = np.array([mask[0].any(), mask[-1].any(), mask[:, 0].any(), mask[:, -1].any()])
+    return (touched[:, None] | ~off).all(0)
 
 
 @dataclass(frozen=True)

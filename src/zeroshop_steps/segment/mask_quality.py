@@ -151,9 +151,18 @@ def _measure_border_share(mask: np.ndarray) -> float:
 def _measure_disagreement(mask: np.ndarray, hull: np.ndarray) -> float:
     if not mask.any() or not hull.any():
         return 1.0
-    radius = max(1, round(TOLERANCE * float(np.sqrt(mask.sum()))))
-    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
-    grown = cv2.dilate(hull.astype(np.uint8), window) > 0
+    radius_px = find_rim_px(mask)
     # A hull of voxels is as large as the object or larger; it may lack thin parts and fill gaps. Neither is a fault of the mask.
-    shrunk = cv2.erode(hull.astype(np.uint8), window, borderValue=1) > 0
-    return float(((mask & ~grown).sum() + (shrunk & ~cv2.dilate(mask.astype(np.uint8), window).astype(bool)).sum()) / mask.sum())
+    grown, shrunk = move_rim(hull, radius_px)
+    return float(((mask & ~grown).sum() + (shrunk & ~move_rim(mask, radius_px)[0]).sum()) / mask.sum())
+
+
+def find_rim_px(mask: np.ndarray) -> int:
+    """Width of the rim of an (H, W) bool mask that may differ."""
+    return max(1, round(TOLERANCE * float(np.sqrt(mask.sum()))))
+
+
+def move_rim(mask: np.ndarray, radius_px: int) -> tuple[np.ndarray, np.ndarray]:
+    """An (H, W) bool mask, grown and shrunk by `radius_px`; at the image's border it does not shrink."""
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius_px + 1,) * 2)
+    return cv2.dilate(mask.astype(np.uint8), window) > 0, cv2.erode(mask.astype(np.uint8), window, borderValue=1) > 0
