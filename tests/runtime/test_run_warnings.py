@@ -2,6 +2,12 @@
 
 import os
 
+import cv2
+import numpy as np
+import pytest
+
+from helpers.running import run_snakemake
+from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.run_warnings import SHOWN, failures_since, repeat_warnings, warnings_since
 
@@ -43,3 +49,17 @@ def test_a_failure_is_told_once_however_many_steps_passed_it_on(tmp_path, capsys
     said = capsys.readouterr().err
     assert "recorded in place of results (2):" in said and "results/cup/raw_mesh.ply: surface.fuse: no surface" in said
     assert "--forcerun" in said and "Warnings" not in said
+
+
+@pytest.mark.slow
+def test_warnings_of_steps_are_repeated_at_the_end(tmp_path):
+    (tmp_path / "photos").mkdir()
+    for number in range(8):
+        print_ = np.random.default_rng(number).integers(0, 255, (24, 32, 3), dtype=np.uint8)
+        write_image(tmp_path / f"photos/{number}.png", cv2.resize(print_, (320, 240), interpolation=cv2.INTER_CUBIC))
+    table = tmp_path / "objects.tsv"
+    table.write_text(f"dataset\tobject\timages\tmasks\theight_m\nphotos\tcup\t{tmp_path / 'photos'}\t\t\n")
+    run = run_snakemake(tmp_path, "results/photos/cup/video/capture", "--config", f"objects_table={table}")
+    assert run.returncode == 0, run.stdout
+    end = run.stdout.split("Warnings (1):")[1]
+    assert "results/photos/cup/video/logs/capture.log: blurred throughout" in end

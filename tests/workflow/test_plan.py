@@ -2,8 +2,6 @@
 
 import re
 
-import cv2
-import numpy as np
 import pytest
 
 from helpers.paths import REPOSITORY
@@ -11,7 +9,6 @@ from helpers.pretend import pretend
 from helpers.quick import first
 from helpers.running import planned
 from zeroshop_steps import methods
-from zeroshop_steps.geometry.images import write_image
 
 FINISH = ["clean", "height", "close", "frame", "unwrap", "texture", "evidence", "export", "grade", "preview", "publish"]
 CELL = ["stereo", "train_2dgs", "fuse_2dgs", *FINISH]
@@ -22,18 +19,6 @@ def photo_table(folder, images, masks, height=""):
     table = folder / "objects.tsv"
     table.write_text(f"dataset\tobject\timages\tmasks\theight_m\nphotos\tcup\t{images}\t{masks}\t{height}\n")
     return "--config", f"objects_table={table}"
-
-
-@pytest.mark.slow
-def test_warnings_of_steps_are_repeated_at_the_end(snakemake, tmp_path):
-    (tmp_path / "photos").mkdir()
-    for number in range(8):
-        print_ = np.random.default_rng(number).integers(0, 255, (24, 32, 3), dtype=np.uint8)
-        write_image(tmp_path / f"photos/{number}.png", cv2.resize(print_, (320, 240), interpolation=cv2.INTER_CUBIC))
-    run = snakemake("results/photos/cup/video/capture", *photo_table(tmp_path, tmp_path / "photos", ""))
-    assert run.returncode == 0, run.stdout
-    end = run.stdout.split("Warnings (1):")[1]
-    assert "results/photos/cup/video/logs/capture.log: blurred throughout" in end
 
 
 def test_the_default_target_is_the_demo_object(snakemake):
