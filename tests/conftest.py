@@ -1,17 +1,16 @@
-"""How all tests are run, and fixtures that several stages share."""
+"""How all tests are run, and fixtures that several stages share.
+
+The process that only hands tests to others reads this file, too, and they wait for it: what takes long to import is imported where it
+is used.
+"""
 
 import os
 import shutil
 from pathlib import Path
 
-import numba
 import pytest
-import torch
 
 from helpers.paths import REPOSITORY
-from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.synthetic.demo_objects import write_demo_object
-from zeroshop_steps.synthetic.raycast import capture
 
 KERNELS = REPOSITORY / ".pytest_cache" / "numba"
 """Compiled kernels, in a folder for each process."""
@@ -44,6 +43,9 @@ def pytest_runtest_setup() -> None:
 
     A step that an earlier test called may have asked for more. Where threads matter, the test asks for its own.
     """
+    import numba
+    import torch
+
     numba.set_num_threads(1)
     torch.set_num_threads(1)
 
@@ -68,6 +70,10 @@ def carton(tmp_path_factory):
 @pytest.fixture(scope="session")
 def carton_capture(tmp_path_factory) -> Path:
     """The raised ring of ten views (480 x 360) around a printed carton on a textured surface, with true cameras."""
+    from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+    from zeroshop_steps.synthetic.demo_objects import write_demo_object
+    from zeroshop_steps.synthetic.raycast import capture
+
     folder = tmp_path_factory.mktemp("register")
     write_demo_object("gelatin_carton", folder / "model")
     capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "whole")

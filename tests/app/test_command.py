@@ -82,6 +82,7 @@ def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):
     assert "problem   only 3 pictures differ from each other, 8 are needed" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_says_why(tmp_path, monkeypatch, capsys):
     """Photos that are all alike end in the first step."""
     monkeypatch.chdir(tmp_path)

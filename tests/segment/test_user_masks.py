@@ -1,29 +1,31 @@
 """Masks of the user's own are judged like found ones: one that contradicts the others is left out, and too many end the step."""
 
-import shutil
-
 import cv2
 import numpy as np
 import pytest
 
+from helpers.made_scene import made_scene
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import list_images, write_mask
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 
+COUNT = 12
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A carton's cameras and masks."""
+    return made_scene([360.0 / COUNT * number for number in range(COUNT)], [20.0, 45.0] * (COUNT // 2))
+
 
 @pytest.fixture
-def scene(carton_scene, tmp_path):
+def scene(made, tmp_path):
     """A registered scene with masks."""
-    views, _ = carton_scene
     folder = tmp_path / "scene"
-    for part in ("images", "masks"):
-        (folder / part).mkdir(parents=True)
-    for view in views:
-        shutil.copy(view.image_path, folder / "images")
-        shutil.copy(view.mask_path, folder / "masks")
-    write_cameras(folder / "sparse", [view.camera for view in views])
-    write_json(folder / "registration.json", {"status": "ok", "images": len(views), "registered": len(views)})
+    made.image_set(folder)
+    write_cameras(folder / "sparse", made.cameras)
+    write_json(folder / "registration.json", {"status": "ok", "images": COUNT, "registered": COUNT})
     return folder
 
 
@@ -35,17 +37,18 @@ def given(scene, *more):
 def test_good_masks_are_measured_and_kept(scene):
     assert given(scene) == 0
     record = read_json(scene.parent / "cameras/segmentation.json")
-    assert record["method"] == "given" and record["good_masks"] == 20 and record["dropped"] == {}
+    assert record["method"] == "given" and record["good_masks"] == COUNT and record["dropped"] == {}
     assert record["median_disagreement"] < 0.1
 
 
-def test_a_mask_of_something_else_is_left_out(scene, carton_scene, capsys):
-    wrong = np.roll(carton_scene[0][7].mask(), 60, 1)
+def test_a_mask_of_something_else_is_left_out(scene, made, capsys):
+    wrong = np.roll(made.masks[7], 60, 1)
     write_mask(scene / "masks/000007.png", wrong)
     assert given(scene) == 0
     assert "warning: 000007.png is left out" in capsys.readouterr().err
     out = scene.parent / "cameras"
-    assert len(list_images(out / "images")) == len(list_images(out / "masks")) == len(read_sparse_model(out / "sparse").cameras) == 19
+    assert len(list_images(out / "images")) == len(list_images(out / "masks")) == COUNT - 1
+    assert len(read_sparse_model(out / "sparse").cameras) == COUNT - 1
     assert read_json(out / "registration.json")["left_out_by_mask"] == ["000007.png"]
 
 
@@ -58,10 +61,10 @@ def test_how_the_masks_of_a_capture_were_found_is_kept(scene):
     assert record["method"] == "support_plane" and record["things_on_the_ground"] == 1 and record["dropped"] == {}
 
 
-def test_masks_that_contradict_each_other_end_it(scene, carton_scene, capsys):
+def test_masks_that_contradict_each_other_end_it(scene, made, capsys):
     rng = np.random.default_rng(0)
-    for view in carton_scene[0][:12]:
-        write_mask(scene / "masks" / view.camera.name, np.roll(view.mask(), int(rng.integers(40, 200)), 1))
+    for camera, mask in list(zip(made.cameras, made.masks, strict=True))[:7]:
+        write_mask(scene / "masks" / camera.name, np.roll(mask, int(rng.integers(40, 150)), 1))
     assert given(scene) == 1
     assert "masks are good" in capsys.readouterr().err and (scene.parent / "masks.png").is_file()
     assert not (scene.parent / "cameras").exists()
@@ -81,4 +84,4 @@ def test_masks_of_several_sizes_are_judged_alike(scene):
     write_cameras(scene / "sparse", cameras)
     assert given(scene) == 0
     record = read_json(scene.parent / "cameras/segmentation.json")
-    assert record["good_masks"] == 20 and record["median_disagreement"] < 0.1
+    assert record["good_masks"] == COUNT and record["median_disagreement"] < 0.1

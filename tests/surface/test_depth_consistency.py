@@ -32,6 +32,7 @@ def heights(camera: Camera, depth: np.ndarray) -> np.ndarray:
     return ((rays * depth[y, x, None] - pose[:3, 3]) @ pose[:3, :3])[:, 2]
 
 
+@pytest.mark.slow
 def test_depths_that_views_across_look_through_are_dropped() -> None:
     cameras = [camera_above(azimuth) for azimuth in range(0, 360, 30)]
     truths = [depth_of_cup(camera) for camera in cameras]

@@ -48,17 +48,17 @@ def test_training_finds_the_ball_and_fusion_its_surface(ball: tuple) -> None:
 
 def test_resumed_training_gives_the_same_bytes(ball: tuple, tmp_path: Path) -> None:
     views, _ = ball
-    settings = SurfelSettings(iterations=60, densify_every=20, densify_from_share=0.2)
+    settings = SurfelSettings(iterations=30, densify_every=8, densify_from_share=0.2)
     whole = trainer_for(views, settings)
-    whole.run(60)
+    whole.run(30)
     first = trainer_for(views, settings)
-    first.run(35)
+    first.run(11)
     first.save(tmp_path / "checkpoint.pt", {"run": "ball"})
     run = (tmp_path / "checkpoint.pt", ViewPyramid(views, views), ball_initialization(views), settings)
     assert SurfelTrainer.resume(*run, {"run": "other"}) is None
     second = SurfelTrainer.resume(*run, {"run": "ball"})
-    assert second is not None and second.iteration == 35
-    second.run(60)
+    assert second is not None and second.iteration == 11
+    second.run(30)
     for name, tensor in whole.model.tensors().items():
         assert torch.equal(tensor, getattr(second.model, name)), name
 
