@@ -1,7 +1,7 @@
 """What every segmentation method writes: the registered images with their masks, without images whose mask is bad.
 
-A cameras folder: images/, masks/, sparse/, registration.json as the registration wrote them, segmentation.json with the
-quality of the masks, and contact_sheet.png, a picture of all masks.
+A cameras folder: images/ of equal exposure and white balance (exposure.py), masks/, sparse/, registration.json as the registration
+wrote them, segmentation.json with the quality of the masks, exposure.json, and contact_sheet.png, a picture of all masks.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reco
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.segment.exposure import equalize_exposure
 from zeroshop_steps.segment.mask_quality import MasksRejected
 
 DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
@@ -79,6 +80,7 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
             if model.images[image_id].name in dropped:
                 model.deregister_frame(model.images[image_id].frame_id)
         write_reconstruction(model, folder / "sparse")
+        equalize_exposure(folder)
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
         write_json(folder / RECORD, record)

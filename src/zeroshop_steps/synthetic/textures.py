@@ -6,18 +6,9 @@ import cv2
 import numba
 import numpy as np
 
+from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
+
 MAX_PROBES = 16  # of the texture along the longer side of a pixel's footprint
-
-
-def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """sRGB-encoded values in 0..1 to linear light (IEC 61966-2-1)."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-
-
-def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear light in 0..1 to sRGB-encoded values (IEC 61966-2-1)."""
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
-
 
 LINEAR_OF_BYTE = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
 _BYTE_OF_LINEAR = np.rint(linear_to_srgb(np.linspace(0.0, 1.0, 16385)) * 255).astype(np.uint8)

@@ -1,0 +1,76 @@
+"""Exposure and white balance that change from photo to photo are undone, once for all stages that read the photos."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.sparse_files import read_reconstruction
+from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
+from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.segment.color_gains import Gains, estimate_gains
+from zeroshop_steps.segment.shared_colors import SharedColors, sample_shared_colors
+
+RECORD = "exposure.json"
+EXTREME_GAIN = 1.6  # and its inverse: from here on, noise and clipped pixels show
+CLIPPED_SHARE = 0.1  # of a photo's points whose colour is lost; from here on a warning is due
+
+
+def equalize_exposure(folder: Path) -> None:
+    """Give all photos of a cameras folder the same exposure and white balance, in place, and write exposure.json beside them.
+
+    Photos that are equal already stay the same bytes.
+    """
+    views, _ = read_views(folder)
+    seen = sample_shared_colors(read_reconstruction(folder / "sparse"), views)
+    gains = estimate_gains(seen, len(views))
+    if gains.significant:
+        for view, log_gain in zip(views, gains.log_gains, strict=True):
+            write_image(view.image_path, apply_gain(view.image(), np.exp(log_gain)))
+    record = _describe([view.camera.name for view in views], seen, gains)
+    write_json(folder / RECORD, record)
+    _warn(record)
+
+
+def apply_gain(image: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 sRGB, its linear light multiplied by a (3,) factor; what becomes brighter than white is cut off."""
+    linear = srgb_to_linear(np.arange(256) / 255.0)[:, None] * gain
+    table = np.rint(linear_to_srgb(np.minimum(linear, 1.0)) * 255.0).astype(np.uint8)
+    return cv2.LUT(image, table[None])
+
+
+def _describe(names: list[str], seen: SharedColors, gains: Gains) -> dict[str, Any]:
+    """The record: whether photos were corrected, and each photo's factors, as found even where none was applied."""
+    points = np.bincount(seen.photo, minlength=len(names))
+    clipped = np.bincount(seen.photo, seen.clipped, len(names)) / np.maximum(points, 1)
+    return {
+        "corrected": gains.significant,
+        "photos": [
+            {
+                "name": name,
+                "gains": [round(float(gain), 4) for gain in np.exp(log_gain)],
+                "deviations": [round(float(value), 4) for value in deviation],
+                "points": int(count),
+                "clipped_share": round(float(share), 4),
+            }
+            for name, log_gain, deviation, count, share in zip(names, gains.log_gains, gains.deviations, points, clipped, strict=True)
+        ],
+    }
+
+
+def _warn(record: dict[str, Any]) -> None:
+    """Warn of photos that correction cannot fully repair."""
+    photos = record["photos"] if record["corrected"] else []
+    extreme = [photo["name"] for photo in photos if max(max(photo["gains"]), 1 / min(photo["gains"])) > EXTREME_GAIN]
+    if extreme:
+        warn(
+            f"exposure or white balance is far from that of the other photos in {', '.join(extreme)}; they are corrected, but what was"
+            " too bright or too dark is lost. Lock exposure and white balance when you photograph"
+        )
+    clipped = [photo["name"] for photo in photos if photo["clipped_share"] > CLIPPED_SHARE]
+    if clipped:
+        warn(f"much is too bright to be told from white in {', '.join(clipped)}; expose these photos less")
