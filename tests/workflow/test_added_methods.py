@@ -1,14 +1,12 @@
 """A method is a file and a line of config: a new registration and two new surface methods, added as a user would, run in cells."""
 
 import csv
-import os
-import shutil
 import subprocess
 import sys
 
 import pytest
 
-from helpers.paths import REPOSITORY
+from helpers.checkout import copy_checkout
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.runtime.files import read_json
 
@@ -105,8 +103,7 @@ CELL = "results/demo/tuna_can/su_h/copied/hull"
 def checkout(tmp_path_factory):
     """A copy of the project with the three files and the lines of config, and a call of Snakemake there."""
     folder = tmp_path_factory.mktemp("checkout")
-    for part in ("workflow", "config", "src"):
-        shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("*.egg-info"))
+    environment = copy_checkout(folder)
     package = folder / "src/zeroshop_steps"
     for name, text in {"register/copied.py": COPIED, "surface/hull.py": HULL, "surface/guess.py": GUESS}.items():
         (package / name).write_text(text)
@@ -114,7 +111,6 @@ def checkout(tmp_path_factory):
 
     def call(*words):
         command = [sys.executable, "-m", "snakemake", "--cores", "2", *words, "--configfile", "mine.yaml"]
-        environment = {**os.environ, "PYTHONPATH": str(package.parent)}
         return subprocess.run(
             command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=500
         )

@@ -1,13 +1,12 @@
 """A second checkout that shares the cache renders, registers and trains nothing again; damaged entries are made again."""
 
-import os
 import shutil
 import subprocess
 import sys
 
 import pytest
 
-from helpers.paths import REPOSITORY
+from helpers.checkout import copy_checkout
 from helpers.running import run_snakemake
 
 CELL = "results/demo/mustard_bottle/su_h/truth"
@@ -24,13 +23,12 @@ CONFIG = [
 
 def checkout(folder):
     """A copy of the project in a folder of its own, and a call of Snakemake there that makes the splats."""
-    for part in ("workflow", "config", "src"):
-        shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("*.egg-info"))
+    environment = copy_checkout(folder)
 
     def make(shared):
         command = [sys.executable, "-m", "snakemake", "--cores", "2", SPLATS, "--config", *CONFIG]
-        environment = {**os.environ, "PYTHONPATH": str(folder / "src"), "ZEROSHOP_CACHE": str(shared)}
-        run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=600)
+        shares = {**environment, "ZEROSHOP_CACHE": str(shared)}
+        run = subprocess.run(command, cwd=folder, env=shares, capture_output=True, text=True, check=False, timeout=600)
         assert run.returncode == 0, run.stdout + run.stderr
         return [(folder / log).read_text() for log in LOGS], (folder / SPLATS).read_bytes()
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from helpers.mixed_views import mix_views
 from helpers.running import command_and_environment, planned, run_snakemake
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.runtime.failures import read_failure
@@ -148,6 +149,25 @@ def test_a_failure_after_the_registration_is_a_row_too(cell, tmp_path):
     repaired = again(folder, "results/demo/mustard_bottle/cells.csv")
     assert repaired.returncode == 0, repaired.stdout
     assert "no surface" not in (folder / "results/demo/mustard_bottle/cells.csv").read_text()
+
+
+def test_views_of_several_sizes_make_as_good_a_mesh(cell, tmp_path):
+    """Some of them on their side."""
+    folder = tmp_path / "mixed"
+    shutil.copytree(cell, folder, symlinks=True)
+    whole = folder / "results/demo/mustard_bottle"
+    equal = json.loads((whole / "2dgs.json").read_text())["quality"]
+    mix_views(whole / "su_h/capture")
+    shutil.rmtree(whole / "su_h/truth")
+    for path in whole.glob("2dgs.*"):
+        path.unlink()
+    run = again(folder, PRODUCT, "--rerun-triggers", "mtime")
+    assert run.returncode == 0, run.stdout
+    assert {"register", "stereo", "train_2dgs", "texture", "quality"} <= set(planned(run.stdout)), "all but the views is made again"
+    mixed = json.loads((whole / "2dgs.json").read_text())["quality"]
+    assert mixed["f_score_1_percent"] > equal["f_score_1_percent"] - 0.05
+    assert mixed["accuracy_mm"] < 1.25 * equal["accuracy_mm"]
+    assert mixed["silhouette_iou"] > equal["silhouette_iou"] - 0.02
 
 
 def test_the_page_of_marks_has_both_cells(cell):
