@@ -42,6 +42,7 @@ class Method:
     Of registrations:
         true_cameras: it needs true cameras, which photos lack.
         tries: the registrations that it tries one after the other, those whose weights are there; "all" does not mean it.
+        saliency: it finds masks by the salient-object network that the config names for segmentation, if it names one.
 
     Of segmentations:
         given: the masks come with the capture; the config cannot choose it.
@@ -82,6 +83,7 @@ class Method:
     threads: int = 8
     true_cameras: bool = False
     tries: tuple[str, ...] = ()
+    saliency: bool = False
     given: bool = False
     in_scene: bool = False
     prompt: bool = False

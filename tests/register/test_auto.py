@@ -4,9 +4,14 @@ import argparse
 
 import pytest
 
+from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
+from helpers.small_saliency import write_network
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
+from zeroshop_steps.register.image_set import read_masks
 from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.mask_agreement import compute_overlap
 
 
 def succeed(folder):
@@ -61,3 +66,37 @@ def test_without_weights_the_reason_says_how_to_get_them(blank_capture, tmp_path
         "Apache-2.0",
     ):
         assert part in str(error.value)
+
+
+def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
+    write_ball_scene(tmp_path / "capture")
+    write_network(tmp_path / "saliency.onnx")
+    for name in (auto.EXTRACTOR, auto.MATCHER):
+        (tmp_path / name).touch()
+    taken = []
+
+    def register_ball(image_set, folder, options, prepare):
+        taken.extend(read_masks(image_set).values())
+        return succeed(folder)
+
+    monkeypatch.setattr(auto.colmap, "register", lambda image_set, folder, options: fail(3)(folder))
+    monkeypatch.setattr(auto.aliked, "register", register_ball)
+    monkeypatch.setattr(auto, "write_registration", lambda out, run: records.append(run(out)))
+    parser, records = argparse.ArgumentParser(), []
+    auto.add_arguments(parser)
+    words = ["--capture", tmp_path / "capture", "--scene", "video", "--out", tmp_path / "cameras", "--weights", tmp_path]
+    (tmp_path / "cameras").mkdir()
+    auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "saliency.onnx")]))
+    assert records[0]["masks_by"] == "saliency.onnx" and records[0]["tried"]["colmap"]["reason"] == "3 of 20 images registered"
+    assert [round(compute_overlap(mask, ball_mask(camera)), 1) for mask, camera in zip(taken, ball_cameras(), strict=True)] == [1.0] * 12
+    with pytest.raises(StepError, match="missing.onnx does not exist"):
+        auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "missing.onnx")]))
+
+
+def test_without_masks_and_network_the_reason_says_what_would_help(tmp_path):
+    write_ball_scene(tmp_path / "capture")
+    parser = argparse.ArgumentParser()
+    auto.add_arguments(parser)
+    words = ["--capture", tmp_path / "capture", "--scene", "video", "--out", tmp_path / "cameras", "--weights", tmp_path / "nowhere"]
+    with pytest.raises(RegistrationFailed, match=r"they need their weights, .* and masks of the object, .*segment\.saliency\.weights"):
+        auto.run(parser.parse_args(list(map(str, words))))

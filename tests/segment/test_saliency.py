@@ -7,11 +7,11 @@ from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
 from helpers.table_scene import table_views
 from zeroshop_steps.geometry.images import list_images, read_mask
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, keep_main_thing
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.segment.mask_agreement import compute_overlap
-from zeroshop_steps.segment.saliency import DEVIATION, MEAN, PRIOR_ODDS, keep_main_thing, weigh_maps
+from zeroshop_steps.segment.mask_agreement import compute_overlap, render_common_hull
+from zeroshop_steps.segment.saliency import PRIOR_ODDS, weigh_maps
 from zeroshop_steps.segment.support_plane import find_masks
 
 OTHER = (1.3, 0.9, 0.2)
@@ -62,6 +62,21 @@ def test_what_few_photos_see_says_nothing():
     assert (odds[1][~masks[1]] == -PRIOR_ODDS).mean() > 0.95
 
 
+def test_a_part_that_a_few_photos_lack_is_kept():
+    """A knob beside the ball: a strict hull of all photos has none where three of twelve do not show it."""
+    cameras = ball_cameras()
+    knob = [ball_mask(camera, (0.68, 0.0, 0.0), 0.2) for camera in cameras]
+    balls = [ball_mask(camera) for camera in cameras]
+    beside = [part & ~ball for part, ball in zip(knob, balls, strict=True)]
+    lacking = np.argsort([part.sum() for part in beside])[-8::3]
+    masks = [ball if index in lacking else ball | part for index, (ball, part) in enumerate(zip(balls, knob, strict=True))]
+    hulls = render_common_hull(cameras, masks)
+    shares = [hull[part].mean() for hull, part in zip(hulls, beside, strict=True) if part.sum() > 20]
+    assert len(shares) > 6 and np.mean(shares) > 0.6, shares
+    whole = [ball | part for ball, part in zip(balls, knob, strict=True)]
+    assert np.median([compute_overlap(hull, truth) for hull, truth in zip(hulls, whole, strict=True)]) > 0.88
+
+
 @pytest.mark.slow
 def test_a_prior_finds_what_has_the_tables_colour(tmp_path):
     """A ball of the table's colour: colours see no more than its shadow, the prior gives its outline."""
@@ -99,7 +114,9 @@ def test_values_before_the_sigmoid_mean_the_same(workplace):
     write_network(folder / "raw.onnx", sigmoid=False)
     image = np.full((30, 40, 3), 90, np.uint8)
     image[8:20, 10:30] = (200, 30, 30)
-    [sure, raw] = [SalientObjectNetwork(folder / name, MEAN, DEVIATION).predict(image, (40, 30)) for name in ("saliency.onnx", "raw.onnx")]
+    [sure, raw] = [
+        SalientObjectNetwork(folder / name, IMAGE_MEAN, IMAGE_DEVIATION).predict(image, (40, 30)) for name in ("saliency.onnx", "raw.onnx")
+    ]
     assert sure.shape == (30, 40) and np.allclose(sure, raw, atol=1e-5)
     assert (sure[10:18, 12:28] > 0.9).all() and (sure[:6] < 0.1).all()
 

@@ -50,7 +50,13 @@ def registration_options(
 ):
     """The options of the registration method in the path; the true cameras need none."""
     options = config["register"].get(wildcards.registration)
-    return step_options({**options, "seed": config["seed"]}) if options else ""
+    if not options:
+        return ""
+    network = config["segment"]["saliency"]
+    if registration_needs(wildcards).saliency and network["weights"]:
+        file = shlex.quote(os.path.relpath(ROOT / network["weights"]))
+        options = {**options, "saliency_weights": file, "saliency_mean": network["mean"], "saliency_deviation": network["deviation"]}
+    return step_options({**options, "seed": config["seed"]})
 
 
 rule register:

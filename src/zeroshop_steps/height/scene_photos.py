@@ -82,7 +82,8 @@ def localize_photos(folder: Path, views: list[View], options: SiftOptions) -> li
     if len(placed) < LEAST_PLACED:
         raise StepError(
             f"{len(placed)} of {len(photos)} photos in {folder} could be placed among the object's photos, {LEAST_PLACED} are needed: they "
-            "must show the same ground, with texture, around the place where the object stands, and nothing there may have moved"
+            "must show the same ground, with texture, around the place where the object stands, and nothing there may have moved. On a "
+            "plain table, lay the board beside the object instead"
         )
     return placed
 
@@ -126,7 +127,7 @@ def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scrat
         (scratch / name).mkdir()
     pycolmap.set_random_seed(options.seed)
     triangulated = pycolmap.triangulate_points(model, database, images, scratch / "triangulated", options=mapper)
-    if triangulated.num_points3D() == 0:  # COLMAP's mapper would end with an IndexError
+    if triangulated.num_points3D() == 0:
         raise StepError(
             "the object's photos share no point of the ground, among which the empty scene's could be placed: put the object on something"
             " with texture, or lay the board beside it"
@@ -134,5 +135,8 @@ def _map_jointly(database: Path, images: Path, objects: dict[str, Camera], scrat
     mapper.multiple_models = False
     mapper.fix_existing_frames = mapper.mapper.fix_existing_frames = True
     mapper.constant_cameras = mapper.mapper.constant_cameras = lenses
-    found = pycolmap.incremental_mapping(database, images, scratch / "joint", mapper, str(scratch / "triangulated"))
+    try:
+        found = pycolmap.incremental_mapping(database, images, scratch / "joint", mapper, str(scratch / "triangulated"))
+    except IndexError:  # COLMAP's way to say that no other photo sees any of these points
+        return model
     return max(found.values(), key=lambda joint: joint.num_reg_images(), default=model)

@@ -4,6 +4,7 @@ Any network will do that takes one RGB image and gives one map of its size: U2-N
 BiRefNet (Zheng et al. 2024) and what was trained like them. Nothing is shipped or downloaded: the licences of such weights differ.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -11,8 +12,12 @@ import numpy as np
 import onnxruntime
 from scipy.special import expit
 
+from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.progress import track
 
+IMAGE_MEAN, IMAGE_DEVIATION = [128.0, 128.0, 128.0], [256.0, 256.0, 256.0]  # of IS-Net's images, 0 to 255
+PART_GAP = 0.05  # shares of the square root of the main thing's area: what is nearer to it is a part of it
 USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and BiRefNet were trained on this
 THREADS = 2  # always the same number, because sums in another order change single pixels
 CHANNELS = 3
@@ -81,3 +86,27 @@ class SalientObjectNetwork:
             found = expit(found)
         shrinks = size_px[0] < self._size_px[0]
         return np.asarray(cv2.resize(found, size_px, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR))
+
+    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
+        """What the network sees in each photo: (h, w) float32, 0 to 1, at most `width_px` wide."""
+        maps = []
+        for path in track(paths, "saliency", len(paths)):
+            image = read_image(path)
+            width = min(width_px, image.shape[1])
+            maps.append(self.predict(image, (width, round(image.shape[0] * width / image.shape[1]))))
+        return maps
+
+
+def keep_main_thing(found: np.ndarray) -> np.ndarray:
+    """A map, (h, w), with only the largest thing near the middle of the photo, and what nearly touches it: without cameras, nothing else
+    tells the object from other things."""
+    count, labels, stats, centroids = cv2.connectedComponentsWithStats((found > 0.5).astype(np.uint8), connectivity=8)
+    if count <= 2:
+        return found
+    middle = np.array([found.shape[1], found.shape[0]]) / 2
+    away = np.linalg.norm(centroids[1:] - middle, axis=1) / np.linalg.norm(middle)
+    main = 1 + int((stats[1:, cv2.CC_STAT_AREA] * (1 - away)).argmax())
+    reach = max(1, round(PART_GAP * float(np.sqrt(stats[main, cv2.CC_STAT_AREA]))))
+    near = cv2.distanceTransform((labels != main).astype(np.uint8), cv2.DIST_L2, 3) <= reach
+    kept = np.isin(labels, [0, *np.unique(labels[near])])
+    return np.where(kept, found, np.float32(0))

@@ -1,7 +1,8 @@
 """Register by SIFT (colmap); where that fails, by learned features (aliked), if their weights are there. The record says which, and why.
 
-Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives. Learned features are tried only on captures with
-masks, which check their cameras: on whole photos of plain tables they match other sides and other things too readily.
+Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives. Learned features are tried only with masks, which
+check their cameras: on whole photos of plain tables they match other sides and other things too readily. Photos without masks get them
+by a salient-object network, if one is named.
 """
 
 import argparse
@@ -15,7 +16,7 @@ import pycolmap
 
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
-from zeroshop_steps.register import aliked, colmap
+from zeroshop_steps.register import aliked, colmap, found_masks
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, add_estimation_arguments, write_registration
 from zeroshop_steps.register.structure import StructureOptions
@@ -23,8 +24,8 @@ from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import scratch_directory
 
-CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
-METHOD = {"title": "automatic", "rank": 4, "tries": ("colmap", "aliked")}
+CACHED = Cached(inputs=("capture/images", "capture/masks", "weights", "saliency_weights"), ignored=("threads", "device"))
+METHOD = {"title": "automatic", "rank": 4, "tries": ("colmap", "aliked"), "saliency": True}
 
 Attempt = Callable[[Path], dict[str, Any]]
 
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
     colmap.add_own_arguments(parser)
     aliked.add_own_arguments(parser)
+    found_masks.add_arguments(parser)
     parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
 
 
@@ -46,11 +48,20 @@ def run(args: argparse.Namespace) -> None:
     learned = aliked.read_options(args)
     attempts: dict[str, Attempt] = {"colmap": lambda folder: colmap.register(image_set, folder, colmap.read_options(args))}
     there = all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER))
-    if there and image_set.masks is not None:
+    network = None if image_set.masks is not None else found_masks.load_network(args)
+    has_masks = image_set.masks is not None or network is not None
+    if there and has_masks:
         prepare = aliked.make_matcher(args, learned)
-        attempts["aliked"] = lambda folder: aliked.register(image_set, folder, learned, prepare)
-    advice = "" if there or image_set.masks is None else f". Learned features may find the cameras: {_advise()}"
-    write_registration(args.out, lambda folder: register(folder, attempts, advice))
+
+        def register_object(folder: Path) -> dict[str, Any]:
+            if network is None:
+                return aliked.register(image_set, folder, learned, prepare)
+            with scratch_directory(folder, "masks") as scratch:
+                masked = found_masks.find_masks(image_set, network, scratch)
+                return aliked.register(masked, folder, learned, prepare) | {"masks_by": network.path.name}
+
+        attempts["aliked"] = register_object
+    write_registration(args.out, lambda folder: register(folder, attempts, _advise(there, has_masks)))
 
 
 def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[str, Any]:
@@ -88,10 +99,16 @@ def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[
     raise RegistrationFailed(reason + advice, best.figures | {"tried": tried}, best.rejected)
 
 
-def _advise() -> str:
-    """How to get the weights of the learned features."""
-    rows = [read_table()[f"{FOLDER}/{name}"] for name in (EXTRACTOR, MATCHER)]
-    megabytes = sum(row.size_bytes or 0 for row in rows) / 1e6
-    return (
-        f"`snakemake {WEIGHTS_FOLDER / FOLDER}/{{{EXTRACTOR},{MATCHER}}}` downloads their weights ({megabytes:.0f} MB, {rows[0].licence})"
-    )
+def _advise(there: bool, has_masks: bool) -> str:
+    """What would let learned features find the cameras, as the end of a sentence; empty where they were tried."""
+    needs = []
+    if not there:
+        rows = [read_table()[f"{FOLDER}/{name}"] for name in (EXTRACTOR, MATCHER)]
+        megabytes = sum(row.size_bytes or 0 for row in rows) / 1e6
+        needs.append(
+            f"their weights, which `snakemake {WEIGHTS_FOLDER / FOLDER}/{{{EXTRACTOR},{MATCHER}}}` downloads"
+            f" ({megabytes:.0f} MB, {rows[0].licence})"
+        )
+    if not has_masks:
+        needs.append("masks of the object, yours or by a salient-object network (segment.saliency.weights)")
+    return f". Learned features may find the cameras; they need {' and '.join(needs)}" if needs else ""

@@ -6,6 +6,7 @@ first and left out of the hull.
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.rays import find_nearest_point
@@ -20,6 +21,10 @@ LEAST_OVERLAP, LEAST_COVER = 0.5, 0.75
 """A mask is left out of the next round if its overlap with the silhouette is below this share of the median mask's, because it shows
 another thing; and from the second round on, if what it covers of the silhouette is below this share of the median, because it lacks a
 part. What a mask has beside the object does no harm to what all have in common."""
+PART_SHARE, PART_VIEWS = 0.7, 3
+"""A thin part that some masks lack belongs to the hull where, of the views that see it beside the rest, this share shows it, and at least
+so many. A view with the rest before or behind it says nothing of it."""
+PART_MARGIN = 0.02  # around the rest, where its own outline wavers; share of the square root of the silhouette's area
 JUDGED_WIDTH_PX = 480  # masks are compared at this width at most, which is as fine as the voxels
 
 
@@ -37,6 +42,9 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
             break
         grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
         hulls = [render_silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
+        if number == len(ROUNDS) - 1:
+            whole = _add_parts(grid, occupied, [cameras[index] for index in chosen], [masks[index] for index in chosen])
+            return [render_silhouette(grid, whole, camera) for camera in cameras] if whole.any() else hulls
         overlaps = {index: compute_overlap(masks[index], hulls[index]) for index in chosen}
         chosen = _keep_usual(overlaps, LEAST_OVERLAP)
         if number > 0:
@@ -95,6 +103,22 @@ def _carve_hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, v
     kept = (empty <= misses * len(masks)) & (full >= min(3, len(masks)))
     occupied[tuple(index[kept].T)] = True
     return grid, occupied
+
+
+def _add_parts(grid: VoxelGrid, occupied: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
+    """The (N, N, N) bool voxels, and the parts next to them that most masks have: handles, tips, what has the background's colours."""
+    beside = []
+    for camera, mask in zip(cameras, masks, strict=True):
+        silhouette = render_silhouette(grid, occupied, camera)
+        radius = max(1.0, PART_MARGIN * float(np.sqrt(silhouette.sum())))
+        near = cv2.distanceTransform((~silhouette).astype(np.uint8), cv2.DIST_L2, 3) <= radius
+        beside.append(np.where(near, 0.0, np.where(mask, 1.0, -1.0)).astype(np.float32))
+    index = np.argwhere(~occupied)
+    full, empty = count_votes(grid, index, cameras, beside, 0.0)
+    whole = occupied.copy()
+    whole[tuple(index[(full >= PART_VIEWS) & (full >= PART_SHARE * (full + empty))].T)] = True
+    labels, _ = ndimage.label(ndimage.binary_dilation(whole), np.ones((3, 3, 3)))
+    return whole & np.isin(labels, np.unique(labels[occupied]))
 
 
 def _find_looked_at(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.ndarray, float]:

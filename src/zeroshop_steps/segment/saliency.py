@@ -14,11 +14,9 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, keep_main_thing
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import TOLERANCE, MasksRejected, check_enough_good, describe_quality
@@ -27,8 +25,6 @@ from zeroshop_steps.segment.record import add_common_arguments, show_rejected_ma
 METHOD: dict[str, Any] = {"rank": 1, "own_weights": True, "runtime_min": 60}
 PRIOR_ODDS = 2.5
 """Log odds where the network is sure and the photos agree: more than the ground or colours can say, less than both."""
-PART_GAP = 0.05  # shares of the square root of the main thing's area: what is nearer to it is a part of it
-MEAN, DEVIATION = [128.0, 128.0, 128.0], [256.0, 256.0, 256.0]  # of IS-Net's images, 0 to 255
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,20 +36,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the network, whether or not the cameras are known."""
     parser.add_argument("--weights", type=Path, required=True, help="ONNX file of a salient-object network")
-    parser.add_argument("--mean", type=float, nargs=3, default=MEAN, help="of its images, taken off, 0 to 255 (default: %(default)s)")
+    parser.add_argument("--mean", type=float, nargs=3, default=IMAGE_MEAN, help="of its images, taken off, 0 to 255 (default: %(default)s)")
     parser.add_argument(
-        "--deviation", type=float, nargs=3, default=DEVIATION, help="of its images, divided by, 0 to 255 (default: %(default)s)"
+        "--deviation", type=float, nargs=3, default=IMAGE_DEVIATION, help="of its images, divided by, 0 to 255 (default: %(default)s)"
     )
     parser.add_argument(
         "--image-width-px", type=int, default=support_plane.WIDTH_PX, help="images are cut at this width (default: %(default)s)"
     )
 
 
+def load_network(args: argparse.Namespace) -> SalientObjectNetwork:
+    """The network that the command line names."""
+    return SalientObjectNetwork(args.weights, args.mean, args.deviation)
+
+
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
     views, model = read_views(args.scene)
-    maps = find_maps([view.image_path for view in views], args)
+    maps = load_network(args).find_maps([view.image_path for view in views], args.image_width_px)
     prior = weigh_maps(maps, [view.camera for view in views])
     with show_rejected_masks([view.image_path for view in views], args.rejected):
         try:
@@ -79,23 +80,12 @@ def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argpar
     Raises:
         StepError: the network is missing or damaged, or too few masks are good.
     """
-    maps = find_maps(paths, args)
+    maps = load_network(args).find_maps(paths, args.image_width_px)
     masks = [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
     _, qualities = assess_masks(masks, None)
     names = [path.name for path in paths]
     check_enough_good(qualities, names, masks)
     return masks, {"method": "saliency", "network": args.weights.name, **describe_quality(qualities, names)}
-
-
-def find_maps(paths: list[Path], args: argparse.Namespace) -> list[np.ndarray]:
-    """What the network sees in each photo: (h, w) float32, 0 to 1, at most `--image-width-px` wide."""
-    network = SalientObjectNetwork(args.weights, args.mean, args.deviation)
-    maps = []
-    for path in track(paths, "saliency", len(paths)):
-        image = read_image(path)
-        width = min(args.image_width_px, image.shape[1])
-        maps.append(network.predict(image, (width, round(image.shape[0] * width / image.shape[1]))))
-    return maps
 
 
 def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
@@ -114,21 +104,6 @@ def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray
         contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
         weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))
     return weighed
-
-
-def keep_main_thing(found: np.ndarray) -> np.ndarray:
-    """A map, (h, w), with only the largest thing near the middle of the photo, and what nearly touches it: without cameras, nothing else
-    tells the object from other things."""
-    count, labels, stats, centroids = cv2.connectedComponentsWithStats((found > 0.5).astype(np.uint8), connectivity=8)
-    if count <= 2:
-        return found
-    middle = np.array([found.shape[1], found.shape[0]]) / 2
-    away = np.linalg.norm(centroids[1:] - middle, axis=1) / np.linalg.norm(middle)
-    main = 1 + int((stats[1:, cv2.CC_STAT_AREA] * (1 - away)).argmax())
-    reach = max(1, round(PART_GAP * float(np.sqrt(stats[main, cv2.CC_STAT_AREA]))))
-    near = cv2.distanceTransform((labels != main).astype(np.uint8), cv2.DIST_L2, 3) <= reach
-    kept = np.isin(labels, [0, *np.unique(labels[near])])
-    return np.where(kept, found, np.float32(0))
 
 
 def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list[np.ndarray], dict[str, Any]]:
