@@ -30,6 +30,7 @@ def segment(*options):
     return stage_main("zeroshop_steps.segment", [*names, *options])
 
 
+@pytest.mark.slow
 def test_the_object_is_found_where_there_is_no_ground(workplace):
     folder, masks = workplace
     assert segment() == 0

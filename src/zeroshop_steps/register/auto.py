@@ -18,8 +18,8 @@ from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks
 from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, add_common_arguments, add_estimation_arguments, write_registration
-from zeroshop_steps.register.structure import StructureOptions
+from zeroshop_steps.register.record import RegistrationFailed, write_registration
+from zeroshop_steps.register.structure import add_matching_arguments
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import scratch_directory
@@ -32,13 +32,10 @@ Attempt = Callable[[Path], dict[str, Any]]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_common_arguments(parser)
-    structure = StructureOptions()
-    add_estimation_arguments(parser, structure.min_share, structure.min_images, structure.seed)
+    add_matching_arguments(parser)
     colmap.add_own_arguments(parser)
     aliked.add_own_arguments(parser)
     found_masks.add_arguments(parser)
-    parser.add_argument("--focal-px", type=float, default=None, help="focal length if known; else EXIF or an estimate")
 
 
 def run(args: argparse.Namespace) -> None:

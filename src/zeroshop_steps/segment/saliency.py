@@ -19,7 +19,7 @@ from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, 
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
-from zeroshop_steps.segment.mask_quality import TOLERANCE, MasksRejected, check_enough_good, describe_quality
+from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, describe_quality, find_rim_px, move_rim
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 
 METHOD: dict[str, Any] = {"rank": 1, "own_weights": True, "runtime_min": 60}
@@ -98,9 +98,7 @@ def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray
     weighed = []
     for found, hull in zip(maps, hulls, strict=True):
         odds = PRIOR_ODDS * (2 * found - 1)
-        radius = max(1, round(TOLERANCE * float(np.sqrt(hull.sum()))))
-        window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
-        grown, shrunk = cv2.dilate(hull.astype(np.uint8), window) > 0, cv2.erode(hull.astype(np.uint8), window, borderValue=1) > 0
+        grown, shrunk = move_rim(hull, find_rim_px(hull))
         contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
         weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))
     return weighed
