@@ -12,6 +12,7 @@ from zeroshop_steps import __version__
 from zeroshop_steps.app import workflow
 from zeroshop_steps.app.command import main
 from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.methods import REGISTRATIONS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -49,6 +50,7 @@ def test_the_changelog_and_the_citation_name_this_version():
         (["{photos}", "--height", "nan"], "--height is nan; it is in metres"),
         (["{photos}", "--masks", "nowhere"], "--masks names nowhere, which is no folder"),
         (["{photos}", "--board", "nowhere"], "--board names nowhere, which is no folder"),
+        (["{photos}", "--network", "nowhere.onnx"], "--network names nowhere.onnx, which is no file; give the ONNX file"),
         (["{photos}", "--cores", "0"], "--cores is 0; at least 1 is needed"),
         (["{photos}", "--name", "..."], "gives no name for the results"),
         (["check", "nowhere"], "nowhere does not exist"),
@@ -67,7 +69,14 @@ def test_the_lines_at_the_end_are_of_the_cell_that_the_config_chooses(tmp_path, 
     (tmp_path / "config").mkdir()
     (tmp_path / "config/config.yaml").write_text("chosen: {photos: {scene: video_segmented, registration: vggt}}\n")
     monkeypatch.setattr(workflow, "find_project", lambda: tmp_path)
-    assert workflow.read_chosen_cell() == ("video_segmented", "vggt")
+    assert workflow.read_chosen_cell({}) == ("video_segmented", "vggt")
+    settings = workflow.settings_of_network(tmp_path / "net.onnx")
+    assert workflow.read_chosen_cell(settings) == ("video_segmented", "auto") and "register" not in settings
+    for name in REGISTRATIONS["aliked"].weights:
+        path = tmp_path / "resources/weights" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    assert workflow.settings_of_network(tmp_path / "net.onnx")["register"]["auto"]["weights"] == str(tmp_path / "resources/weights/aliked")
 
 
 def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):

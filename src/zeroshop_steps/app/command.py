@@ -62,6 +62,8 @@ def _mesh_parser() -> argparse.ArgumentParser:
     parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png (default: they are found)")
     parser.add_argument("--board", type=Path, nargs="?", const=Path(), metavar="PHOTOS", help=(
         "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
+    parser.add_argument("--network", type=Path, metavar="FILE", help=(
+        "ONNX file of a salient-object network of yours: finds objects on plain tables and of the table's colours"))  # fmt: skip
     names = list(SURFACES)
     parser.add_argument("--method", default=names[0], help=f"surface method: {' or '.join(names)} (default: %(default)s)")
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 2, help="processor cores to use (default: all, %(default)s)")
@@ -92,13 +94,16 @@ def _check(args: argparse.Namespace) -> int:
 
 def _make(args: argparse.Namespace) -> int:
     from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name
-    from zeroshop_steps.app.workflow import run_workflow
+    from zeroshop_steps.app.workflow import read_chosen_cell, run_workflow, settings_of_network
 
     source = _require_source(args.source)
     if args.height is not None and not HEIGHT_M[0] <= args.height <= HEIGHT_M[1]:
         raise StepError(f"--height is {args.height:g}; it is in metres, {HEIGHT_M[0]:g} to {HEIGHT_M[1]:g}: write 0.19 for 19 cm")
     if args.cores < 1:
         raise StepError(f"--cores is {args.cores}; at least 1 is needed")
+    if args.network and not args.network.is_file():
+        raise StepError(f"--network names {args.network}, which is no file; give the ONNX file of a salient-object network")
+    settings = settings_of_network(args.network.resolve()) if args.network else {}
     folder = args.into.resolve()
     by_board = args.board is not None
     capture = Capture(
@@ -115,19 +120,18 @@ def _make(args: argparse.Namespace) -> int:
     print(f"{source} -> {results}", file=sys.stderr)
     start_s = time.time()
     log = results / "logs/zeroshop.log"
-    done = run_workflow(f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log)
-    _print_outcome(results, args.method, log, done, start_s)
+    done = run_workflow(f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log, settings)
+    _print_outcome(results.joinpath(*read_chosen_cell(settings), args.method), log, done, start_s)
     if done and args.open:
         _open_report(folder, folder / TABLE, args.cores)
     return 0 if done else 1
 
 
-def _print_outcome(results: Path, method: str, log: Path, done: bool, start_s: float) -> None:
+def _print_outcome(cell: Path, log: Path, done: bool, start_s: float) -> None:
     from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_warnings, find_reason
-    from zeroshop_steps.app.workflow import read_chosen_cell
 
-    cell = results.joinpath(*read_chosen_cell(), method)
-    lines = describe_mesh(results / f"{method}.ply") if done else [f"Failed    {line}" for line in find_reason(log)]
+    results = cell.parents[2]
+    lines = describe_mesh(results / f"{cell.name}.ply") if done else [f"Failed    {line}" for line in find_reason(log)]
     lines += describe_advice(cell, cell.parent / "cameras") + describe_warnings(results, start_s)
     lines.append(f"Time      {(time.time() - start_s) / 60:.1f} min; everything that was said: {log}")
     print("\n".join(lines))

@@ -1,21 +1,24 @@
 """Run the workflow for one file, showing how far it is instead of Snakemake's own report."""
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
 import zeroshop_steps
+from zeroshop_steps.methods import REGISTRATIONS
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.settings import read_yaml
 
@@ -91,13 +94,23 @@ def find_project() -> Path:
     return root
 
 
-def read_chosen_cell() -> tuple[str, str]:
-    """The scene and the registration that the config chooses for photos."""
-    chosen = read_yaml(find_project() / "config/config.yaml")["chosen"]["photos"]
+def read_chosen_cell(settings: Mapping[str, Any]) -> tuple[str, str]:
+    """The scene and the registration that the config chooses for photos, with these settings on top."""
+    chosen = read_yaml(find_project() / "config/config.yaml")["chosen"]["photos"] | settings.get("chosen", {}).get("photos", {})
     return chosen["scene"], chosen["registration"]
 
 
-def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path) -> bool:
+def settings_of_network(network: Path) -> dict[str, Any]:
+    """The settings by which a salient-object network finds the object, also to register it alone where photos share too little else."""
+    settings: dict[str, Any] = {"segment": {"saliency": {"weights": str(network)}}, "chosen": {"photos": {"registration": "auto"}}}
+    # Downloaded weights lie in the project, and the working directory may be another one.
+    weights = [find_project() / WEIGHTS_FOLDER / name for name in REGISTRATIONS["aliked"].weights]
+    if all(path.is_file() for path in weights):
+        settings["register"] = {"auto": {"weights": str(weights[0].parent)}}
+    return settings
+
+
+def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, settings: Mapping[str, Any] | None = None) -> bool:
     """Make `target` below `folder`; whether that went well. Everything that Snakemake says goes to `log`.
 
     Args:
@@ -106,11 +119,13 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path) 
         table: the table of objects, absolute.
         cores: processor cores that may be used.
         log: file for Snakemake's report.
+        settings: of the config, in place of its own.
     """
     root = find_project()
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(root / "workflow/Snakefile")]
     command += ["--workflow-profile", str(root / "workflow/profiles/default"), "--directory", str(folder), "--cores", str(cores)]
-    command += ["--config", f"objects_table={table}", "--nocolor", "--", target]
+    changed = [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
+    command += ["--config", f"objects_table={table}", *changed, "--nocolor", "--", target]
     progress = Progress()
     log.parent.mkdir(parents=True, exist_ok=True)
     with (
