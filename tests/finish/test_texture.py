@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -82,8 +84,6 @@ def test_the_side_that_no_photo_sees_is_filled_from_its_surroundings(carton, bak
 
 def test_exposure_differences_leave_no_seams(carton, baked, tmp_path):
     views, _ = read_views(carton.cameras)
-    from dataclasses import replace
-
     changed = []
     for k, view in enumerate(views):
         path = tmp_path / view.image_path.name
@@ -94,6 +94,20 @@ def test_exposure_differences_leave_no_seams(carton, baked, tmp_path):
     ratio = texture[texels.row, texels.column].astype(float).mean(1) / baked[0][texels.row, texels.column].astype(float).mean(1)
     assert np.std(ratio) < 0.03
     assert figures["gains"][1] / figures["gains"][0] == pytest.approx(1.1 / 0.8, rel=0.03)
+
+
+def test_a_highlight_in_one_photo_leaves_no_ghost(carton, baked, tmp_path):
+    views, _ = read_views(carton.cameras)
+    best = max(views, key=lambda view: view.mask().sum())
+    rows, columns = np.nonzero(best.mask())
+    y, x = np.mgrid[: best.camera.height_px, : best.camera.width_px]
+    path = tmp_path / best.image_path.name
+    glare = 60.0 * np.exp(-((x - columns.mean()) ** 2 + (y - rows.mean()) ** 2) / (2 * 12.0**2))
+    write_image(path, np.clip(best.image() + glare[..., None], 0, 255).astype(np.uint8))
+    shiny = [replace(view, image_path=path) if view is best else view for view in views]
+    texture, _ = bake_texture(Mesh(carton.mesh.vertices, carton.mesh.faces, carton.mesh.normals, carton.mesh.uv), shiny, 512)
+    ghost = np.abs(texture.astype(float) - baked[0]).max(2)
+    assert ghost.max() < 35 and (ghost > 10).mean() < 0.004
 
 
 def test_gutters_continue_the_nearest_chart(baked):

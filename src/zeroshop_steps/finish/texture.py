@@ -1,8 +1,9 @@
 """Bake the texture from the undistorted photos.
 
 The detail at a spot comes from the photo that sees it best (view angle, resolution, distance to occlusion edges), with short
-soft transitions, so print stays sharp. The broad colour is a mean of all photos that see the spot, with little weight for
-highlights, so no seam shows where the best photo changes. Spots that no photo sees are filled smoothly from around them.
+soft transitions, so print stays sharp. A photo that shows a highlight there, brighter than the other photos do, has less say. The
+broad colour is a mean of all photos that see the spot, with little weight for highlights, so no seam shows where the best photo
+changes. Spots that no photo sees are filled smoothly from around them.
 """
 
 import argparse
@@ -32,6 +33,7 @@ QUALITY_SMOOTHING = 6  # steps; regions that take their detail from one photo be
 LEVEL_SMOOTHING = 12  # steps; what is broader is the colour that all photos share, what is finer the detail of one
 SELECT_POWER = 12.0  # of the quality; at 12, a photo of 90 % of the best one's quality gets 28 % of its weight
 HIGHLIGHT = 0.06  # difference of colour (of 1) from the mean at which a photo's weight is half
+GLARE = 0.03  # of 1, by which a photo is brighter than the mean where it counts half as a source of detail
 HIGHLIGHT_ROUNDS = 4  # the mean and the weights are computed in turns
 COLOR_BLUR_PX = 1.5  # of the photos, before a vertex looks up its colour; print finer than the vertices would only be noise there
 LEAST_QUALITY = 0.05  # of the best view of all; less counts neither for exposure nor more for the level than this
@@ -97,8 +99,8 @@ def bake_texture(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, 
 
     quality = rate_vertex_views(joined, maps, extent)
     images, gains = _equalize_exposure(images, quality, joined, maps)
-    broad, corrections = _average_colors(images, quality, joined, maps, neighbours)
-    choice = _choose_photos(quality, neighbours)
+    broad, corrections, glare = _average_colors(images, quality, joined, maps, neighbours)
+    choice = _choose_photos(quality / (1.0 + (glare / GLARE) ** 2), neighbours)
     color, weight = np.zeros((count, 3), np.float32), np.zeros(count, np.float32)
     points = at_texels @ joined.vertices
     for threshold, needed in ((CHOSEN_SHARE, None), (0.0, COVERED)):  # the second round is for texels that the chosen photos miss
@@ -132,12 +134,13 @@ def _equalize_exposure(
 
 def _average_colors(
     images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps], neighbours: csr_matrix
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The mean colour of all photos at each vertex, and by how much each photo differs from it.
 
     Returns:
         broad: (V, 3) robust mean over the photos; filled in where no photo sees the vertex.
         corrections: (V, K, 3) smoothed difference between the mean and the colour in photo k.
+        glare: (V, K) by how much photo k is brighter than the mean; not below 0.
     """
     colors = _sample_vertex_colors(images, mesh, maps)
     weights = quality.copy()
@@ -149,7 +152,7 @@ def _average_colors(
     corrections = np.empty_like(colors)
     for k in range(len(maps)):
         corrections[:, k] = smooth(mean - colors[:, k], neighbours, LEVEL_SMOOTHING, np.minimum(quality[:, k], LEAST_QUALITY))
-    return broad, corrections
+    return broad, corrections, np.maximum((colors - mean[:, None]).mean(2), 0.0)
 
 
 def _sample_vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:
