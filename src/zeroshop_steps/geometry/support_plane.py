@@ -20,6 +20,9 @@ CAMERAS_ABOVE_SHARE = 0.8  # of the cameras at least are above the support; some
 MAX_ROLL_ANGLE_DEG = 60.0  # between the plane's normal and the cameras' up, where that is well defined
 MIN_CERTAINTY = 0.2  # of the up from roll; below, the cameras' x axes nearly agree and leave it open
 MIN_INLIERS = 30  # fewer points are a plane by chance
+FEW_INLIERS, LEVEL_DEG = 200, 10.0
+"""A plane of fewer points than this that is not level is chance: points of other things on a plain table. Print has a thousand; photos that
+are held by hand tell what is level to a few degrees."""
 TILTED_SHARE = 0.1  # an upright plane with less than this share of another plane's score is chance: the cameras were tilted
 OUTSIDE_VIEWS, OUTSIDE_SHARE = 2, 0.25  # a background point is outside the mask in so many views, and in this share of its views
 VERTICES = 2000  # of the object are tested against each candidate: all of them would only take longer
@@ -111,7 +114,12 @@ def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View
     if not best:
         return None
     upright = best_score[True] > TILTED_SHARE * best_score[False]
-    return _refine(*best[upright], near, centre, diagonal)
+    plane = _refine(*best[upright], near, centre, diagonal)
+    # On a plain table, the refinement may climb from a few points of the table onto other things.
+    if plane is None or not _supports(plane.normal, plane.offset, vertices, cameras, diagonal):
+        return None
+    level = certainty < MIN_CERTAINTY or plane.normal @ up > np.cos(np.radians(LEVEL_DEG))
+    return plane if level or plane.inliers >= FEW_INLIERS else None
 
 
 def sample_planes(

@@ -1,17 +1,24 @@
 """Measure how the object stands in the registration's frame: its up direction, its support, and its height above it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.scene_support import find_scene_focus
 from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
 from zeroshop_steps.runtime.errors import StepError
 
 EDGE_PX = 1.0  # error of the object's edges in the photos
 TOP_SHARE = 2e-4  # of the surface's area may lie above the measured top: spikes are no part of the object
+FROM_POINTS, FROM_VIEWS = "points", "views"  # where the segmentation has its plane from
+VIEWS_DEVIATION_DISTANCES = 0.002
+"""Standard deviation of the place of a plane on which views agree, in distances of the cameras: the step in which it was searched."""
+ROLL_DEVIATION_DEG = 1.5  # and of its normal, which comes from how photos were held: 0.6 and 1.5 degrees off in two films
 LEAST_MEASURED = 0.05  # of the surface's area; if less of it was measured, all of it counts for the top
 
 
@@ -43,8 +50,17 @@ class ObjectPose:
         return self.top - self.bottom
 
 
-def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel) -> ObjectPose:
-    """Fit the support plane to the sparse points around the object and measure the mesh above it.
+def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel, segmentation: Mapping[str, Any] | None = None) -> ObjectPose:
+    """Find the support plane and measure the mesh above it.
+
+    The plane is fitted to the sparse points around the object. Where the segmentation found too few of them for that, it is the plane on
+    which the views agreed there; where they told nothing, there is none.
+
+    Args:
+        mesh: registration frame.
+        views: the registered photos.
+        model: their sparse points.
+        segmentation: the record of masks that were found; None where they were given.
 
     Where the mesh has `quality`, only measured faces count for its top: the lid that masks leave over a plain hollow bulges above
     the rim.
@@ -52,9 +68,14 @@ def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel) -> Ob
     Raises:
         StepError: the mesh does not rise above its support plane.
     """
-    return measure_above_plane(
-        mesh, views, fit_support_plane(model.points[find_background_points(model.points, views)], mesh.vertices, views)
-    )
+    source = (segmentation or {}).get("plane_from", FROM_POINTS)
+    plane = None
+    if source == FROM_POINTS:
+        plane = fit_support_plane(model.points[find_background_points(model.points, views)], mesh.vertices, views)
+    elif source == FROM_VIEWS and segmentation:
+        residual = VIEWS_DEVIATION_DISTANCES * find_scene_focus(model)[1]
+        plane = SupportPlane(np.array(segmentation["plane"]["normal"]), segmentation["plane"]["offset"], 0, residual, ROLL_DEVIATION_DEG)
+    return measure_above_plane(mesh, views, plane)
 
 
 def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> ObjectPose:
@@ -78,7 +99,7 @@ def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | Non
         )
     if plane:
         half_width = np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / 2
-        low_deviation = np.hypot(plane.residual / np.sqrt(plane.inliers), np.radians(plane.normal_deviation_deg) * half_width)
+        low_deviation = np.hypot(plane.residual / np.sqrt(max(plane.inliers, 1)), np.radians(plane.normal_deviation_deg) * half_width)
     centre = mesh.vertices.mean(0)
     depths = [(view.camera.project(centre[None])[1][0], view.camera.intrinsics[0, 0]) for view in views]
     edge = EDGE_PX * float(np.median([depth / focal_px for depth, focal_px in depths]))

@@ -12,7 +12,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus, fit_scene_support, measure_aside
-from zeroshop_steps.geometry.support_plane import MIN_CERTAINTY, estimate_up_from_roll
+from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import sample_ground
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, splat_voxels
@@ -30,7 +30,6 @@ MOST_LEVELS = 25.0  # a larger disagreement counts no more: something hides the 
 MIN_CONTRAST = 1.04  # of the usual disagreement to the best plane's; below, the table shows nothing that tells its height
 HIGH_DISTANCES = 0.025
 """A fitted plane this far above the lowest points goes through things on the table, by chance."""
-FEW_INLIERS = 200  # a plane of fewer points is often chance, too: a print has a thousand
 SETTLED_DISTANCES = 0.003  # a plane that moves less than this needs no new masks
 
 
