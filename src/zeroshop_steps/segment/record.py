@@ -24,6 +24,7 @@ from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.exposure import equalize_exposure
 from zeroshop_steps.segment.mask_quality import MasksRejected
+from zeroshop_steps.segment.outline_check import measure_outline_misses_px, warn_of_misses
 
 DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
 RECORD = "segmentation.json"
@@ -81,11 +82,15 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
                 model.deregister_frame(model.images[image_id].frame_id)
         write_reconstruction(model, folder / "sparse")
         equalize_exposure(folder)
+        kept = [index for index, view in enumerate(views) if view.camera.name not in dropped]
+        missed_px = measure_outline_misses_px([views[index] for index in kept], [masks[index] for index in kept])
+        record = record | {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
         write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet([view.image_path for view in views], masks, dropped))
     warn_of_dropped(record)
+    warn_of_misses(missed_px)
 
 
 def read_mask_record(folder: Path | None) -> dict[str, Any]:
