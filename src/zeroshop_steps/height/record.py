@@ -15,7 +15,7 @@ from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.height.object_pose import ObjectPose, measure_object_pose
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.segment.record import RECORD as MASKS_RECORD
+from zeroshop_steps.segment.record import read_mask_record
 
 UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
@@ -86,8 +86,7 @@ def write_height(
     """
     start_s = time.monotonic()
     views, model = read_views(args.cameras)
-    masks = args.cameras / MASKS_RECORD
-    pose = measure_object_pose(_read_mesh(args, views), views, model, read_json(masks) if masks.is_file() else None)
+    pose = measure_object_pose(_read_mesh(args, views), views, model, read_mask_record(args.cameras))
     if pose.top_of_mesh - pose.top > BULGE * pose.extent:
         warn(BULGES.format((pose.top_of_mesh - pose.top) / pose.extent))
     registered = RegisteredObject(

@@ -96,6 +96,11 @@ class SalientObjectNetwork:
             maps.append(self.predict(image, (width, round(image.shape[0] * width / image.shape[1]))))
         return maps
 
+    def find_main_things(self, paths: Sequence[Path], sizes_px: Sequence[tuple[int, int]], width_px: int) -> list[np.ndarray]:
+        """(H, W) bool masks of the main thing in each photo, of the photos' (width, height); maps are at most `width_px` wide."""
+        maps = self.find_maps(paths, width_px)
+        return [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
+
 
 def keep_main_thing(found: np.ndarray) -> np.ndarray:
     """A map, (h, w), with only the largest thing near the middle of the photo, and what nearly touches it: without cameras, nothing else

@@ -7,10 +7,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
-
 from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, keep_main_thing
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.record import RegistrationFailed
 
@@ -39,17 +37,16 @@ def find_masks(image_set: ImageSet, network: SalientObjectNetwork, folder: Path)
     Raises:
         RegistrationFailed: it sees one in too few.
     """
-    maps = network.find_maps(image_set.images, WIDTH_PX)
+    found = network.find_main_things(image_set.images, image_set.sizes_px, WIDTH_PX)
     chosen, masks = [], []
-    for index, (path, size_px, found) in enumerate(zip(image_set.images, image_set.sizes_px, maps, strict=True)):
-        mask = cv2.resize(keep_main_thing(found), size_px, interpolation=cv2.INTER_LINEAR) > 0.5
+    for index, (path, mask) in enumerate(zip(image_set.images, found, strict=True)):
         if mask.any() and not mask.all():
             chosen.append(index)
             masks.append(folder / f"{path.stem}.png")
             write_mask(masks[-1], mask)
     if len(chosen) < MIN_IMAGES:
         raise RegistrationFailed(
-            f"{network.path} sees something that stands out in {len(chosen)} of {len(maps)} photos only", {"registered": 0}
+            f"{network.path} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
         )
     return replace(
         image_set,

@@ -43,7 +43,8 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
         grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
         hulls = [render_silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
         if number == len(ROUNDS) - 1:
-            whole = _add_parts(grid, occupied, [cameras[index] for index in chosen], [masks[index] for index in chosen])
+            judged = [(cameras[index], masks[index], hulls[index]) for index in chosen]
+            whole = _add_parts(grid, occupied, judged)
             return [render_silhouette(grid, whole, camera) for camera in cameras] if whole.any() else hulls
         overlaps = {index: compute_overlap(masks[index], hulls[index]) for index in chosen}
         chosen = _keep_usual(overlaps, LEAST_OVERLAP)
@@ -105,16 +106,20 @@ def _carve_hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, v
     return grid, occupied
 
 
-def _add_parts(grid: VoxelGrid, occupied: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
-    """The (N, N, N) bool voxels, and the parts next to them that most masks have: handles, tips, what has the background's colours."""
+def _add_parts(grid: VoxelGrid, occupied: np.ndarray, judged: list[tuple[Camera, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """The (N, N, N) bool voxels, and the parts next to them that most masks have: handles, tips, what has the background's colours.
+
+    Args:
+        grid, occupied: the voxels.
+        judged: of each view the camera, the (H, W) bool mask and silhouette of the voxels.
+    """
     beside = []
-    for camera, mask in zip(cameras, masks, strict=True):
-        silhouette = render_silhouette(grid, occupied, camera)
+    for _, mask, silhouette in judged:
         radius = max(1.0, PART_MARGIN * float(np.sqrt(silhouette.sum())))
         near = cv2.distanceTransform((~silhouette).astype(np.uint8), cv2.DIST_L2, 3) <= radius
         beside.append(np.where(near, 0.0, np.where(mask, 1.0, -1.0)).astype(np.float32))
     index = np.argwhere(~occupied)
-    full, empty = count_votes(grid, index, cameras, beside, 0.0)
+    full, empty = count_votes(grid, index, [camera for camera, _, _ in judged], beside, 0.0)
     whole = occupied.copy()
     whole[tuple(index[(full >= PART_VIEWS) & (full >= PART_SHARE * (full + empty))].T)] = True
     labels, _ = ndimage.label(ndimage.binary_dilation(whole), np.ones((3, 3, 3)))

@@ -15,7 +15,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, keep_main_thing
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
@@ -80,8 +80,7 @@ def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argpar
     Raises:
         StepError: the network is missing or damaged, or too few masks are good.
     """
-    maps = load_network(args).find_maps(paths, args.image_width_px)
-    masks = [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
+    masks = load_network(args).find_main_things(paths, sizes_px, args.image_width_px)
     _, qualities = assess_masks(masks, None)
     names = [path.name for path in paths]
     check_enough_good(qualities, names, masks)
