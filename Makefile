@@ -9,8 +9,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
-# Two processes, one thread each; the tests of one file share what they set up.
-TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist loadscope
+# Processes with one thread each; the tests of one file share what they set up, and tests/conftest.py says which files come first.
+# Threads that wait sleep, as steps with two threads share the two cores with other processes.
+TESTS := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
 
 .PHONY: mesh check test faults lint types style bench viewer
 .DELETE_ON_ERROR:
@@ -19,10 +20,11 @@ mesh: $(READY)
 	$(BIN)/snakemake --cores 2 results/demo/mustard_bottle/2dgs.ply
 
 check: lint
-	$(TESTS) -m "not slow and not faults"
+	$(TESTS) -n 2 -m "not slow and not faults"
 
+# Three processes for two cores: in a quarter of the time, one of two would only wait for the steps of a workflow.
 test: check
-	$(TESTS) -m "slow and not faults" --durations=15
+	$(TESTS) -n 3 -m "slow and not faults" --durations=15
 
 faults: $(READY)
 	$(BIN)/python -m pytest -q -m faults --durations=15

@@ -4,6 +4,7 @@ The process that only hands tests to others reads this file, too, and they wait 
 is used.
 """
 
+import fcntl
 import os
 import shutil
 from pathlib import Path
@@ -16,25 +17,43 @@ KERNELS = REPOSITORY / ".pytest_cache" / "numba"
 """Compiled kernels, in a folder for each process."""
 
 
+LONGEST = (
+    "workflow/test_tiny_cell.py",
+    "surface/test_kernels.py",
+    "workflow/test_learned.py",
+    "workflow/test_shared_cache.py",
+    "workflow/test_added_methods.py",
+    "height/test_marker.py",
+    "evaluate/test_grade.py",
+    "finish/test_close.py",
+    "bop/test_align.py",
+    "workflow/test_vggt_rules.py",
+    "pose/test_render_compare.py",
+    "surface/svraster/test_render.py",
+)
+"""Files of tests that take longest, which begin first: one that begins last has other processes wait for it."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {REPOSITORY / "tests" / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_setupnodes(specs) -> None:
-    """Each process has compiled kernels of its own: two that write into numba's index of one function could mix up its signatures.
-
-    At the start it gets those that the others compiled last time, as the same test may now run in another process.
-    """
+    """Each process has compiled kernels of its own (shared_kernels.py says why)."""
     for spec in specs:
         spec.env["NUMBA_CACHE_DIR"] = str(KERNELS / spec.id)
-        _take_kernels(KERNELS / spec.id)
 
 
-def _take_kernels(folder: Path) -> None:
-    """Copy every function that another process compiled later, or alone: its index and the files that this names."""
-    for index in sorted(KERNELS.glob("*/*/*.nbi")):
-        own = folder / index.parent.name / index.name
-        if not own.exists() or own.stat().st_mtime < index.stat().st_mtime:
-            own.parent.mkdir(parents=True, exist_ok=True)
-            for file in [*index.parent.glob(f"{index.stem}.*.nbc"), index]:
-                shutil.copy2(file, own.parent / file.name)
+@pytest.fixture(scope="module", autouse=True)
+def kernels_of_all() -> None:
+    """Before the tests of a file, take what the other processes have compiled since the last one."""
+    from helpers.shared_kernels import take_kernels
+
+    own = Path(os.environ.get("NUMBA_CACHE_DIR", REPOSITORY))
+    if own.parent == KERNELS:
+        take_kernels(KERNELS, own)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -69,12 +88,25 @@ def carton(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def carton_capture(tmp_path_factory) -> Path:
-    """The raised ring of ten views (480 x 360) around a printed carton on a textured surface, with true cameras."""
+    """The raised ring of ten views (480 x 360) around a printed carton on a textured surface, with true cameras.
+
+    One process of the test run makes it, and the others wait for it. Tests change only copies.
+    """
+    common = tmp_path_factory.getbasetemp()
+    if os.environ.get("PYTEST_XDIST_WORKER"):
+        common = common.parent
+    with (common / "carton_capture.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (common / "carton_capture/ring/truth").is_dir():
+            _capture_carton(common / "carton_capture")
+    return common / "carton_capture/ring"
+
+
+def _capture_carton(folder: Path) -> None:
     from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
     from zeroshop_steps.synthetic.demo_objects import write_demo_object
     from zeroshop_steps.synthetic.raycast import capture
 
-    folder = tmp_path_factory.mktemp("register")
     write_demo_object("gelatin_carton", folder / "model")
     capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "whole")
     ring = folder / "ring"
@@ -85,7 +117,6 @@ def carton_capture(tmp_path_factory) -> Path:
             shutil.copy(folder / "whole" / part / name, ring / part / name)
     cameras = read_sparse_model(folder / "whole" / "truth").cameras
     write_cameras(ring / "truth", [camera for camera in cameras if camera.name in names])
-    return ring
 
 
 @pytest.fixture(scope="session")

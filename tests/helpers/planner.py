@@ -1,4 +1,4 @@
-"""A process in which Snakemake is imported once, for the many tests that only ask what would run: half of such a call is imports.
+"""A process in which Snakemake is imported once, for the many tests that call it: half of a call that only plans is imports.
 
 Each call is a fork of that process, which has read nothing else; so calls share no state.
 """
@@ -21,8 +21,14 @@ USED_BY_EVERY_PLAN = ("jinja2", "jsonschema", "requests", "rich.progress", "smar
 @functools.cache
 def _server() -> subprocess.Popen[str]:
     server = subprocess.Popen([sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
-    atexit.register(server.kill)
+    atexit.register(_end, server)
     return server
+
+
+def _end(server: subprocess.Popen[str]) -> None:
+    """End the process and wait for it, so that the time that it took counts as time of the tests."""
+    server.kill()
+    server.wait()
 
 
 def _stop(server: subprocess.Popen[str]) -> None:
@@ -55,6 +61,8 @@ def _serve() -> None:
     from snakemake.cli import get_argument_parser, main
 
     get_argument_parser()  # looks for Snakemake's plugins and imports them
+    own = {str(Path(__file__).parent), *os.environ.get("PYTHONPATH", "").split(os.pathsep)}
+    installed = [place for place in sys.path if place not in own]
     for line in sys.stdin:
         folder, arguments, environment, said = json.loads(line)
         child = os.fork()
@@ -67,7 +75,8 @@ def _serve() -> None:
             for ours, theirs in ((nothing, 0), (words, 1), (words, 2)):
                 os.dup2(ours, theirs)
             sys.argv = ["snakemake", *arguments]
-            sys.path[0] = folder  # as `python -m snakemake` has it
+            # As `python -m snakemake` has it, with the caller's sources.
+            sys.path[:] = [folder, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep)), *installed]
             sys.exit(main(arguments))
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 

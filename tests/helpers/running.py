@@ -1,9 +1,9 @@
 """Running the workflow as a user does, in a folder of its own."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+from subprocess import CompletedProcess
 
 from helpers.paths import SNAKEFILE
 from helpers.planner import call_snakemake
@@ -20,14 +20,10 @@ def command_and_environment(folder: Path, *arguments: str) -> tuple[list[str], d
     return command, {**os.environ, "PATH": path, "XDG_CACHE_HOME": str(folder / ".cache")}
 
 
-def run_snakemake(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run_snakemake(folder: Path, *arguments: str) -> CompletedProcess[str]:
     """Call Snakemake in `folder`; stdout and stderr come back together in `stdout`."""
     command, environment = command_and_environment(folder, *arguments)
-    if not {"-n", "--summary", "--touch"}.isdisjoint(arguments):  # nothing runs
-        return call_snakemake(folder, command[command.index("snakemake") + 1 :], environment)
-    return subprocess.run(
-        command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=900
-    )
+    return call_snakemake(folder, command[command.index("snakemake") + 1 :], environment)
 
 
 def planned(output: str) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Train both optimizers for a few steps on a small ball and print a digest of what comes out; argument: the number of threads."""
+"""Train both optimizers for a few steps on a small ball and print a digest of what comes out, once for each number of threads given."""
 
 import hashlib
 import sys
@@ -26,9 +26,9 @@ def digest_of(values: torch.Tensor | np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
-def main() -> None:
+def train(threads: int) -> None:
     """Print one line per result."""
-    use_threads(int(sys.argv[1]))
+    use_threads(threads)
     views, _ = ball_views(SIZE_PX)
     start, pyramid = ball_initialization(views), ViewPyramid(views, views)
     settings = SurfelSettings(iterations=STEPS, densify_every=10, densify_from_share=0.2)
@@ -47,4 +47,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    for word in sys.argv[1:]:
+        train(int(word))

@@ -70,7 +70,7 @@ def test_a_reduced_mesh_keeps_its_shape_whatever_the_filter_did_before(carton):
 
 @pytest.mark.slow
 def test_a_mesh_beyond_reason_is_reduced_quickly():
-    sphere = trimesh.creation.icosphere(8, 50.0)
+    sphere = trimesh.creation.uv_sphere(50.0, count=[460, 460])
     mesh = Mesh(np.array(sphere.vertices), np.array(sphere.faces, np.int64))
     assert len(mesh.faces) > TEXTURED_FACES
     small = reduce_mesh(mesh, 5000, 64)

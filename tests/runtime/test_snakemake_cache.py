@@ -1,11 +1,12 @@
 """Why results are not shared by Snakemake's own cache: each of its faults that runtime/cache.py names, shown on a tiny workflow."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from helpers.planner import call_snakemake
 
 pytestmark = pytest.mark.slow
 
@@ -35,8 +36,7 @@ rule step:
 def snakemake(folder: Path, *targets: str) -> str:
     """Run Snakemake in `folder` with its own cache; what it said."""
     environment = {**os.environ, "SNAKEMAKE_OUTPUT_CACHE": str(folder / "shared"), "XDG_CACHE_HOME": str(folder / ".cache")}
-    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--cache", "--", *targets]
-    return subprocess.run(command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT).stdout
+    return call_snakemake(folder, ["--cores", "1", "--cache", "--", *targets], environment).stdout
 
 
 @pytest.fixture(scope="module")

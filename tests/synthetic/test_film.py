@@ -12,7 +12,7 @@ from zeroshop_steps.capture.video import extract_frames
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_mask
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic import lighting, scene_meshes, table_scene, table_tops
+from zeroshop_steps.synthetic import lighting, table_scene, table_tops
 from zeroshop_steps.synthetic.board_scene import BOARD, place_empty_cameras
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.film import render_film
@@ -29,7 +29,9 @@ def coarse_table():
     """A table with fewer texels and samples of light: what is tested here does not depend on them, and they take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lighting, "SURFACE_CELLS", 24)
-        patch.setattr(scene_meshes, "make_rich_texture", functools.partial(scene_meshes.make_rich_texture, texels=1024))
+        print_ = table_tops.TABLE_TOPS["print"]
+        coarse = replace(print_, make_texture=functools.partial(print_.make_texture, texels=1024))
+        patch.setitem(table_tops.TABLE_TOPS, "print", coarse)
         patch.setattr(table_scene, "TILE_PX", 96)
         yield
 

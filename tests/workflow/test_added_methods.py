@@ -1,12 +1,11 @@
 """A method is a file and a line of config: a new registration and two new surface methods, added as a user would, run in cells."""
 
 import csv
-import subprocess
-import sys
 
 import pytest
 
 from helpers.checkout import copy_checkout
+from helpers.planner import call_snakemake
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.runtime.files import read_json
 
@@ -110,10 +109,7 @@ def checkout(tmp_path_factory):
     (folder / "mine.yaml").write_text(CONFIG)
 
     def call(*words):
-        command = [sys.executable, "-m", "snakemake", "--cores", "2", *words, "--configfile", "mine.yaml"]
-        return subprocess.run(
-            command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=500
-        )
+        return call_snakemake(folder, ["--cores", "2", *words, "--configfile", "mine.yaml"], environment)
 
     return folder, call
 

@@ -1,12 +1,11 @@
 """A second checkout that shares the cache renders, registers and trains nothing again; damaged entries are made again."""
 
 import shutil
-import subprocess
-import sys
 
 import pytest
 
 from helpers.checkout import copy_checkout
+from helpers.planner import call_snakemake
 from helpers.running import run_snakemake
 
 CELL = "results/demo/mustard_bottle/su_h/truth"
@@ -26,10 +25,9 @@ def checkout(folder):
     environment = copy_checkout(folder)
 
     def make(shared):
-        command = [sys.executable, "-m", "snakemake", "--cores", "2", SPLATS, "--config", *CONFIG]
         shares = {**environment, "ZEROSHOP_CACHE": str(shared)}
-        run = subprocess.run(command, cwd=folder, env=shares, capture_output=True, text=True, check=False, timeout=600)
-        assert run.returncode == 0, run.stdout + run.stderr
+        run = call_snakemake(folder, ["--cores", "2", SPLATS, "--config", *CONFIG], shares)
+        assert run.returncode == 0, run.stdout
         return [(folder / log).read_text() for log in LOGS], (folder / SPLATS).read_bytes()
 
     return make

@@ -1,12 +1,12 @@
 """The Snakefile at the top and workflow/Snakefile are one workflow: the same plan, profile and paths, from any folder."""
 
+import os
 import shutil
-import subprocess
-import sys
 
 import pytest
 
 from helpers.paths import REPOSITORY
+from helpers.planner import call_snakemake
 from helpers.running import planned
 
 SNAKEFILES = ("Snakefile", "workflow/Snakefile")
@@ -15,8 +15,7 @@ TARGETS = ("results/demo/mug/su_h/vggt/2dgs/mesh.ply", "results/ycbv/bop/test", 
 
 def bare(folder, *arguments):
     """What `snakemake` says when it is called in a folder with these arguments and no others."""
-    command = [sys.executable, "-m", "snakemake", *map(str, arguments)]
-    run = subprocess.run(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, timeout=300)
+    run = call_snakemake(folder, list(map(str, arguments)), dict(os.environ))
     assert run.returncode == 0, run.stdout
     return run.stdout
 
@@ -42,6 +41,12 @@ def checkout(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def usual_jobs(checkout):
+    """What a bare call in the project's folder plans for the targets."""
+    return planned(bare(checkout, "-n", *TARGETS))
+
+
 @pytest.mark.slow
 def test_a_bare_call_takes_the_one_at_the_top_and_plans_what_the_other_plans(checkout):
     top, other = bare(checkout, "-n"), bare(checkout, "-n", "--snakefile", "workflow/Snakefile")
@@ -55,13 +60,13 @@ def test_a_bare_call_takes_the_one_at_the_top_and_plans_what_the_other_plans(che
 @pytest.mark.slow
 @pytest.mark.parametrize("snakefile", SNAKEFILES)
 @pytest.mark.parametrize("profile", [None, "gpu", "slurm"])
-def test_both_plan_the_same_in_another_folder(checkout, tmp_path, snakefile, profile):
+def test_both_plan_the_same_in_another_folder(checkout, usual_jobs, tmp_path, snakefile, profile):
     (tmp_path / "resources").symlink_to(checkout / "resources")
     options = ["--workflow-profile", profile] if profile else []
     output = bare(tmp_path, "-n", "--snakefile", checkout / snakefile, "--directory", tmp_path, *options, *TARGETS)
     assert f"profiles/{profile or 'default'} for setting default command line arguments" in output
     jobs, commands = plan(output)
-    assert jobs == planned(bare(checkout, "-n", *TARGETS))
+    assert jobs == usual_jobs
     [environment] = [command for command in commands if "blender_environment" in command]
     requirements = tmp_path / environment.split("--requirements ")[1].split()[0]
     assert requirements.resolve() == checkout / "workflow/envs/blenderproc.txt"
