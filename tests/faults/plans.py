@@ -1,6 +1,7 @@
 """Faults of the config, the table of objects and their paths: all are found before anything starts."""
 
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -8,6 +9,8 @@ from pathlib import Path
 
 from faults.photos import take_photos
 from helpers.faults import Fault
+from helpers.paths import REPOSITORY
+from helpers.planner import call_snakemake
 from helpers.running import run_snakemake
 
 HEADER = "dataset\tobject\timages\tmasks\theight_m\theight_method"
@@ -55,6 +58,18 @@ def plan_table(make: Callable[[Path], object]) -> Callable[[Path], int]:
     return run
 
 
+def plan_defaults_in_latin_1(folder: Path) -> int:
+    """Plan in a copy of the project whose own config was saved in another encoding."""
+    for part in ("workflow", "config"):
+        shutil.copytree(REPOSITORY / part, folder / "project" / part)
+    with (folder / "project/config/config.yaml").open("ab") as file:
+        file.write(b"# Gr\xfc\xdfe\n")
+    words = ["--snakefile", str(folder / "project/workflow/Snakefile"), "-n", "results/demo/mug/2dgs.ply"]
+    run = call_snakemake(folder, words, dict(os.environ))
+    print(run.stdout, file=sys.stderr)
+    return run.returncode
+
+
 def link_to_itself(table: Path) -> None:
     """A link that leads to itself."""
     os.symlink(table, table)
@@ -94,6 +109,7 @@ FAULTS = [
     ),
     Fault("known without a height", plan_row("photos\tthing\tIMAGES\t\t\tknown"), ("line 2: height_method known needs", "height_m")),
     Fault("a folder with braces", plan_row("photos\tthing\tIMAGES\t\t0.1\t", "a{b}c"), ("photos thing: the path of its images", "rename")),
+    Fault("a config in Latin-1", plan_defaults_in_latin_1, (r"config/config\.yaml is not UTF-8 text: see line \d+", "encoding UTF-8")),
     Fault("a table that is a folder", plan_table(Path.mkdir), (r"objects\.tsv cannot be read: Is a directory", "objects_table")),
     Fault("a table in Latin-1", plan_table(lambda table: table.write_bytes(b"dataset\tGr\xfc\xdfe\n")), (r"objects\.tsv is not UTF-8",)),
     Fault("a table that links to itself", plan_table(link_to_itself), (r"objects\.tsv cannot be read: Too many levels", "remove it")),

@@ -203,6 +203,16 @@ def _number(text: str) -> float | str:
     return number if math.isfinite(number) else text
 
 
+def check_encoding(path: Path) -> None:
+    """Raise StepError where a text file is not UTF-8: Snakemake ends with a traceback that does not name the file."""
+    content = Path(path).read_bytes()
+    try:
+        content.decode()
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise StepError(f"{path} is not UTF-8 text: see line {line}. Save it again with the encoding UTF-8") from None
+
+
 def read_yaml(path: Path) -> Any:
     """The content of a YAML file."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is ten times faster, where PyYAML was built with it
