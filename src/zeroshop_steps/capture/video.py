@@ -1,4 +1,4 @@
-"""Extract frames from a video of the object: the first, then the sharpest of each stretch of the camera's path.
+"""Extract frames from a video of the object: the first, then the sharpest of each stretch of the path; more where they share little.
 
 In all stretches the image changes by the same amount, whatever time they take: a camera at rest shows nothing new. The rotation
 that the file records is applied. The original is never changed.
@@ -6,13 +6,14 @@ that the file records is applied. The original is never changed.
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from zeroshop_steps.capture.bridging import bridge_gaps
 from zeroshop_steps.capture.frames import (
     collect_image_warnings,
     draw_contact_sheet,
@@ -28,7 +29,7 @@ from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm")
-FRAMES, MIN_FRAMES = 20, 8
+FRAMES, MIN_FRAMES, MOST_FRAMES = 20, 8, 60
 MAX_SIDE_PX = 1920
 FLICKER_BLUR_PX = 1.5  # standard deviation of the blur that removes noise before frames are compared
 WINDOW_SHARE = 0.35  # of a stretch, to either side of its middle: where its sharpest frame is looked for
@@ -53,34 +54,59 @@ class VideoScan:
     changes: np.ndarray
     thumbnails: np.ndarray
 
+    @property
+    def way(self) -> np.ndarray:
+        """(F,) how much the picture has changed since the film began, noise apart."""
+        return np.cumsum(np.maximum(self.changes - STILL_CHANGE, 0.0))
+
+    def find_between(self, one: int, other: int) -> int | None:
+        """The sharpest frame near the middle of the way between two; None where none differs from both."""
+        way = self.way
+        near = np.abs(way - (way[one] + way[other]) / 2)[one + 1 : other]
+        if not len(near):
+            return None
+        candidates = one + 1 + np.flatnonzero(near <= max(WINDOW_SHARE * (way[other] - way[one]) / 2, near.min()))
+        best = int(candidates[self.sharpnesses[candidates].argmax()])
+        return None if any(look_alike(self.thumbnails[best], self.thumbnails[end]) for end in (one, other)) else best
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--images", type=Path, required=True, help=f"video file: {', '.join(VIDEO_SUFFIXES)}")
     parser.add_argument("--frames", type=int, default=FRAMES, help="frames to take (default: %(default)s)")
+    parser.add_argument(
+        "--most-frames", type=int, default=MOST_FRAMES, help="with those between frames that share too little (default: %(default)s)"
+    )
     parser.add_argument("--max-side-px", type=int, default=MAX_SIDE_PX, help="larger frames are scaled down (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    extract_frames(args.images, args.frames, args.max_side_px, args.out)
+    extract_frames(args.images, args.frames, args.max_side_px, args.out, args.most_frames)
 
 
-def extract_frames(video: Path, count: int, max_side_px: int, out: Path) -> None:
-    """Write `count` frames to `out`/images, a picture of them all, and what to film again to capture.json.
+def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: int = 0) -> None:
+    """Write frames to `out`/images, a picture of them all, and what to film again to capture.json.
+
+    Args:
+        video: the file.
+        count: frames to take.
+        max_side_px: larger frames are scaled down.
+        out: folder to write.
+        most: frames with those between frames that share too little to be registered together.
 
     Raises:
         StepError: no video, a damaged or cut-off one, or one in which the camera hardly moves.
     """
     start_s = time.monotonic()
     film = scan_video(video)
-    chosen = choose_frames(film, count)
+    first = choose_frames(film, count)
+    chosen = bridge_gaps(lambda numbers: _read_numbers(video, numbers), first, film.find_between, most)
     needed = min(MIN_FRAMES, count)
     if len(chosen) < needed:
         raise StepError(f"{video} shows only {len(chosen)} different views, {needed} are needed: move the camera all around the object")
-    wanted = set(chosen)
-    images = {number: frame for number, frame in enumerate(read_frames(video)) if number in wanted}
+    images = _read_numbers(video, chosen)
     names = [f"{index:06d}" for index in range(len(chosen))]
     blurs_px = [measure_edge_blur_px(images[number]) for number in chosen]
     warnings = collect_image_warnings(names, film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist(), blurs_px)
@@ -89,8 +115,8 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path) -> None
         warnings.append(f"the camera moved too fast: only {moving} frames show its way; take twice the time for it")
     elif np.median(film.sharpnesses[chosen]) < BLURRED_SHARE * np.quantile(film.sharpnesses, 0.95):
         warnings.append("the camera moved too fast: most frames are blurred, some are not; take twice the time for the same way")
-    if len(chosen) < count:
-        warnings.append(f"only {len(chosen)} of {count} frames differ enough: film a longer way around the object")
+    if len(first) < count:
+        warnings.append(f"only {len(first)} of {count} frames differ enough: film a longer way around the object")
     with atomic_directory(out) as folder:
         scaled = [_shrink(images[number], max_side_px) for number in chosen]
         for name, image in zip(names, scaled, strict=True):
@@ -100,6 +126,7 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path) -> None
             "video": video.name,
             "video_frames": len(film.changes),
             "source_frames": [int(number) for number in chosen],
+            "added_frames": len(chosen) - len(first),
             "warnings": warnings,
             "seconds": round(time.monotonic() - start_s, 2),
         }
@@ -150,9 +177,15 @@ def read_frames(video: Path) -> Iterator[np.ndarray]:
         capture.release()
 
 
+def _read_numbers(video: Path, numbers: Iterable[int]) -> dict[int, np.ndarray]:
+    """Frames by their numbers."""
+    wanted = set(numbers)
+    return {number: frame for number, frame in enumerate(read_frames(video)) if number in wanted} if wanted else {}
+
+
 def choose_frames(film: VideoScan, count: int) -> list[int]:
     """Numbers of up to `count` frames: the first, and the sharpest around the middle of each equal stretch of change."""
-    way = np.cumsum(np.maximum(film.changes - STILL_CHANGE, 0.0))
+    way = film.way
     if way[-1] <= 0:
         return [0]
     step = way[-1] / max(count - 1, 1)

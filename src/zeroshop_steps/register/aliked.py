@@ -168,7 +168,7 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
             _, scores = matcher.match(number[one], number[other])
             return bool((scores >= options.sure_score).sum() >= AGAIN * options.sure_matches)
 
-        return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again)
+        return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, by_object=True)
 
 
 def cut_crops(image_set: ImageSet, side_px: int) -> list[Crop]:

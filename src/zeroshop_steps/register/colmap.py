@@ -120,7 +120,7 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         tested = None if pairs is None else {frozenset(Path(name).stem for name in pair) for pair in pairs}
         look_again = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
         try:
-            return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again)
+            return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only)
         except RegistrationFailed as error:
             if not still:
                 raise

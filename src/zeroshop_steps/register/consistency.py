@@ -9,6 +9,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.register.film_order import find_jump
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.pair_support import PairSupport, count_pair_support
 from zeroshop_steps.register.repair import measure_reprojection_errors_px
@@ -112,6 +113,8 @@ def check_consistency(
     evidence = count_pair_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
     reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
+    if reason is None and image_set.film:
+        reason, culprits = find_jump(model)
     return ConsistencyReport(coherence, evidence, errors_px, reason, culprits, tuple(wrong_masks))
 
 

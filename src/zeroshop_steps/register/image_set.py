@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,12 +24,14 @@ class ImageSet:
         masks: mask files, in the order of the images; None for a whole scene.
         sizes_px: (width, height) of each image.
         sources: how the user names the images, in their order; empty where they have no other name.
+        film: whether the images are frames of a film, named by their place in it.
     """
 
     images: tuple[Path, ...]
     masks: tuple[Path, ...] | None
     sizes_px: tuple[tuple[int, int], ...]
     sources: tuple[str, ...] = ()
+    film: bool = False
 
     @property
     def names(self) -> list[str]:
@@ -85,13 +88,15 @@ def read_image_set(capture: Path) -> ImageSet:
         masks.append(mask)
     if len(digests) == 1:
         raise StepError(f"all images in {capture / 'images'} are alike; the camera must move around the object")
-    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px), _read_sources(capture, images))
+    path = capture / "capture.json"
+    record = read_json(path) if path.is_file() else {}
+    film = [path.stem for path in images] == [f"{place:06d}" for place in range(len(record.get("source_frames", [])))]
+    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px), _read_sources(record, images), film)
 
 
-def _read_sources(capture: Path, images: list[Path]) -> tuple[str, ...]:
-    """The user's names of a capture's photos; empty where it tells none, or was changed since."""
-    record = capture / "capture.json"
-    names = read_json(record).get("source_names", []) if record.is_file() else []
+def _read_sources(record: dict[str, Any], images: list[Path]) -> tuple[str, ...]:
+    """The user's names of a capture's photos; empty where its record tells none, or it was changed since."""
+    names = record.get("source_names", [])
     numbers = [int(path.stem) if path.stem.isdigit() else -1 for path in images]
     return tuple(names[number] for number in numbers) if names and all(0 <= number < len(names) for number in numbers) else ()
 

@@ -12,6 +12,7 @@ import pycolmap
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
+from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.photo_groups import describe_groups, find_groups
 from zeroshop_steps.register.record import (
     OBJECT_ONLY,
@@ -98,6 +99,7 @@ def reconstruct(
     figures: dict[str, Any],
     stopwatch: Stopwatch,
     look_again: LookAgain | None = None,
+    by_object: bool = False,
 ) -> dict[str, Any]:
     """Estimate cameras from the verified matches of a database and write images/, sparse/ and, where there are masks, masks/ to `out`.
 
@@ -105,6 +107,7 @@ def reconstruct(
         database: COLMAP database with features and verified matches; what is written on the way lies beside it.
         figures: the record so far; completed in place.
         look_again: is asked about neighbours that share almost no points, see `check_sides`.
+        by_object: whether the object's features alone gave the matches, and the images have masks: then no ground tells sides apart.
 
     Returns:
         The record for registration.json.
@@ -114,6 +117,8 @@ def reconstruct(
     """
     count, scratch = len(image_set.images), database.parent
     expected = _count_common(database, image_set, options, figures) if options.leave_out else count
+    if image_set.film:
+        expected = count  # a film shows one scene: frames without matches are not foreign, but missing
     needed = max(options.min_images, math.ceil(options.min_share * expected))
     mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
     model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
@@ -150,7 +155,10 @@ def reconstruct(
     stopwatch.stop()
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
-    return check_sides(pinhole_model, figures, look_again)
+    record = check_sides(pinhole_model, figures, look_again)
+    if by_object:
+        check_neighbours(out, record, pinhole_model)
+    return record
 
 
 def _count_common(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> int:
@@ -178,7 +186,7 @@ def _settle(
     report = check_consistency(model, image_set, database, options.limits, doubt_masks)
     dropped: list[str] = []
     for _ in range(options.max_dropped):
-        if report.reason is None or model.num_reg_images() - len(report.culprits) < options.min_images:
+        if report.reason is None or not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
             break
         names = list(report.culprits)
         if set(names) <= set(again):
