@@ -2,7 +2,7 @@
 
 Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives. Learned features are tried only with masks, which
 check their cameras: on whole photos of plain tables they match other sides and other things too readily. Photos without masks get them
-by a salient-object network, if one is named.
+by a salient-object network, if one is named; then SIFT's cameras, too, are checked by such masks where few points hold them.
 """
 
 import argparse
@@ -43,9 +43,14 @@ def run(args: argparse.Namespace) -> None:
     image_set = read_image_set(args.capture)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
-    attempts: dict[str, Attempt] = {"colmap": lambda folder: colmap.register(image_set, folder, colmap.read_options(args))}
-    there = all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER))
     network = None if image_set.masks is not None else found_masks.load_network(args)
+
+    def register_scene(folder: Path) -> dict[str, Any]:
+        record = colmap.register(image_set, folder, colmap.read_options(args))
+        return found_masks.check_by_found_masks(folder, record, network) if network and found_masks.is_thin(record) else record
+
+    attempts: dict[str, Attempt] = {"colmap": register_scene}
+    there = all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER))
     has_masks = image_set.masks is not None or network is not None
     if there and has_masks:
         prepare = aliked.make_matcher(args, learned)

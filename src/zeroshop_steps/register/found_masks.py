@@ -1,18 +1,29 @@
-"""Masks of photos whose cameras are not known, by a salient-object network: enough to register the object alone.
+"""Masks of photos by a salient-object network: enough to register the object alone, and to check cameras that little else holds.
 
 The network takes the thing in the middle of each photo. Masks that show something else are found by the registration.
 """
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from zeroshop_steps.geometry.images import write_mask
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
+from zeroshop_steps.register.neighbour_agreement import check_neighbours
+from zeroshop_steps.register.outline_check import MOST_MISSED_PX, measure_outline_misses_px
 from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.runtime.files import scratch_directory
 
 WIDTH_PX = 480  # of the network's answers: finer ones cost time and bring nothing to features
+THIN_OBSERVATIONS = 250
+"""Points seen by an image, in the mean. On plain tables, cameras with 80 to 170 were bent or folded at times; print gives a thousand."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,12 +49,10 @@ def find_masks(image_set: ImageSet, network: SalientObjectNetwork, folder: Path)
         RegistrationFailed: it sees one in too few.
     """
     found = network.find_main_things(image_set.images, image_set.sizes_px, WIDTH_PX)
-    chosen, masks = [], []
-    for index, (path, mask) in enumerate(zip(image_set.images, found, strict=True)):
-        if mask.any() and not mask.all():
-            chosen.append(index)
-            masks.append(folder / f"{path.stem}.png")
-            write_mask(masks[-1], mask)
+    chosen = _find_useful(found)
+    masks = [folder / f"{image_set.images[index].stem}.png" for index in chosen]
+    for path, index in zip(masks, chosen, strict=True):
+        write_mask(path, found[index])
     if len(chosen) < MIN_IMAGES:
         raise RegistrationFailed(
             f"{network.path} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
@@ -55,3 +64,52 @@ def find_masks(image_set: ImageSet, network: SalientObjectNetwork, folder: Path)
         sizes_px=tuple(image_set.sizes_px[index] for index in chosen),
         sources=tuple(image_set.sources[index] for index in chosen) if image_set.sources else (),
     )
+
+
+def is_thin(record: dict[str, Any]) -> bool:
+    """Whether so few points hold the cameras that they may be bent or folded although they agree with each other."""
+    return record["points"] * record["mean_track_length"] < THIN_OBSERVATIONS * record["registered"]
+
+
+def check_by_found_masks(folder: Path, record: dict[str, Any], network: SalientObjectNetwork) -> dict[str, Any]:
+    """Check cameras that were found without masks by those of a network: their outlines, and the pictures of neighbours.
+
+    Args:
+        folder: the registration.
+        record: its record.
+
+    Returns:
+        The record with the figures of the checks.
+
+    Raises:
+        RegistrationFailed: the outlines miss each other, or sides that look alike lie on each other.
+    """
+    views, model = read_views(folder)[0], read_reconstruction(folder / "sparse")
+    found = network.find_main_things(
+        [view.image_path for view in views], [(view.camera.width_px, view.camera.height_px) for view in views], WIDTH_PX
+    )
+    chosen = _find_useful(found)
+    record = record | {"checked_by": network.path.name}
+    with scratch_directory(folder, "masks") as scratch:
+        masks = [found[index] for index in chosen]
+        paths = [scratch / views[index].camera.name for index in chosen]
+        for path, mask in zip(paths, masks, strict=True):
+            write_mask(path, mask)
+        masked = [replace(views[index], mask_path=path) for index, path in zip(chosen, paths, strict=True)]
+        missed_px = measure_outline_misses_px(masked, masks)
+        record |= {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
+        if missed_px is not None and missed_px > MOST_MISSED_PX:
+            raise RegistrationFailed(
+                f"the cameras are bent: in half of the photos, the outline of the thing in the middle misses the others by"
+                f" {missed_px:.1f} px or more (of 1000), {MOST_MISSED_PX:g} are usual at most; put the object on a surface with more print",
+                record,
+                model,
+            )
+        if len(masked) >= MIN_IMAGES:
+            check_neighbours(masked, record, model)
+    return record
+
+
+def _find_useful(masks: Sequence[np.ndarray]) -> list[int]:
+    """Numbers of the masks that show something, and not all of the photo."""
+    return [index for index, mask in enumerate(masks) if mask.any() and not mask.all()]

@@ -16,7 +16,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.visual_hull import find_inside_masks, voxel_centres
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.silhouette_coherence import bound_object
@@ -52,18 +52,18 @@ class SmallView:
     depth: np.ndarray
 
 
-def check_neighbours(folder: Path, figures: dict[str, Any], model: pycolmap.Reconstruction) -> None:
+def check_neighbours(views: Sequence[View], figures: dict[str, Any], model: pycolmap.Reconstruction) -> None:
     """Refuse cameras whose neighbouring views of the object do not show the same.
 
     Args:
-        folder: what `undistort` wrote, with masks.
+        views: the registered views, with masks.
         figures: the record so far; completed in place.
         model: goes with the refusal.
 
     Raises:
         RegistrationFailed: too many neighbours disagree.
     """
-    judged, disagreeing = find_disagreeing(read_views(folder)[0])
+    judged, disagreeing = find_disagreeing(views)
     figures |= {"compared_neighbours": judged, "disagreeing": [list(pair) for pair in disagreeing]}
     if len(disagreeing) > max(FEW_PAIRS, WRONG_SHARE * judged):
         raise RegistrationFailed(

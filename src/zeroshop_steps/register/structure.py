@@ -9,6 +9,7 @@ from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
@@ -157,7 +158,7 @@ def reconstruct(
         raise RegistrationFailed(report.reason, figures, pinhole_model)
     record = check_sides(pinhole_model, figures, look_again)
     if by_object:
-        check_neighbours(out, record, pinhole_model)
+        check_neighbours(read_views(out)[0], record, pinhole_model)
     return record
 
 

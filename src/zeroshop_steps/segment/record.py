@@ -19,12 +19,12 @@ from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_si
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
+from zeroshop_steps.register.outline_check import measure_outline_misses_px, warn_of_misses
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.exposure import equalize_exposure
 from zeroshop_steps.segment.mask_quality import MasksRejected
-from zeroshop_steps.segment.outline_check import measure_outline_misses_px, warn_of_misses
 
 DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
 RECORD = "segmentation.json"

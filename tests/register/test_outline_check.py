@@ -8,7 +8,7 @@ import numpy as np
 from helpers.ball_scene import ball_cameras, ball_mask
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.segment.outline_check import MOST_MISSED_PX, measure_outline_misses_px, warn_of_misses
+from zeroshop_steps.register.outline_check import MOST_MISSED_PX, measure_outline_misses_px, warn_of_misses
 
 CAMERAS = [camera.resized(1000, 750) for camera in ball_cameras()]
 MASKS = [ball_mask(camera) for camera in CAMERAS]

@@ -1,0 +1,46 @@
+"""Cameras that few points hold are checked by masks of a network: bent ones are refused."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
+from register.test_outline_check import shifted
+from zeroshop_steps.geometry.cameras import write_cameras
+from zeroshop_steps.register.found_masks import check_by_found_masks, is_thin
+from zeroshop_steps.register.record import RegistrationFailed
+
+
+def network_of(masks):
+    """A network that answers with these masks."""
+    return SimpleNamespace(path=Path("saliency.onnx"), find_main_things=lambda paths, sizes_px, width_px: masks)
+
+
+def test_thin_is_what_few_points_hold():
+    figures = {"registered": 20, "mean_track_length": 4.0}
+    assert is_thin(figures | {"points": 500}) and not is_thin(figures | {"points": 5000})
+
+
+def test_right_cameras_pass_and_nothing_is_left(tmp_path):
+    masks = write_ball_scene(tmp_path)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    record = check_by_found_masks(tmp_path, {"registered": 12}, network_of([masks[0] & False, *masks[1:]]))
+    assert record["checked_by"] == "saliency.onnx" and record["outlines_miss_px"] < 3 and record["registered"] == 12
+    assert before == sorted(path.name for path in tmp_path.iterdir())
+
+
+def test_bent_cameras_are_refused(tmp_path):
+    masks = write_ball_scene(tmp_path)
+    bent = [shifted(camera, 0.15 * np.cos(index * 2.0)) for index, camera in enumerate(ball_cameras())]
+    write_cameras(tmp_path / "sparse", bent)
+    with pytest.raises(RegistrationFailed, match="the cameras are bent: .* px or more .of 1000"):
+        check_by_found_masks(tmp_path, {"registered": 12}, network_of(masks))
+
+
+def test_photos_in_which_the_network_sees_nothing_are_not_judged(tmp_path):
+    write_ball_scene(tmp_path)
+    empty = [np.zeros_like(ball_mask(camera)) for camera in ball_cameras()]
+    record = check_by_found_masks(tmp_path, {"registered": 12}, network_of(empty))
+    assert record["outlines_miss_px"] is None and "disagreeing" not in record
