@@ -155,11 +155,12 @@ def scan_video(video: Path) -> VideoScan:
     if len(sharpnesses) == 1:
         raise StepError(f"{video} holds a single frame; film the object from all around")
     promised = _count_promised_frames(video)
-    if len(sharpnesses) < READABLE_SHARE * promised:
+    readable = _measure_readable_share(video) if len(sharpnesses) < promised else 1.0
+    if readable < READABLE_SHARE:
         raise StepError(
             f"{video} is cut off or damaged: {len(sharpnesses)} of its {promised} frames can be read; copy it from the camera again"
         )
-    if len(sharpnesses) < promised:
+    if readable < 1.0:
         warn(f"{video}: {len(sharpnesses)} of its {promised} frames can be read; its end is damaged, the rest is taken")
     return VideoScan(*(np.array(values) for values in (sharpnesses, levels, changes, thumbnails)))
 
@@ -224,6 +225,24 @@ def _count_promised_frames(video: Path) -> int:
         return max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
     finally:
         capture.release()
+
+
+def _measure_readable_share(video: Path) -> float:
+    """How much of the film's duration its frames cover, 0 to 1.
+
+    Matroska has no number of frames. OpenCV guesses it from the duration, too high where the frame rate varies.
+    """
+    capture = _open(video)
+    try:
+        times_ms = []
+        while capture.grab():
+            times_ms.append(capture.get(cv2.CAP_PROP_POS_MSEC))
+        duration_ms = 1000.0 * capture.get(cv2.CAP_PROP_FRAME_COUNT) / max(capture.get(cv2.CAP_PROP_FPS), 1e-3)
+    finally:
+        capture.release()
+    # How long the last frame is shown is not known.
+    end_ms = times_ms[-1] + np.diff(times_ms).max()
+    return float(min(end_ms / duration_ms, 1.0))
 
 
 def _shrink(image: np.ndarray, max_side_px: int) -> np.ndarray:
