@@ -30,8 +30,12 @@ LONGEST = (
     "workflow/test_vggt_rules.py",
     "pose/test_render_compare.py",
     "surface/svraster/test_render.py",
+    "surface/twodgs/test_train.py",
+    "surface/test_stereo.py",
+    "synthetic/test_raycast.py",
 )
-"""Files of tests that take longest, which begin first: one that begins last has other processes wait for it."""
+"""Files of tests that take longest, which begin first: one that begins last has other processes wait for it. The last ones compile
+what other files use, too."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -14,7 +14,7 @@ from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic import scene_meshes
+from zeroshop_steps.synthetic import lighting, scene_meshes
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
 
@@ -40,8 +40,9 @@ def registered_ring(whole: Path, folder: Path) -> Path:
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_ground():
-    """A ground with half the texels on a side, still finer than these photos show: it takes a third of the time of a capture."""
+    """A ground with half the texels on a side, still finer than these photos show, and light that is sampled more coarsely."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lighting, "SURFACE_CELLS", 24)
         patch.setattr(scene_meshes, "make_rich_texture", functools.partial(scene_meshes.make_rich_texture, texels=2048))
         yield
 

@@ -1,6 +1,7 @@
 """A failure is recorded where the outputs may be records, passed on by the steps that follow, and ends any other step with its reason."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,15 @@ def test_a_record_is_passed_on_and_ends_a_step_that_may_not_record(tmp_path, cap
     assert outcome(tmp_path, "--out", out, "--record-failure", out) == 0
     assert read_failure(Path(out)) == failure
     assert read_failure(Path(out)).place == f"{tmp_path}/part.ply", "where it was first recorded"
+
+
+def test_a_record_is_passed_on_before_the_method_is_imported(tmp_path, monkeypatch):
+    """Of a failed cell, the imports would take nearly all of the time."""
+    monkeypatch.delitem(sys.modules, "zeroshop_steps.finish.texture", raising=False)
+    write_failure([f"{tmp_path}/unwrapped.ply"], Failure("surface.twodgs", "left 3 disks"))
+    words = ["--method", "texture", "--mesh", f"{tmp_path}/unwrapped.ply", "--record-failure", f"{tmp_path}/texture.png"]
+    assert stage_main("zeroshop_steps.finish", words) == 0
+    assert read_failure(tmp_path / "texture.png").reason == "left 3 disks" and "zeroshop_steps.finish.texture" not in sys.modules
 
 
 def test_a_folder_holds_its_record_and_the_details_of_the_failure(tmp_path):

@@ -82,7 +82,7 @@ def test_a_part_that_a_few_photos_lack_is_kept():
 def test_a_prior_finds_what_has_the_tables_colour(tmp_path):
     """A ball of the table's colour: colours see no more than its shadow, the prior gives its outline."""
     ball = (0.0, 0.0, 0.45)
-    views, model = table_views(tmp_path, [[ball]] * 12, plain=True)
+    views, model = table_views(tmp_path, [[ball]] * 8, plain=True)
     truths = [ball_mask(view.camera, ball, ball[2]) for view in views]
     prior = weigh_maps([truth.astype(np.float32) for truth in truths], [view.camera for view in views])
     masks, _ = find_masks(views, model, 240, 0, prior)

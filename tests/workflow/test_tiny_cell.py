@@ -24,7 +24,7 @@ CELL = "results/demo/mustard_bottle/su_h/truth/2dgs"
 CONFIG = """
 chosen: {virtual: {registration: truth}}
 capture: {image_width_px: 320, image_height_px: 240}
-register: {colmap: {min_images: 1000}}
+register: {colmap: {min_images: 1000, max_features: 1000}}
 nvs:
   2dgs: {train: {iterations: 60, image_width_px: 160, sh_degree: 0}, fuse: {voxels: 64, image_width_px: 160}}
   svraster: {train: {iterations: 40, image_width_px: 160, sh_degree: 0}, mesh: {image_width_px: 160}}

@@ -22,6 +22,7 @@ from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 from zeroshop_steps.runtime.kernel_cache import provide_kernel_cache
 
 RECORD_FAILURE = "outputs (a folder's name ends in a slash) in place of which a failure is recorded; the status is 0 then"
+READS = re.compile(r"^READS_FAILURES = True$", re.MULTILINE)
 RUN = re.compile(r"^def run\(args\b", re.MULTILINE)
 
 
@@ -49,12 +50,13 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
     known, rest = choose.parse_known_args(argv)
     provide_kernel_cache()
     step = f"{package.rpartition('.')[2]}.{known.method}"
-    module = importlib.import_module(f"{package}.{known.method}")
     own = {Path(output) for output in known.record_failure}
     inputs = [word for word in rest if Path(word) not in own]
-    earlier = None if getattr(module, "READS_FAILURES", False) else failures.failure_among(inputs)
+    # Before the method is imported: of a failed cell, the imports would take all of the time.
+    earlier = None if _reads_failures(f"{package}.{known.method}") else failures.failure_among(inputs)
     if earlier:
         return _give_up(earlier, known.record_failure)
+    module = importlib.import_module(f"{package}.{known.method}")
     parser = argparse.ArgumentParser(
         prog=f"python -m {package} --method {known.method}",
         description=module.__doc__,
@@ -75,6 +77,12 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
         details = error.write_details if isinstance(error, StepError) else None
         return _give_up(failure, known.record_failure if failures.is_result(error) else [], details)
     return 0
+
+
+def _reads_failures(method: str) -> bool:
+    """Whether a method's source says so; it is read, not imported."""
+    spec = importlib.util.find_spec(method)
+    return bool(spec and spec.origin and READS.search(Path(spec.origin).read_text()))
 
 
 def _find_out(argv: Sequence[str]) -> Path | None:
