@@ -36,7 +36,7 @@ NEAREST, FARTHEST = -0.1, 1.2  # depths that are tried, from the hull's front, i
 DEPTH_STEP_PX = 1.5  # between them, in the neighbour
 VISIBLE = 0.06  # of the radius: how near to the hull's front in the neighbour a point lies that it sees
 WHOLE = 0.95  # share of a patch that must be on the object in both
-FEW_PAIRS, WRONG_SHARE = 1, 0.25
+FEW_PAIRS, WRONG_SHARE = 2, 0.25
 """So many pairs of neighbours may disagree, or this share of those judged: up to 0.05 in right models, 0.5 to 0.9 in wrong ones."""
 
 Carry = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
