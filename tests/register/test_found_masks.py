@@ -1,4 +1,4 @@
-"""Cameras that few points hold are checked by masks of a network: bent ones are refused."""
+"""Cameras that few points hold are checked by masks of a network: wrong ones are refused."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,11 +31,11 @@ def test_right_cameras_pass_and_nothing_is_left(tmp_path):
     assert before == sorted(path.name for path in tmp_path.iterdir())
 
 
-def test_bent_cameras_are_refused(tmp_path):
+def test_wrong_cameras_are_refused(tmp_path):
     masks = write_ball_scene(tmp_path)
     bent = [shifted(camera, 0.15 * np.cos(index * 2.0)) for index, camera in enumerate(ball_cameras())]
     write_cameras(tmp_path / "sparse", bent)
-    with pytest.raises(RegistrationFailed, match="the cameras are bent: .* px or more .of 1000"):
+    with pytest.raises(RegistrationFailed, match="the cameras are wrong: .* px or more .of 1000"):
         check_by_found_masks(tmp_path, {"registered": 12}, network_of(masks))
 
 

@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
-from zeroshop_steps.register.outline_check import MOST_MISSED_PX, measure_outline_misses_px
+from zeroshop_steps.register.outline_check import measure_outline_misses_px
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.runtime.files import scratch_directory
 
@@ -26,6 +26,9 @@ WIDTH_PX = 480  # of the network's answers: finer ones cost time and bring nothi
 THIN_OBSERVATIONS = 250
 """Points seen by an image, in the mean. On plain tables, cameras with 80 to 170 were bent or folded at times; print gives a thousand."""
 
+ROUGH_MISSED_PX = 15.0
+"""As `outline_check.MOST_MISSED_PX`, of masks that only a network has made: 1.5 to 5.7 with right cameras of a bowl and of a white pitcher on
+a white table, 10 where they were bent by 3 %, 77 where they were folded. Bent ones are left to the segmentation, whose masks are finer."""
 CHECKED_VIEWS = 20  # at most, evenly spread: the network takes seconds for each, and cameras that are bent are so all around
 
 
@@ -102,10 +105,10 @@ def check_by_found_masks(folder: Path, record: dict[str, Any], network: SalientO
         masked = [replace(views[index], mask_path=path) for index, path in zip(chosen, paths, strict=True)]
         missed_px = measure_outline_misses_px(masked, masks)
         record |= {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
-        if missed_px is not None and missed_px > MOST_MISSED_PX:
+        if missed_px is not None and missed_px > ROUGH_MISSED_PX:
             raise RegistrationFailed(
-                f"the cameras are bent: in half of the photos, the outline of the thing in the middle misses the others by"
-                f" {missed_px:.1f} px or more (of 1000), {MOST_MISSED_PX:g} are usual at most; put the object on a surface with more print",
+                f"the cameras are wrong: in half of the photos, the outline of the thing in the middle misses the others by"
+                f" {missed_px:.1f} px or more (of 1000); put the object on a surface with more print",
                 record,
                 model,
             )
