@@ -27,8 +27,9 @@ THIN_OBSERVATIONS = 250
 """Points seen by an image, in the mean. On plain tables, cameras with 80 to 170 were bent or folded at times; print gives a thousand."""
 
 ROUGH_MISSED_PX = 15.0
-"""As `outline_check.MOST_MISSED_PX`, of masks that only a network has made: 1.5 to 5.7 with right cameras of a bowl and of a white pitcher on
-a white table, 10 where they were bent by 3 %, 77 where they were folded. Bent ones are left to the segmentation, whose masks are finer."""
+"""As `outline_check.MOST_MISSED_PX`, of masks that only a network has made: 1.5 to 5.7 with right cameras of a bowl and of a white
+pitcher on a white table, 10 where they were bent by 3 %, 77 where they were folded. Bent ones are left to the segmentation, whose masks are
+finer."""
 CHECKED_VIEWS = 20  # at most, evenly spread: the network takes seconds for each, and cameras that are bent are so all around
 
 
