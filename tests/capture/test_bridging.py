@@ -15,7 +15,7 @@ def bridge(path: dict[int, int], chosen: list[int], most: int) -> list[int]:
     def between(one: int, other: int) -> int | None:
         return (one + other) // 2 if other - one > 1 else None
 
-    return bridge_gaps(lambda numbers: {number: path[number] for number in numbers}, chosen, between, most)
+    return bridge_gaps(lambda numbers: ((number, path[number]) for number in numbers), chosen, between, most)
 
 
 @pytest.fixture

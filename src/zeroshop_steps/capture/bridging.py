@@ -20,7 +20,7 @@ FEATURES, CONTRAST = 3000, 0.01  # of SIFT; plain tables have few and weak ones
 EPIPOLAR_PX = 1.5  # of matches to the epipolar line, in the copies
 LEAST_MATCHES = 8  # for a fundamental matrix
 
-Frames = Callable[[Iterable[int]], dict[int, np.ndarray]]
+Frames = Callable[[Iterable[int]], Iterable[tuple[int, np.ndarray]]]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def bridge_gaps(frames: Frames, chosen: list[int], between: Callable[[int, int],
     """Numbers of the frames, with more of them where two neighbours share too little.
 
     Args:
-        frames: reads frames by their numbers, each (H, W, 3) uint8 RGB.
+        frames: reads frames by their numbers, one after the other: number and (H, W, 3) uint8 RGB.
         chosen: numbers of the first choice, in order.
         between: the best frame between two, if there is one that shows something new.
         most: frames in all; the weakest gaps are bridged first.
@@ -50,7 +50,7 @@ def bridge_gaps(frames: Frames, chosen: list[int], between: Callable[[int, int],
     closed: set[tuple[int, int]] = set()  # gaps that hold no frame that shows something new
     while len(chosen) < most:
         missing = [number for number in chosen if number not in features]
-        features |= {number: find_features(frame) for number, frame in frames(missing).items()}
+        features |= {number: find_features(frame) for number, frame in frames(missing)}
         gaps = [gap for gap in zip(chosen, chosen[1:], strict=False) if gap not in closed]
         shared |= {gap: count_shared(features[gap[0]], features[gap[1]]) for gap in gaps if gap not in shared}
         weak = sorted((gap for gap in gaps if shared[gap] < SHARED_FEATURES), key=lambda gap: shared[gap])

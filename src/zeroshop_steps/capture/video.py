@@ -106,9 +106,12 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: i
     needed = min(MIN_FRAMES, count)
     if len(chosen) < needed:
         raise StepError(f"{video} shows only {len(chosen)} different views, {needed} are needed: move the camera all around the object")
-    images = _read_numbers(video, chosen)
+    # One at a time: sixty frames of 4K take 1.5 GB.
+    scaled, blurs_px = [], []
+    for _, frame in _read_numbers(video, chosen):
+        blurs_px.append(measure_edge_blur_px(frame))
+        scaled.append(_shrink(frame, max_side_px))
     names = [f"{index:06d}" for index in range(len(chosen))]
-    blurs_px = [measure_edge_blur_px(images[number]) for number in chosen]
     warnings = collect_image_warnings(names, film.sharpnesses[chosen].tolist(), film.levels[chosen].tolist(), blurs_px)
     moving = int((film.changes > STILL_CHANGE).sum())
     if moving < MOVING_FRAMES * count:
@@ -118,7 +121,6 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: i
     if len(first) < count:
         warnings.append(f"only {len(first)} of {count} frames differ enough: film a longer way around the object")
     with atomic_directory(out) as folder:
-        scaled = [_shrink(images[number], max_side_px) for number in chosen]
         for name, image in zip(names, scaled, strict=True):
             write_image(folder / "images" / f"{name}.png", image)
         write_image(folder / "contact_sheet.png", draw_contact_sheet(scaled, names))
@@ -178,10 +180,11 @@ def read_frames(video: Path) -> Iterator[np.ndarray]:
         capture.release()
 
 
-def _read_numbers(video: Path, numbers: Iterable[int]) -> dict[int, np.ndarray]:
-    """Frames by their numbers."""
+def _read_numbers(video: Path, numbers: Iterable[int]) -> Iterator[tuple[int, np.ndarray]]:
+    """Some frames and their numbers, in the order of the film."""
     wanted = set(numbers)
-    return {number: frame for number, frame in enumerate(read_frames(video)) if number in wanted} if wanted else {}
+    if wanted:
+        yield from ((number, frame) for number, frame in enumerate(read_frames(video)) if number in wanted)
 
 
 def choose_frames(film: VideoScan, count: int) -> list[int]:
