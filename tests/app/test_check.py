@@ -1,0 +1,26 @@
+"""What is said of photos before anything long runs."""
+
+import numpy as np
+import pytest
+
+from capture.test_video import HEIGHT, WIDTH, picture
+from zeroshop_steps.app.check import check_capture
+from zeroshop_steps.geometry.images import write_image
+
+
+def write_photos(folder, offsets):
+    """Photos of a long picture, from these places."""
+    whole = picture()
+    for number, offset in enumerate(offsets):
+        write_image(folder / f"{number}.png", np.ascontiguousarray(whole[:HEIGHT, offset : offset + WIDTH]))
+    return folder
+
+
+@pytest.mark.parametrize(("step_px", "lonely"), [(40, False), (260, True)])
+def test_photos_that_share_too_little_are_told(tmp_path, step_px, lonely):
+    faults, warnings = check_capture(write_photos(tmp_path, range(0, 8 * step_px, step_px)))
+    assert not faults
+    assert [line for line in warnings if "8 of 8 photos share so little" in line] == [
+        line for line in warnings if "share so little" in line
+    ]
+    assert any("share so little" in line for line in warnings) == lonely
