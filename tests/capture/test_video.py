@@ -153,3 +153,12 @@ def test_a_film_whose_end_is_damaged_is_said(tmp_path, capsys):
     path.write_bytes(whole[: int(len(whole) * 0.96)])
     found = scan_video(path)
     assert 50 < len(found.changes) < 60 and "of its 60 frames can be read" in capsys.readouterr().err
+
+
+def test_cuts_of_a_film_are_found(tmp_path):
+    """Two ways that were filmed apart; a camera that goes on has no cut."""
+    extract_frames(film(tmp_path / "cut.avi", [*np.linspace(0, 200, 60), *np.linspace(1500, 1700, 60)]), 10, 1920, tmp_path / "cut")
+    facts = read_json(tmp_path / "cut/capture.json")
+    assert [facts["source_frames"][place] >= 60 > facts["source_frames"][place - 1] for place in facts["cuts"]] == [True]
+    extract_frames(film(tmp_path / "whole.avi", np.linspace(0, 900, 120)), 10, 1920, tmp_path / "whole")
+    assert read_json(tmp_path / "whole/capture.json")["cuts"] == []

@@ -33,3 +33,8 @@ def test_one_frame_on_another_side_is_named():
 def test_a_half_that_lies_on_the_other_is_refused_without_one_to_blame(fold):
     reason, culprits = find_jump(film_of({number: 20.0 * number + 180.0 * (number >= fold) for number in range(12)}))
     assert not culprits and f"between {fold - 1:06d}.png and {fold:06d}.png" in reason and "160 degrees" in reason
+
+
+def test_at_a_cut_the_camera_may_be_anywhere():
+    cut = film_of({number: 20.0 * number + 180.0 * (number >= 6) for number in range(12)})
+    assert find_jump(cut, cuts=(6,)) == (None, ()) != find_jump(cut, cuts=(5,))

@@ -35,6 +35,9 @@ FLICKER_BLUR_PX = 1.5  # standard deviation of the blur that removes noise befor
 WINDOW_SHARE = 0.35  # of a stretch, to either side of its middle: where its sharpest frame is looked for
 READABLE_SHARE = 0.9  # of the frames that the file promises; with fewer, it is damaged
 STILL_CHANGE = 0.012  # of the image from one frame to the next, by noise alone
+CUT_RATIO, CUT_CHANGE = 4.0, 0.25
+"""A film goes on elsewhere where the image changes so many times as much as between frames of a moving camera, in the median, and by so
+much: a phone's frames change by 0.02 to 0.1, pictures of other places by 0.7 and more."""
 MOVING_FRAMES = 2  # while the camera moves, for each frame that is taken; with fewer, there is no choice of sharp ones
 BLURRED_SHARE = 0.5  # of the sharpness of the film's best frames
 
@@ -58,6 +61,13 @@ class VideoScan:
     def way(self) -> np.ndarray:
         """(F,) how much the picture has changed since the film began, noise apart."""
         return np.cumsum(np.maximum(self.changes - STILL_CHANGE, 0.0))
+
+    @property
+    def cuts(self) -> np.ndarray:
+        """Numbers of the frames with which the film goes on elsewhere: it was put together of several."""
+        moving = self.changes[self.changes > STILL_CHANGE]
+        usual = float(np.median(moving)) if len(moving) else 0.0
+        return np.flatnonzero(self.changes > max(CUT_RATIO * usual, CUT_CHANGE))
 
     def find_between(self, one: int, other: int) -> int | None:
         """The sharpest frame near the middle of the way between two; None where none differs from both."""
@@ -129,6 +139,8 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: i
             "video_frames": len(film.changes),
             "source_frames": [int(number) for number in chosen],
             "added_frames": len(chosen) - len(first),
+            # Places of the frames before which the film was cut.
+            "cuts": sorted({int(np.searchsorted(chosen, number)) for number in film.cuts if number <= chosen[-1]}),
             "warnings": warnings,
             "seconds": round(time.monotonic() - start_s, 2),
         }

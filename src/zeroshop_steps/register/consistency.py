@@ -114,7 +114,7 @@ def check_consistency(
     errors_px = measure_reprojection_errors_px(model)
     reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
     if reason is None and image_set.film:
-        reason, culprits = find_jump(model)
+        reason, culprits = find_jump(model, image_set.cuts)
     return ConsistencyReport(coherence, evidence, errors_px, reason, culprits, tuple(wrong_masks))
 
 

@@ -3,6 +3,7 @@
 Views of different sides that were laid onto each other agree in all else. The order of photos says nothing, that of frames does.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +15,19 @@ JUMP_RATIO = 3.0
 in right models of 20 frames in two rounds, 94 and more in wrong ones."""
 
 
-def find_jump(model: pycolmap.Reconstruction) -> tuple[str | None, tuple[str, ...]]:
+def find_jump(model: pycolmap.Reconstruction, cuts: Sequence[int] = ()) -> tuple[str | None, tuple[str, ...]]:
     """Where the camera turns too far between two neighbours: the reason for the user, and the image to blame, if it is one.
 
     Args:
         model: the cameras; its images are named by their place in the film, 000000.png and so on.
+        cuts: places of the frames before which the film was cut: there, the camera may be anywhere.
     """
     images = sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name)
     names = [image.name for image in images]
     rotations = [image.cam_from_world().rotation.matrix() for image in images]
     turns = np.array([measure_turn_deg(one, other) for one, other in zip(rotations, rotations[1:], strict=False)])
-    next_to = np.diff([int(Path(name).stem) for name in names]) == 1
+    places = np.array([int(Path(name).stem) for name in names])
+    next_to = (np.diff(places) == 1) & ~np.isin(places[1:], cuts)
     if not next_to.any():
         return None, ()
     limit_deg = max(JUMP_DEG, JUMP_RATIO * float(np.median(turns[next_to])))

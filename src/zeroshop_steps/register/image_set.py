@@ -25,6 +25,7 @@ class ImageSet:
         sizes_px: (width, height) of each image.
         sources: how the user names the images, in their order; empty where they have no other name.
         film: whether the images are frames of a film, named by their place in it.
+        cuts: places of the frames before which the film was cut.
     """
 
     images: tuple[Path, ...]
@@ -32,6 +33,7 @@ class ImageSet:
     sizes_px: tuple[tuple[int, int], ...]
     sources: tuple[str, ...] = ()
     film: bool = False
+    cuts: tuple[int, ...] = ()
 
     @property
     def names(self) -> list[str]:
@@ -91,7 +93,8 @@ def read_image_set(capture: Path) -> ImageSet:
     path = capture / "capture.json"
     record = read_json(path) if path.is_file() else {}
     film = [path.stem for path in images] == [f"{place:06d}" for place in range(len(record.get("source_frames", [])))]
-    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px), _read_sources(record, images), film)
+    sources, cuts = _read_sources(record, images), tuple(record.get("cuts", ()))
+    return ImageSet(tuple(images), None if masks is None else tuple(masks), tuple(sizes_px), sources, film, cuts)
 
 
 def _read_sources(record: dict[str, Any], images: list[Path]) -> tuple[str, ...]:
