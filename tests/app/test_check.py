@@ -24,3 +24,9 @@ def test_photos_that_share_too_little_are_told(tmp_path, step_px, lonely):
         line for line in warnings if "share so little" in line
     ]
     assert any("share so little" in line for line in warnings) == lonely
+
+
+def test_a_folder_without_photos_is_a_fault_like_others(tmp_path):
+    (tmp_path / "notes.txt").write_text("none")
+    [fault], warnings = check_capture(tmp_path)
+    assert "holds no images" in fault and not warnings

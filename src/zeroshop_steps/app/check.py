@@ -10,7 +10,7 @@ from zeroshop_steps.capture.bridging import SHARED_FEATURES, Features, count_sha
 from zeroshop_steps.capture.frames import collect_image_warnings, look_alike, make_thumbnail, measure_edge_blur_px, measure_sharpness
 from zeroshop_steps.capture.photo_files import list_photos, read_photo
 from zeroshop_steps.capture.photos import MIN_IMAGES, MOST_IMAGES
-from zeroshop_steps.capture.video import choose_frames, read_frames, scan_video
+from zeroshop_steps.capture.video import choose_frames, read_numbers, scan_video
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
@@ -39,8 +39,8 @@ def check_capture(source: Path) -> tuple[list[str], list[str]]:
     distinct: list[np.ndarray] = []
     features: list[Features] = []
     descriptors: list[np.ndarray] = []
-    every = math.ceil(len(list_photos(source)[0]) / MOST_IMAGES) if source.is_dir() else 0
     try:
+        every = math.ceil(len(list_photos(source)[0]) / MOST_IMAGES) if source.is_dir() else 0
         for name, image in _read_folder(source) if source.is_dir() else _read_film(source):
             if image is None:
                 unusable.append(name)
@@ -100,5 +100,5 @@ def _read_folder(folder: Path) -> Iterator[tuple[str, np.ndarray | None]]:
 
 
 def _read_film(video: Path) -> Iterator[tuple[str, np.ndarray | None]]:
-    chosen = set(choose_frames(scan_video(video), FRAMES))
-    yield from ((f"frame {number}", frame) for number, frame in enumerate(read_frames(video)) if number in chosen)
+    chosen = choose_frames(scan_video(video), FRAMES)
+    yield from ((f"frame {number}", frame) for number, frame in read_numbers(video, chosen))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.view_similarity import RATIO
+from zeroshop_steps.geometry.view_similarity import RATIO, find_root_sift
 
 SHARED_FEATURES = 60
 """Verified matches of two frames that follow each other. On plain tables, frames with 10 to 40 gave cameras that were 20 mm off or folded,
@@ -29,7 +29,7 @@ class Features:
 
     Attributes:
         points_px: (K, 2) float32 in the small copy.
-        descriptors: (K, 128) float32 unit RootSIFT descriptors (Arandjelovic and Zisserman, CVPR 2012).
+        descriptors: (K, 128) float32 unit descriptors.
     """
 
     points_px: np.ndarray
@@ -54,6 +54,8 @@ def bridge_gaps(frames: Frames, chosen: list[int], between: Callable[[int, int],
         gaps = [gap for gap in zip(chosen, chosen[1:], strict=False) if gap not in closed]
         shared |= {gap: count_shared(features[gap[0]], features[gap[1]]) for gap in gaps if gap not in shared}
         weak = sorted((gap for gap in gaps if shared[gap] < SHARED_FEATURES), key=lambda gap: shared[gap])
+        if not weak:
+            break
         added = []
         for gap in weak[: most - len(chosen)]:
             number = between(*gap)
@@ -61,8 +63,6 @@ def bridge_gaps(frames: Frames, chosen: list[int], between: Callable[[int, int],
                 closed.add(gap)
             else:
                 added.append(number)
-        if not weak:
-            break
         chosen = sorted({*chosen, *added})
     return chosen
 
@@ -72,11 +72,7 @@ def find_features(image: np.ndarray) -> Features:
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, SIDE_PX / max(grey.shape))
     small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    keypoints, found = cv2.SIFT.create(nfeatures=FEATURES, contrastThreshold=CONTRAST).detectAndCompute(small, None)
-    if not keypoints:
-        return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
-    points = np.array([keypoint.pt for keypoint in keypoints], np.float32)
-    return Features(points, np.sqrt(found / np.maximum(found.sum(1, keepdims=True), 1e-6)).astype(np.float32))
+    return Features(*find_root_sift(small, cv2.SIFT.create(nfeatures=FEATURES, contrastThreshold=CONTRAST)))
 
 
 def count_shared(one: Features, other: Features) -> int:

@@ -112,13 +112,13 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: i
     start_s = time.monotonic()
     film = scan_video(video)
     first = choose_frames(film, count)
-    chosen = bridge_gaps(lambda numbers: _read_numbers(video, numbers), first, film.find_between, most)
+    chosen = bridge_gaps(lambda numbers: read_numbers(video, numbers), first, film.find_between, most)
     needed = min(MIN_FRAMES, count)
     if len(chosen) < needed:
         raise StepError(f"{video} shows only {len(chosen)} different views, {needed} are needed: move the camera all around the object")
     # One at a time: sixty frames of 4K take 1.5 GB.
     scaled, blurs_px = [], []
-    for _, frame in _read_numbers(video, chosen):
+    for _, frame in read_numbers(video, chosen):
         blurs_px.append(measure_edge_blur_px(frame))
         scaled.append(_shrink(frame, max_side_px))
     names = [f"{index:06d}" for index in range(len(chosen))]
@@ -192,7 +192,7 @@ def read_frames(video: Path) -> Iterator[np.ndarray]:
         capture.release()
 
 
-def _read_numbers(video: Path, numbers: Iterable[int]) -> Iterator[tuple[int, np.ndarray]]:
+def read_numbers(video: Path, numbers: Iterable[int]) -> Iterator[tuple[int, np.ndarray]]:
     """Some frames and their numbers, in the order of the film."""
     wanted = set(numbers)
     if wanted:

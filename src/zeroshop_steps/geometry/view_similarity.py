@@ -11,9 +11,7 @@ RATIO = 0.8  # a match is nearer than this share of the distance to the second b
 
 
 def describe_view(image: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-    """(K, 128) float32 unit descriptors of the strongest features of an (H, W, 3) uint8 RGB image.
-
-    RootSIFT (Arandjelovic and Zisserman, CVPR 2012).
+    """(K, 128) float32 unit descriptors of the strongest features of an (H, W, 3) uint8 RGB image, as `find_root_sift` gives them.
 
     Args:
         image: the image.
@@ -24,11 +22,24 @@ def describe_view(image: np.ndarray, mask: np.ndarray | None = None) -> np.ndarr
     size = (max(1, round(grey.shape[1] * scale)), max(1, round(grey.shape[0] * scale)))
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
     where = None if mask is None else cv2.resize(mask.astype(np.uint8) * 255, size, interpolation=cv2.INTER_NEAREST)
-    keypoints, found = cv2.SIFT.create(nfeatures=FEATURES).detectAndCompute(small, where)
+    return find_root_sift(small, cv2.SIFT.create(nfeatures=FEATURES), where)[1][:FEATURES]
+
+
+def find_root_sift(grey: np.ndarray, sift: cv2.SIFT, mask: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(K, 2) float32 places of features in pixels and their (K, 128) float32 unit descriptors.
+
+    RootSIFT (Arandjelovic and Zisserman, CVPR 2012).
+
+    Args:
+        grey: (H, W) uint8.
+        sift: the detector.
+        mask: (H, W) uint8, above 0 where features may lie; None for everywhere.
+    """
+    keypoints, found = sift.detectAndCompute(grey, mask)
     if not keypoints:
-        return np.zeros((0, 128), np.float32)
-    found = found[:FEATURES]
-    return np.sqrt(found / np.maximum(found.sum(1, keepdims=True), 1e-6)).astype(np.float32)
+        return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
+    places = np.array([keypoint.pt for keypoint in keypoints], np.float32)
+    return places, np.sqrt(found / np.maximum(found.sum(1, keepdims=True), 1e-6)).astype(np.float32)
 
 
 def count_common_features(descriptors: Sequence[np.ndarray]) -> np.ndarray:

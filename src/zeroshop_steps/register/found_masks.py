@@ -56,10 +56,7 @@ def find_masks(image_set: ImageSet, network: SalientObjectNetwork, folder: Path)
         RegistrationFailed: it sees one in too few.
     """
     found = network.find_main_things(image_set.images, image_set.sizes_px, WIDTH_PX)
-    chosen = _find_useful(found)
-    masks = [folder / f"{image_set.images[index].stem}.png" for index in chosen]
-    for path, index in zip(masks, chosen, strict=True):
-        write_mask(path, found[index])
+    chosen, masks = _write_useful(found, image_set.images, folder)
     if len(chosen) < MIN_IMAGES:
         raise RegistrationFailed(
             f"{network.path} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
@@ -96,15 +93,11 @@ def check_by_found_masks(folder: Path, record: dict[str, Any], network: SalientO
     found = network.find_main_things(
         [view.image_path for view in views], [(view.camera.width_px, view.camera.height_px) for view in views], WIDTH_PX
     )
-    chosen = _find_useful(found)
     record = record | {"checked_by": network.path.name}
     with scratch_directory(folder, "masks") as scratch:
-        masks = [found[index] for index in chosen]
-        paths = [scratch / views[index].camera.name for index in chosen]
-        for path, mask in zip(paths, masks, strict=True):
-            write_mask(path, mask)
+        chosen, paths = _write_useful(found, [view.image_path for view in views], scratch)
         masked = [replace(views[index], mask_path=path) for index, path in zip(chosen, paths, strict=True)]
-        missed_px = measure_outline_misses_px(masked, masks)
+        missed_px = measure_outline_misses_px(masked, [found[index] for index in chosen])
         record |= {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
         if missed_px is not None and missed_px > ROUGH_MISSED_PX:
             raise RegistrationFailed(
@@ -118,6 +111,10 @@ def check_by_found_masks(folder: Path, record: dict[str, Any], network: SalientO
     return record
 
 
-def _find_useful(masks: Sequence[np.ndarray]) -> list[int]:
-    """Numbers of the masks that show something, and not all of the photo."""
-    return [index for index, mask in enumerate(masks) if mask.any() and not mask.all()]
+def _write_useful(masks: Sequence[np.ndarray], images: Sequence[Path], folder: Path) -> tuple[list[int], list[Path]]:
+    """Numbers of the masks that show something, and not all of the photo, and the files that they are written to, named by the images."""
+    chosen = [index for index, mask in enumerate(masks) if mask.any() and not mask.all()]
+    paths = [folder / f"{images[index].stem}.png" for index in chosen]
+    for path, index in zip(paths, chosen, strict=True):
+        write_mask(path, masks[index])
+    return chosen, paths

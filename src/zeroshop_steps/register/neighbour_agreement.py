@@ -17,9 +17,10 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.geometry.visual_hull import find_inside_masks, voxel_centres
-from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.silhouette_coherence import bound_object
+from zeroshop_steps.register.strange_sides import make_refusal
 
 NEAR_DEG, NEAR_SCALE = 18.0, 1.5
 """Views are neighbours where their directions to the object differ by at most so much, and their distances by at most this factor."""
@@ -66,13 +67,7 @@ def check_neighbours(views: Sequence[View], figures: dict[str, Any], model: pyco
     judged, disagreeing = find_disagreeing(views)
     figures |= {"compared_neighbours": judged, "disagreeing": [list(pair) for pair in disagreeing]}
     if len(disagreeing) > max(FEW_PAIRS, WRONG_SHARE * judged):
-        raise RegistrationFailed(
-            "the reconstruction hangs together but is wrong: sides that look alike lie on each other."
-            f" {len(disagreeing)} of {judged} pairs of neighbouring images, such as {' and '.join(disagreeing[0])}, differ in detail;"
-            " add pictures in between, or put the object on a strongly textured surface",
-            figures,
-            model,
-        )
+        raise make_refusal(disagreeing, judged, "differ in detail", figures, model)
 
 
 def find_disagreeing(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]:
@@ -86,7 +81,9 @@ def find_disagreeing(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]
     pairs = _find_neighbours(cameras, centre)
     if not pairs:
         return 0, []
-    centred = [_centre(camera, centre) for camera in cameras]
+    to_centre = np.eye(4)
+    to_centre[:3, 3] = -centre
+    centred = [transform_camera(camera, to_centre) for camera in cameras]
     allowed = max(1, round(MISSING_SHARE * len(views)))
     hull = find_inside_masks(voxel_centres(radius, VOXELS), centred, masks, allowed).reshape((VOXELS,) * 3)
     needed = sorted({view for one, other, _ in pairs for view in (one, other)})
@@ -174,13 +171,6 @@ def _find_neighbours(cameras: Sequence[Camera], centre: np.ndarray) -> list[tupl
     angles = np.degrees(np.arccos(np.clip((looks @ looks.T) / np.outer(distances, distances), -1, 1)))
     near = (angles <= NEAR_DEG) & (np.abs(np.log(distances[:, None] / distances[None])) <= np.log(NEAR_SCALE))
     return [(int(one), int(other), float(angles[one, other])) for one, other in np.argwhere(np.triu(near, 1))]
-
-
-def _centre(camera: Camera, centre: np.ndarray) -> Camera:
-    """The camera in a world whose origin is the object's centre."""
-    camera_from_world = camera.camera_from_world.copy()
-    camera_from_world[:3, 3] += camera_from_world[:3, :3] @ centre
-    return replace(camera, camera_from_world=camera_from_world)
 
 
 def _shrink(camera: Camera, mask: np.ndarray, image: np.ndarray, hull: np.ndarray, radius: float) -> SmallView:

@@ -1,6 +1,6 @@
 """Refuse a model in which sides that look alike were laid onto each other: too many neighbouring images share almost no points."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +34,21 @@ def check_sides(model: pycolmap.Reconstruction, figures: dict[str, Any], look_ag
     neighbours, strangers = find_strangers(count_missed_points(model), look_again)
     figures |= {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
     if len(strangers) > max(STRANGER_PAIRS, STRANGER_SHARE * neighbours):
-        raise RegistrationFailed(
-            "the reconstruction hangs together but is wrong: sides that look alike lie on each other."
-            f" {len(strangers)} of {neighbours} pairs of neighbouring images, such as {' and '.join(strangers[0])}, share almost nothing;"
-            " add pictures in between, or put the object on a strongly textured surface",
-            figures,
-            model,
-        )
+        raise make_refusal(strangers, neighbours, "share almost nothing", figures, model)
     return figures
+
+
+def make_refusal(
+    pairs: Sequence[tuple[str, str]], neighbours: int, what: str, figures: dict[str, Any], model: pycolmap.Reconstruction
+) -> RegistrationFailed:
+    """The error that says what is wrong with so many pairs of neighbours, and how to tell sides apart; the rest goes with it."""
+    return RegistrationFailed(
+        "the reconstruction hangs together but is wrong: sides that look alike lie on each other."
+        f" {len(pairs)} of {neighbours} pairs of neighbouring images, such as {' and '.join(pairs[0])}, {what};"
+        " add pictures in between, or put the object on a strongly textured surface",
+        figures,
+        model,
+    )
 
 
 def find_strangers(missed: MissedPoints, look_again: LookAgain | None = None) -> tuple[int, list[tuple[str, str]]]:
