@@ -34,6 +34,21 @@ def test_a_bop_object(snakemake):
     assert planned(run.stdout) == dict.fromkeys(["bop_model", "capture_virtual", "register", "quality", *CELL], 1)
 
 
+def test_a_name_that_people_know_is_a_link_to_the_numbered_files(snakemake, tmp_path):
+    run = snakemake("-n", "results/ycbv/mustard_bottle/2dgs.ply")
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["bop_model", "capture_virtual", "register", "quality", *CELL, "name_mesh"], 1)
+    folder = tmp_path / "results/ycbv/obj_000005"
+    folder.mkdir(parents=True)
+    names = [f"2dgs.{end}" for end in ("ply", "png", "glb", "json", "preview.png")]
+    for name in names:
+        (folder / name).write_text(name)
+    run = snakemake("--cores", "1", "--allowed-rules", "name_mesh", "--", "results/ycbv/mustard_bottle/2dgs.ply")
+    assert run.returncode == 0, run.stdout
+    for name in names:
+        assert (tmp_path / "results/ycbv/mustard_bottle" / name).resolve() == folder / name
+
+
 def test_the_same_object_by_sparse_voxels(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/svraster.ply")
     assert run.returncode == 0, run.stdout
@@ -247,6 +262,8 @@ UNKNOWN = [
     ("results/photos/cup/su_h/colmap/2dgs/mesh.ply", "unknown scene of a photo dataset: su_h. Known: video, video_segmented"),
     ("results/photos/cup/2dgs.ply", "the video or folder of its images, photos/of/nothing, does not exist"),
     ("results/photos/tables/reconstruction.csv", "unknown virtual dataset: photos"),
+    ("results/ycbv/mustad_bottle/2dgs.ply", "unknown object of dataset ycbv: mustad_bottle. Did you mean mustard_bottle"),
+    ("results/ycbv/mustard_bottle/cells.csv", "mustard_bottle is another name of obj_000005; ask for this file"),
     ("results/demo/mog/cells.csv", "unknown object of dataset demo: mog. Did you mean mug?"),
     ("results/demo/tables/su_q/colmap/2dgs.csv", "unknown scene of a virtual dataset: su_q. Did you mean su_"),
     ("results/demo/tables/su_h/colmop/2dgs.csv", "unknown registration of a virtual dataset: colmop. Did you mean colmap"),

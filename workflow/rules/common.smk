@@ -50,7 +50,6 @@ except StepError as error:
 
 wildcard_constraints:
     dataset="[^/]+",
-    object=r"(?!(?:bop|tables|report)/)[^/]+",  # these folders hold what belongs to a whole dataset
     scene="[^/]+",
     registration="[^/]+",
     nvs="[^/.]+",
@@ -113,10 +112,3 @@ def objects_of(dataset):
     if described["kind"] == "photos":
         return [name for owner, name in PHOTOS if owner == dataset]
     return [name for names in described["of"].values() for name in names] if described["kind"] == "films" else described["objects"]
-
-
-def check_object(wildcards):
-    """Raise an error that lists what exists where a path names an unknown dataset or object."""
-    names = objects_of(wildcards.dataset)
-    where = config["objects_table"] if config["datasets"][wildcards.dataset]["kind"] == "photos" else "config/config.yaml"
-    require_known(f"object of dataset {wildcards.dataset}", wildcards.object, names, f"Objects of this dataset are listed in {where}.")
