@@ -104,7 +104,7 @@ def test_a_missing_mask_is_named(dataset):
         ({"scene_id": 1, "im_id": 44, "obj_id": 1, "inst_count": 1}, "image 44 of scene 1"),
         ({"scene_id": 1, "im_id": 0, "obj_id": BOX, "inst_count": 2}, "asks for"),
         ({"scene_id": 1, "im_id": 1, "obj_id": BOX, "inst_count": 3}, "asks for"),
-        ({"scene_id": 1, "im_id": 1, "obj_id": BOX}, "'inst_count' is a required property"),
+        ({"scene_id": 1, "im_id": 1, "obj_id": BOX}, "'inst_count' is a dependency of 'obj_id'"),
     ],
 )
 def test_targets_without_images_are_refused(dataset, entry, message):

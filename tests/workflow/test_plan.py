@@ -49,6 +49,15 @@ def test_a_name_that_people_know_is_a_link_to_the_numbered_files(snakemake, tmp_
         assert (tmp_path / "results/ycbv/mustard_bottle" / name).resolve() == folder / name
 
 
+def test_real_test_images_take_the_place_of_rendered_ones(snakemake):
+    real = "--config", "datasets={ycbv: {test_folder: some/ycbv}}"
+    run = snakemake("-n", "results/ycbv/bop/test", "results/demo/bop/test", *real)
+    jobs = planned(run.stdout)
+    assert jobs["real_test_set"] == jobs["test_set"] == 1 and "/some/ycbv --models results/ycbv/bop/models" in run.stdout
+    run = snakemake("-n", "results/ycbv/bop/test", "--config", "datasets={ycbv: {test_folder: download}}")
+    assert "--dataset ycbv  --models" in run.stdout
+
+
 def test_the_same_object_by_sparse_voxels(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/svraster.ply")
     assert run.returncode == 0, run.stdout

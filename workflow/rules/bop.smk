@@ -1,7 +1,8 @@
 """BOP: a dataset's models, true and reconstructed, in BOP's layout, and scores of what any method found with them.
 
 results/DATASET/bop/models          the true models; models_NVS: the chosen cells of a method, aligned with them
-results/DATASET/bop/test            virtual test scenes of the true models, with test_targets_bop19.json and camera.json beside them
+results/DATASET/bop/test            virtual test scenes of the true models, or BOP's own where the dataset names its test_folder; beside
+                                    them test_targets_bop19.json and camera.json
 results/DATASET/bop/train_SCENE     the rendered captures of all objects in a scene in the layout of a BOP training set
 results/DATASET/bop/NAME/poses.csv  estimates of any method; scores.csv beside it is made of them
 """
@@ -37,6 +38,25 @@ def in_chosen_cells(
         return [f"{CELL}/{name}".format(**cell) for cell in cells]
 
     return files
+
+
+def has_real_tests(
+    dataset,
+):
+    """Whether a dataset is tested on BOP's own images."""
+    return bool(config["datasets"][dataset].get("test_folder"))
+
+
+def test_folder_option(
+    wildcards,
+):
+    """The option that names a local folder of test scenes; none where they are downloaded."""
+    place = config["datasets"][wildcards.dataset]["test_folder"]
+    return "" if place == "download" else f"--test {shlex.quote(os.path.relpath(ROOT / place))}"
+
+
+# Datasets with test images of their own, as a wildcard constraint.
+WITH_REAL_TESTS = "|".join(filter(has_real_tests, config["datasets"])) or "(?!)"
 
 
 rule align:
@@ -108,6 +128,8 @@ rule test_set:
         f"{BOP}/logs/test_set.log",
     benchmark:
         f"{BOP}/benchmarks/test_set.tsv"
+    wildcard_constraints:
+        dataset=rf"(?!(?:{WITH_REAL_TESTS})/)[^/]+",
     threads: 8
     resources:
         mem_mb=per_attempt(4000),
@@ -121,6 +143,31 @@ rule test_set:
     shell:
         "python -m zeroshop_steps.synthetic --method make_test_scenes --models {input.models} {params.options} --seed {params.seed}"
         " --threads {threads} {params.environment} --targets {output.targets} --camera {output.camera} --out {output.scenes} > {log} 2>&1"
+
+
+rule real_test_set:
+    input:
+        models=f"{BOP}/models",
+    output:
+        scenes=directory(f"{BOP}/test"),
+        targets=f"{BOP}/test_targets_bop19.json",
+        camera=f"{BOP}/camera.json",
+    log:
+        f"{BOP}/logs/test_set.log",
+    benchmark:
+        f"{BOP}/benchmarks/test_set.tsv"
+    wildcard_constraints:
+        dataset=WITH_REAL_TESTS,
+    resources:
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(120),
+    params:
+        test=test_folder_option,
+    message:
+        "Taking BOP's own test images of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.bop --method take_test_set --dataset {wildcards.dataset} {params.test} --models {input.models}"
+        " --targets {output.targets} --camera {output.camera} --out {output.scenes} > {log} 2>&1"
 
 
 rule train_set:
@@ -152,6 +199,7 @@ rule score_poses:
         models=f"{BOP}/models",
         scenes=f"{BOP}/test",
         targets=f"{BOP}/test_targets_bop19.json",
+        camera=f"{BOP}/camera.json",
     output:
         scores=f"{BOP}/{{estimator}}/scores.csv",
         errors=f"{BOP}/{{estimator}}/errors.csv",
@@ -167,7 +215,7 @@ rule score_poses:
         "Scoring the poses of {wildcards.estimator} in {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.bop --method score_poses --estimates {input.estimates} --targets {input.targets}"
-        " --scenes {input.scenes} --models {input.models} --errors-out {output.errors} --out {output.scores} > {log} 2>&1"
+        " --scenes {input.scenes} --models {input.models} --camera {input.camera} --errors-out {output.errors} --out {output.scores} > {log} 2>&1"
 
 
 rule score_detections:

@@ -29,11 +29,12 @@ def check_object(
     require_known(what, wildcards.object, [*names, *others], f"Objects of this dataset are listed in {where}.")
 
 
-def named_folder(
+def named_files(
     wildcards,
 ):
-    """The folder of the object that a name stands for, from the folder of the name."""
-    return other_names(wildcards.dataset)[wildcards.object]
+    """The mesh of the object that a name stands for, and the files beside it."""
+    folder = f"results/{wildcards.dataset}/{other_names(wildcards.dataset)[wildcards.object]}"
+    return [f"{folder}/{wildcards.nvs}.{end}" for end in NAMED_FILES.values()]
 
 
 # Paths of links, as a regular expression of the object in them: only here may an object be called by another name.
@@ -54,7 +55,7 @@ localrules:
 
 rule name_mesh:
     input:
-        lambda wildcards: [f"results/{wildcards.dataset}/{named_folder(wildcards)}/{wildcards.nvs}.{end}" for end in NAMED_FILES.values()],
+        named_files,
     output:
         **{name: f"{OBJECT}/{{nvs}}.{end}" for name, end in NAMED_FILES.items()},
     log:
@@ -66,9 +67,7 @@ rule name_mesh:
     resources:
         mem_mb=per_attempt(100),
         runtime=per_attempt(5),
-    params:
-        folder=named_folder,
     message:
-        "{wildcards.object} of {wildcards.dataset} is {params.folder}: linking its mesh at {output.mesh}"
+        "{wildcards.object} of {wildcards.dataset} is another name: linking the mesh at {output.mesh}"
     shell:
-        "for file in {output}; do ln -sf ../{params.folder}/$(basename $file) $file; done > {log} 2>&1"
+        "python -m zeroshop_steps.finish --method link_mesh --files {input} --links {output} > {log} 2>&1"

@@ -238,8 +238,9 @@ rule bop_table:
         runtime=per_attempt(5),
     params:
         published=published_option,
+        images=lambda wildcards: "--real-images" if has_real_tests(wildcards.dataset) else "",
     message:
         "Gathering the detections' and poses' scores of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} --page {output.page}"
+        "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} {params.images} --page {output.page}"
         " --out {output.table} > {log} 2>&1"

@@ -25,7 +25,12 @@ class Annotation:
 
 
 def annotate(
-    renderer: DepthRenderer, camera_from_model: np.ndarray, intrinsics: np.ndarray, scene_mm: np.ndarray, measured_mm: np.ndarray
+    renderer: DepthRenderer,
+    camera_from_model: np.ndarray,
+    intrinsics: np.ndarray,
+    scene_mm: np.ndarray,
+    measured_mm: np.ndarray,
+    delta_mm: float = SAME_SURFACE_MM,
 ) -> Annotation:
     """Annotate one object.
 
@@ -33,15 +38,16 @@ def annotate(
         renderer: of its model.
         camera_from_model: (4, 4) its pose, mm.
         intrinsics: (3, 3) BOP's K.
-        scene_mm: (height, width) exact depth of the whole scene, 0 where nothing is.
+        scene_mm: (height, width) depth of the whole scene, exact or measured, 0 where nothing is known to be.
         measured_mm: (height, width) depth of the sensor, 0 where it gives none.
+        delta_mm: how far behind `scene_mm` the object is still visible.
     """
     height, width = scene_mm.shape
     shifted = intrinsics + np.array([[0, 0, width], [0, 0, height], [0, 0, 0]])
     wide = renderer.render(camera_from_model, shifted, 3 * width, 3 * height).image(3 * width, 3 * height)
     inside = wide[height : 2 * height, width : 2 * width]
     silhouette = inside > 0
-    visible = silhouette & ((scene_mm == 0) | (inside <= scene_mm + SAME_SURFACE_MM))
+    visible = silhouette & ((scene_mm == 0) | (inside <= scene_mm + delta_mm))
     count = int((wide > 0).sum())
     x, y, box_width, box_height = _bounding_box(wide > 0)
     info = {

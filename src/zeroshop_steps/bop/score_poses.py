@@ -15,6 +15,7 @@ from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.recall import ERRORS, PosePairs, average_recall, measure_pose_errors, pair_up
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
 from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.tables import write_table
 
 OTHER_UNIT = 4.0
@@ -30,9 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--targets", type=Path, required=True, help="test_targets_bop19.json")
     parser.add_argument("--scenes", type=Path, required=True, help="the split's folder, which holds 000001 and so on")
     parser.add_argument("--models", type=Path, required=True, help="folder of the true models with models_info.json")
-    parser.add_argument("--errors", nargs="+", choices=ERRORS, default=list(ERRORS), help="pose errors (default: all)")
+    parser.add_argument("--errors", nargs="+", choices=ERRORS, help="pose errors (default: all; without depth images, no vsd)")
     parser.add_argument("--delta-mm", type=float, default=15.0, help="tolerance of visibility in VSD (default: %(default)s, as in BOP)")
     parser.add_argument("--image-width", type=int, help="width of the images in px, if the scenes have no images")
+    parser.add_argument("--camera", type=Path, help="camera.json that has this width")
     parser.add_argument("--errors-out", type=Path, help="CSV of the errors of every estimate")
     parser.add_argument("--out", type=Path, required=True, help="CSV of the scores")
 
@@ -47,8 +49,8 @@ def run(args: argparse.Namespace) -> None:
     pairs = pair_up(estimates, targets, frames)
     check_estimates(estimates, targets, frames, args)
     size = next((size for frame in frames.values() if (size := frame.size_px())), None)
-    width_px = size[0] if size else args.image_width
-    errors = measure_pose_errors(pairs, estimates, targets, frames, models, args.errors, width_px, args.delta_mm)
+    width_px = size[0] if size else args.image_width or (read_json(args.camera).get("width") if args.camera else None)
+    errors = measure_pose_errors(pairs, estimates, targets, frames, models, choose_errors(args, frames), width_px, args.delta_mm)
     recall = average_recall(pairs, errors, targets)
     rows = [{"measure": measure, "object": "", "value": value} for measure, value in recall.overall.items()]
     rows.append({"measure": "instances", "object": "", "value": sum(recall.targets.values())})
@@ -61,6 +63,16 @@ def run(args: argparse.Namespace) -> None:
     if args.errors_out:
         write_table(args.errors_out, make_error_rows(pairs, errors, estimates, targets), [*ERROR_ROW, *errors])
     print(", ".join(f"{name} {value:.4f}" for name, value in recall.overall.items()))
+
+
+def choose_errors(args: argparse.Namespace, frames: Frames) -> list[str]:
+    """The errors that are asked for; by default all, but VSD only where any image has depth, which it compares with."""
+    if args.errors:
+        return list(args.errors)
+    if any(frame.image_path("depth") for frame in frames.values()):
+        return list(ERRORS)
+    warn(f"{args.scenes} has no depth images: VSD, and with it AR, is left out")
+    return [kind for kind in ERRORS if kind != "vsd"]
 
 
 def check_objects(estimates: Estimates, args: argparse.Namespace) -> None:

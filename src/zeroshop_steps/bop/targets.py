@@ -1,5 +1,10 @@
-"""The targets of a test, test_targets_bop19.json: which objects to find in which images."""
+"""The targets of a test, test_targets_bop19.json: which objects to find in which images.
 
+Those of the BOP Challenge 2024, test_targets_bop24.json, may name images alone: then all objects in them are to be found of which the
+truth says that at least a tenth is visible, as in the challenges before.
+"""
+
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -8,6 +13,9 @@ from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
 from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
+
+LEAST_VISIBLE_SHARE = 0.1
+"""Of an object that is a target."""
 
 Frames = dict[tuple[int, int], Frame]
 """Images by scene and image number."""
@@ -23,9 +31,47 @@ class Target:
     inst_count: int
 
 
-def read_targets(path: Path) -> list[Target]:
-    """Read targets in the order of the file. Raises StepError if the form is wrong or an image asks for an object twice."""
-    targets = [Target(*(entry[key] for key in ("scene_id", "im_id", "obj_id", "inst_count"))) for entry in read_validated(path, "targets")]
+def find_targets(split: Path) -> Path:
+    """The targets of a split, such as test_primesense: its own, or those of all splits of its kind (test_targets_bop19.json).
+
+    Raises:
+        StepError: there are none.
+    """
+    kind = split.name.split("_")[0]
+    stems = dict.fromkeys((split.name, kind))
+    names = [f"{stem}_targets_{year}.json" for stem in stems for year in ("bop19", "bop24")] + [f"{kind}_targets.json"]
+    there = sorted(split.parent.glob(f"{kind}_targets*.json"))
+    for path in (*(split.parent / name for name in names), *(there if len(there) == 1 else [])):
+        if path.is_file():
+            return path
+    found = f"it has {', '.join(path.name for path in there)}" if there else "it has none"
+    raise StepError(f"{split.parent} must have the targets of {split.name}, {' or '.join(names)}; {found}")
+
+
+def read_targets(path: Path, split: Path | None = None) -> list[Target]:
+    """Read targets in the order of the file.
+
+    Args:
+        path: of the targets.
+        split: folder of the scenes, whose truth says which objects are in images that the targets name alone.
+
+    Raises:
+        StepError: the form is wrong, an image asks for an object twice, or for no object and `split` is not given.
+    """
+    targets: list[Target] = []
+    scenes: dict[int, Mapping[int, Frame]] = {}
+    for entry in read_validated(path, "targets"):
+        scene_id, image_id = entry["scene_id"], entry["im_id"]
+        if "obj_id" in entry:
+            targets.append(Target(scene_id, image_id, entry["obj_id"], entry["inst_count"]))
+            continue
+        folders = list_scenes(split) if split else {}
+        if scene_id not in folders:
+            raise StepError(f"{path}: scene {scene_id}, image {image_id} has no obj_id, and no truth says which objects are in it")
+        frame = scenes.setdefault(scene_id, read_scene(folders[scene_id])).get(image_id)
+        shares = [(one.object_id, one.visible_share) for one in frame.instances] if frame else []
+        counts = Counter(number for number, share in shares if share is None or share >= LEAST_VISIBLE_SHARE)
+        targets += [Target(scene_id, image_id, number, count) for number, count in sorted(counts.items())]
     seen = set()
     for target in targets:
         key = target.scene_id, target.im_id, target.obj_id

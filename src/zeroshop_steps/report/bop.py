@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scores", type=Path, nargs="+", required=True, help="precision.csv and scores.csv of every run")
     parser.add_argument("--root", type=Path, default=Path("results"), help="folder that their paths start with (default: %(default)s)")
     parser.add_argument("--published", action="store_true", help="put the thesis's figures of YCB-V beside them")
+    parser.add_argument("--real-images", action="store_true", help="the test images are BOP's own, not rendered ones")
     parser.add_argument("--page", type=Path, required=True, help="Markdown to write")
     parser.add_argument("--out", type=Path, required=True, help="CSV to write")
 
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     table = pd.concat([*parts, *([read_published()] if args.published else [])], ignore_index=True)
     write_table(args.out, table)
     with atomic_write(args.page) as temporary:
-        temporary.write_text(render_page(table))
+        temporary.write_text(render_page(table, args.real_images))
 
 
 def read_scores(path: Path, root: Path) -> pd.DataFrame:
@@ -67,15 +68,15 @@ def read_published() -> pd.DataFrame:
     return read_table(PUBLISHED).assign(dataset="ycbv", object="", source=THESIS)[list(COLUMNS)]
 
 
-def render_page(table: pd.DataFrame) -> str:
-    """The page as Markdown."""
+def render_page(table: pd.DataFrame, real_images: bool = False) -> str:
+    """The page as Markdown. `real_images`: the test images are BOP's own."""
     head, *body = summarize_models(table)
     lines = [[title.replace("\n", "<br>") for title in head], ["---", *["--:"] * (len(head) - 1)]]
     lines += [[f"*{name}*" if name.startswith(LOST) else name, *values] for name, *values in body]
     text = "# Detection and pose estimation\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
     text += "\nAP: average precision of masks over IoU 0.5 to 0.95. AR: average recall of VSD, MSSD and MSPD as in the BOP Challenge.\n"
     counts = table[(table.measure == "instances") & (table.object == "")].value
-    text += f"{' and '.join(sorted(set(counts)))} instances in virtual test images.\n" if len(counts) else ""
+    text += f"{' and '.join(sorted(set(counts)))} instances in {'real' if real_images else 'virtual'} test images.\n" if len(counts) else ""
     if (table.source == THESIS).any():
         text += "Columns of the thesis: YCB-V's real test images (diploma thesis, TU Wien, January 2026, Table 4.5).\n"
     return text
