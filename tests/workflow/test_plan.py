@@ -58,6 +58,14 @@ def test_real_test_images_take_the_place_of_rendered_ones(snakemake):
     assert "--dataset ycbv  --models" in run.stdout
 
 
+def test_the_page_of_the_thesis_is_made_of_what_is_there_unless_all_is_asked_for(snakemake):
+    run = snakemake("-n", "thesis")
+    assert run.returncode == 0 and planned(run.stdout) == {"thesis": 1}, run.stdout
+    run = snakemake("-n", "thesis", "--config", "thesis={make: all}", "datasets={ycbv: {objects: [obj_000005]}}", "tables={nvs: [2dgs]}")
+    jobs = planned(run.stdout)
+    assert jobs["thesis"] == jobs["height_table"] == jobs["bop_table"] == 1 and jobs["cell"] == 6
+
+
 def test_the_same_object_by_sparse_voxels(snakemake):
     run = snakemake("-n", "results/demo/mustard_bottle/svraster.ply")
     assert run.returncode == 0, run.stdout

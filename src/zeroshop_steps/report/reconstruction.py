@@ -50,8 +50,8 @@ def run(args: argparse.Namespace) -> None:
         temporary.write_text(render_page(cells, read_published_cells() if args.published else None))
 
 
-def read_cells(path: Path) -> pd.DataFrame:
-    """The cells of a tidy table in its order, one row each.
+def read_cells(path: Path, dataset: str | None = None) -> pd.DataFrame:
+    """The cells of a tidy table in its order, one row each; of this dataset alone, if one is named.
 
     Returns:
         the columns of PLACE; those of GRADES, missing where that judgement was not made; `reason_of_` and each of them, why it is
@@ -61,6 +61,7 @@ def read_cells(path: Path) -> pd.DataFrame:
         StepError: a cell has no grade, or one that is unknown.
     """
     table = read_table(path)
+    table = table[table.dataset == dataset] if dataset else table
     wide = table.assign(reason=table.get("reason", "")).pivot(index=PLACE, columns="measure", values=["value", "reason"])
     wide = wide.reindex(pd.MultiIndex.from_frame(table[PLACE].drop_duplicates()))
     grades = wide["value"].reindex(columns=GRADES)
