@@ -13,8 +13,9 @@ from zeroshop_steps.surface.svraster.initialization import initialize_voxels
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import VoxelTrainer
 from zeroshop_steps.surface.trainer import ViewPyramid
+from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels
-from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
+from zeroshop_steps.surface.twodgs.train import SurfelTrainer
 
 STEPS = 25
 SIZE_PX = 61
@@ -40,7 +41,7 @@ def train(threads: int) -> None:
     mesh = fuse_depth_maps([render_depth(surfels.model, view) for view in views], views, surfels.model, voxels=32, min_views=2)
     print("2dgs mesh", digest_of(mesh.vertices), digest_of(mesh.faces))
     choices = VoxelSettings(level_start=4, level_max=6, iterations=STEPS, adapt_shares=(0.4,), count_max=4000)
-    voxels = VoxelTrainer(initialize_voxels(start, views, 4, 1), pyramid, start, choices)
+    voxels = VoxelTrainer(initialize_voxels(start, views, choices), pyramid, start, choices)
     voxels.run(STEPS)
     for name, tensor in voxels.model.tensors().items():
         print("svraster", name, digest_of(tensor.detach().numpy()))

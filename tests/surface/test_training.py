@@ -13,8 +13,9 @@ from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import VoxelTrainer
 from zeroshop_steps.surface.trainer import Trainer, ViewPyramid, find_depth_targets
 from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels
-from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
+from zeroshop_steps.surface.twodgs.train import SurfelTrainer
 
 ITERATIONS, SWITCH = 24, 12
 
@@ -41,7 +42,7 @@ def confirmed_initialization(views: list[TrainingView], depths: list[np.ndarray]
 def trainer_of(method: str, views: ViewPyramid, initialization: Initialization) -> Trainer:
     if method == "svraster":
         settings = VoxelSettings(iterations=ITERATIONS, coarse_share=SWITCH / ITERATIONS, level_start=4, level_max=6)
-        return VoxelTrainer(initialize_voxels(initialization, views.fine, 4, settings.sh_degree), views, initialization, settings)
+        return VoxelTrainer(initialize_voxels(initialization, views.fine, settings), views, initialization, settings)
     settings = SurfelSettings(iterations=ITERATIONS, coarse_share=SWITCH / ITERATIONS)
     return SurfelTrainer(initialize_surfels(initialization, 0), views, initialization, settings)
 

@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.images import read_depth_mm, read_image, read_mask
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.synthetic.camera_rings import DISTANCE_IN_SIZES, ObjectBounds, place_capture_cameras
+from zeroshop_steps.synthetic.camera_rings import DISTANCE_IN_SIZES, ObjectBounds, Rings, place_capture_cameras
 from zeroshop_steps.synthetic.raycast import capture
 
 WIDTH, HEIGHT = 160, 120
@@ -80,14 +80,14 @@ def test_rings_follow_the_thesis(alone):
 
 def test_first_camera_sees_the_front_wherever_it_is():
     for front_deg in (0.0, 90.0, 217.0):
-        first = place_capture_cameras(ObjectBounds(np.zeros(3), 100.0, -50.0, front_deg), "su_h", WIDTH, HEIGHT)[0]
+        first = place_capture_cameras(ObjectBounds(np.zeros(3), 100.0, -50.0, front_deg), "su_h", WIDTH, HEIGHT, Rings())[0]
         angle = np.radians(front_deg)
         assert np.allclose(first.centre_in_world[:2] / 320.0, [np.cos(angle), np.sin(angle)], atol=1e-9)
 
 
 def test_cameras_over_a_flat_object_stay_off_the_surface():
     flat = ObjectBounds(np.array([0.0, 0.0, 10.0]), 200.0, 0.0)
-    heights = np.array([camera.centre_in_world[2] for camera in place_capture_cameras(flat, "su_l", WIDTH, HEIGHT)])
+    heights = np.array([camera.centre_in_world[2] for camera in place_capture_cameras(flat, "su_l", WIDTH, HEIGHT, Rings())])
     assert np.allclose(heights[:10], 100.0)
     assert np.allclose(heights[10:], 10.0 + 640.0 * np.sin(np.radians(45)))
 

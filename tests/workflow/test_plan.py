@@ -81,6 +81,18 @@ def test_both_optimizers_share_one_stereo(snakemake):
     assert planned(run.stdout) == dict.fromkeys(steps, 1)
 
 
+def test_the_regime_of_the_thesis_lies_beside_the_default_one_and_runs_no_stereo(snakemake):
+    objects = "results/thesis/demo/mustard_bottle"
+    config = str(REPOSITORY / "config/thesis.yaml")
+    run = snakemake("-n", f"{objects}/2dgs.ply", f"{objects}/su_h/colmap/svraster/raw_mesh.ply", "--configfile", config)
+    assert run.returncode == 0, run.stdout
+    steps = ["blender_environment", "demo_model", "capture_virtual", "register", "quality", "train_svraster", "mesh_svraster", *CELL]
+    assert planned(run.stdout) == dict.fromkeys(set(steps) - {"stereo"}, 1)
+    assert "--stereo results" not in run.stdout and "results/demo" not in run.stdout
+    assert "--initialization sparse --iterations 30000" in run.stdout
+    assert "--least-height-sizes 0 --light-strengths 1 1 1 1 1 1" in run.stdout
+
+
 def test_models_from_a_local_folder(snakemake, tmp_path):
     models = tmp_path / "my models"
     run = snakemake("-n", "results/ycbv/obj_000005/model", "--config", f"datasets={{ycbv: {{models_folder: {models}}}}}")

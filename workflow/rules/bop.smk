@@ -13,7 +13,7 @@ def true_models_of(
 ):
     """The true models of a dataset's objects."""
     virtual_dataset(wildcards.dataset, "Photos have no true models.")
-    return [f"results/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
+    return [f"{RESULTS}/{wildcards.dataset}/{name}/model" for name in objects_of(wildcards.dataset)]
 
 
 def training_captures_of(

@@ -20,7 +20,7 @@ def photos_of(
     check_object(wildcards)
     if not is_filmed(wildcards.dataset):
         return PHOTOS[wildcards.dataset, wildcards.object]
-    folder = f"results/{wildcards.dataset}/{wildcards.object}/film"
+    folder = f"{RESULTS}/{wildcards.dataset}/{wildcards.object}/film"
     scene = "" if config["datasets"][wildcards.dataset]["board"] == "beside" else f"{folder}/empty_scene"
     row = {"images": f"{folder}/film.mp4", "height_method": "marker", "marker_images": scene}
     return {**dict.fromkeys(("masks", "prompt", "depth"), ""), "height_m": None, **row}

@@ -15,12 +15,13 @@ from zeroshop_steps.runtime.settings import check_config, name_error, read_confi
 ROOT = Path(workflow.snakefile).parents[2]
 
 # Where results lie: of an object, of its pictures in a scene, of their cameras by a registration, of a cell; and of a whole dataset.
-OBJECT = "results/{dataset}/{object}"
+RESULTS = config["results"]
+OBJECT = f"{RESULTS}/{{dataset}}/{{object}}"
 SCENE = f"{OBJECT}/{{scene}}"
 RUN = f"{SCENE}/{{registration}}"
 CELL = f"{RUN}/{{nvs}}"
-BOP = "results/{dataset}/bop"
-TABLES = "results/{dataset}/tables"
+BOP = f"{RESULTS}/{{dataset}}/bop"
+TABLES = f"{RESULTS}/{{dataset}}/tables"
 
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 # Photos as they are, and registered by what lies inside the masks alone.
@@ -61,11 +62,8 @@ def per_attempt(amount):
 
 
 def step_options(options):
-    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`. A list gives several words, null no option.
-
-    Weights of the user's own lie where the config says, counted from the project's folder.
-    """
-    if options.get("weights"):
+    """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`. A list gives several words, null no option."""
+    if options.get("weights"):  # the user's own lie where the config says, counted from the project's folder
         options = {**options, "weights": shlex.quote(os.path.relpath(ROOT / options["weights"]))}
     words = {key: value if isinstance(value, list) else [value] for key, value in options.items() if value is not None}
     return " ".join(" ".join([f"--{key.replace('_', '-')}", *map(str, values)]) for key, values in words.items())

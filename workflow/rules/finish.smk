@@ -13,7 +13,7 @@ def stage_facts(
     wildcards,
 ):
     """The records of the stages behind a mesh, for its JSON."""
-    method = methods.SURFACES[require_known("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method.")]
+    method = surface_method(require_known("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method."))
     stereo = [f"{RUN}/stereo/stereo.json"] if method.stereo else []
     training = [f"{CELL}/{Path(method.model).parent}/training.json"] if method.model else []
     steps = ("raw_mesh", "clean", "height", "closed", "unwrapped", "texture")

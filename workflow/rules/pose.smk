@@ -16,7 +16,7 @@ def detections_of(
     if wildcards.masks == "truth":
         return []
     usable("detector", wildcards.masks, methods.DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
-    return f"results/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{methods.DETECTORS[wildcards.masks].masks}"
+    return f"{RESULTS}/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{methods.DETECTORS[wildcards.masks].masks}"
 
 
 def detections_option(

@@ -6,7 +6,7 @@ results/DATASET/report/objects/OBJECT    the page of an object
 
 from zeroshop_steps.runtime.settings import config_changes
 
-REPORT = "results/{dataset}/report"
+REPORT = f"{RESULTS}/{{dataset}}/report"
 
 
 def cells_of_page(
@@ -65,7 +65,7 @@ def pages_of_report(
     wildcards,
 ):
     """The page of every object of the dataset."""
-    return [f"results/{wildcards.dataset}/report/objects/{name}" for name in objects_of(wildcards.dataset)]
+    return [f"{RESULTS}/{wildcards.dataset}/report/objects/{name}" for name in objects_of(wildcards.dataset)]
 
 
 def tables_there(

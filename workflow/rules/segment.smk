@@ -67,7 +67,7 @@ def pictures_with_masks(
     wildcards,
 ):
     """The folder of photos and the masks to register them by: the capture, or a registered scene if masks are found only there."""
-    scene = f"results/{wildcards.dataset}/{wildcards.object}/{WHOLE_SCENE}"
+    scene = f"{RESULTS}/{wildcards.dataset}/{wildcards.object}/{WHOLE_SCENE}"
     registration = config["chosen"]["photos"]["registration"]
     return f"{scene}/{registration}/cameras" if mask_needs(wildcards).in_scene else f"{scene}/capture"
 

@@ -1,8 +1,28 @@
 """Surface: train a scene representation on the registered images, then take a raw mesh from it.
 
-Stereo comes first, once for all methods of a registration that read it. The rules of a method follow from what its file declares
+Stereo comes first, once for all methods of a registration that read it; the option `initialization: sparse` does without. The rules of a method follow from what its file declares
 (src/zeroshop_steps/methods.py): one that makes the raw mesh at once, or two, with its trained model between them.
 """
+
+import dataclasses
+
+
+def surface_method(
+    name,
+):
+    """A surface method as the config has it: one that starts from sparse points reads no stereo. None for an unknown name."""
+    method = methods.SURFACES.get(name)
+    sparse = method is not None and method.options and surface_section(method, 0).get("initialization") == "sparse"
+    return dataclasses.replace(method, stereo=False) if sparse else method
+
+
+def surface_section(
+    method,
+    step,
+):
+    """The options that the config has for a step of a surface method."""
+    options = config["nvs"].get(method.name) or {}
+    return options.get(method.options[step], {}) if method.options else options
 
 
 def surface_inputs(
@@ -17,17 +37,8 @@ def confirmed_depths(
     wildcards,
 ):
     """The depths that stereo confirmed, if the surface method of the path reads them; then later steps read them, too."""
-    method = methods.SURFACES.get(wildcards.nvs)
+    method = surface_method(wildcards.nvs)
     return f"{RUN}/stereo/seeds.npz".format(**wildcards) if method is None or method.stereo else []
-
-
-def surface_options(
-    method,
-    step,
-):
-    """The options that the config has for a step of a surface method."""
-    options = config["nvs"].get(method.name) or {}
-    return step_options(options.get(method.options[step], {}) if method.options else options)
 
 
 rule stereo:
@@ -54,7 +65,7 @@ rule stereo:
         " --seed {params.seed} --threads {threads} --record-failure {output} > {log} 2>&1"
 
 
-for method in methods.SURFACES.values():
+for method in map(surface_method, methods.SURFACES):
     inputs = surface_inputs(method)
     folder = f"{RUN}/{method.name}"
     made = [f"{folder}/raw_mesh.ply", f"{folder}/raw_mesh.json"]
@@ -86,7 +97,7 @@ for method in methods.SURFACES.values():
             method=method.step.partition(".")[2],
             inputs=lambda wildcards, input: " ".join(f"--{name} {path}" for name, path in input.items()),
             out=str(Path(made[0]).parent) if method.model else made[0],
-            options=surface_options(method, 0),
+            options=step_options(surface_section(method, 0)),
             resume="--resume" if method.model else "",
             seed=config["seed"],
             weights=weights_stamp("nvs", method.name, method),
@@ -118,7 +129,7 @@ for method in methods.SURFACES.values():
                 runtime=per_attempt(15),
             params:
                 method=method.mesh,
-                options=surface_options(method, 1),
+                options=step_options(surface_section(method, 1)),
             message:
                 f"Taking the surface of {{wildcards.object}}, scene {{wildcards.scene}}, from {method.name}"
             shell:

@@ -64,9 +64,12 @@ def renderer_options(
     wildcards,
     input,
 ):
-    """The options of the renderer of captures that not every renderer has."""
-    samples = config["capture"]["samples"] if renderer_of(config["capture"]).samples else None
-    return f"{step_options({'samples': samples})} {environment_option(wildcards, input)}".strip()
+    """The options of captures beside their size: the cameras and lights, and what not every renderer has."""
+    capture = config["capture"]
+    options = {key: capture[key] for key in ("views_per_ring", "least_height_sizes", "light_strengths")}
+    options |= {"elevations_deg": capture["elevations_deg"].get(wildcards.scene)}
+    options |= {"samples": capture["samples"] if renderer_of(capture).samples else None}
+    return f"{step_options(options)} {environment_option(wildcards, input)}".strip()
 
 
 def rendered_model(
@@ -74,7 +77,7 @@ def rendered_model(
 ):
     """The model that is rendered in a scene."""
     check_virtual_scene(wildcards)
-    return f"results/{wildcards.dataset}/{wildcards.object}/model"
+    return f"{RESULTS}/{wildcards.dataset}/{wildcards.object}/model"
 
 
 def filmed_model(
@@ -84,7 +87,7 @@ def filmed_model(
     check_object(wildcards)
     of = config["datasets"][wildcards.dataset]["of"]
     [dataset] = [name for name, names in of.items() if wildcards.object in names]
-    return f"results/{virtual_dataset(dataset, 'Films are of models.')}/{wildcards.object}/model"
+    return f"{RESULTS}/{virtual_dataset(dataset, 'Films are of models.')}/{wildcards.object}/model"
 
 
 rule demo_model:

@@ -60,7 +60,7 @@ def scores_of_table(
     runs = [f"{detector}-MODELS/precision" for detector in detectors]
     runs += [f"{estimator}-{masks}-MODELS/scores" for estimator in estimators for masks in ["truth", *detectors]]
     folders = ["models", *(f"models_{nvs}" for nvs in surfaces_with_cameras("the table of the benchmark"))]
-    return [f"results/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
+    return [f"{RESULTS}/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
 
 
 def published_option(

@@ -1,4 +1,6 @@
-"""What training starts from: points on and near the surface, free space, and the depths that stereo has confirmed."""
+"""What training starts from: points on and near the surface, free space, and the depths that are known there.
+
+These come from stereo, or from the registration's sparse points alone (sparse_start.py)."""
 
 from dataclasses import dataclass
 
@@ -50,7 +52,7 @@ class Initialization:
         points, colors, normals: (N, 3) initial points, RGB in [0, 1], unit normals.
         free_space: where no surfel and no voxel may be.
         confirmed_rays, confirmed_depths: by the name of the view, (K, 2) slopes x / z and y / z of rays in its camera, and
-            (K,) depths along them that stereo has confirmed.
+            (K,) depths along them that stereo has confirmed, or of sparse points.
     """
 
     points: np.ndarray
@@ -92,12 +94,14 @@ def make_initialization(
     chosen = np.random.default_rng(seed).permutation(len(surface))[:hull_points]
     surface, surface_normals = surface[chosen], surface_normals[chosen]
 
-    others = np.concatenate([seeds.positions, surface])
+    others, other_normals = np.concatenate([seeds.positions, surface]), np.concatenate([seed_normals, surface_normals])
+    if len(others) == 0:
+        others, other_normals = seeds.carved_hull.surface()
     if len(others) == 0:  # no point has a normal that sparse points could take over
         sparse, trusted = sparse[:0], np.zeros_like(trusted)
     sparse_normals = np.zeros((0, 3))
     if len(sparse):
-        sparse_normals = np.concatenate([seed_normals, surface_normals])[cKDTree(others).query(sparse)[1]]
+        sparse_normals = other_normals[cKDTree(others).query(sparse)[1]]
     return Initialization(
         np.concatenate([sparse, seeds.positions, surface]),
         np.concatenate([model.colors[trusted] / 255.0, seeds.colors, average_colors(surface, surface_normals, grid)]),

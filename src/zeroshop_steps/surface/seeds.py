@@ -15,7 +15,10 @@ from zeroshop_steps.geometry.registered_views import View, read_object_masks
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.surface.training_views import TrainingView
 
+HULL_RESOLUTION = 128
+"""Voxels along an edge of the cube of the visual hull."""
 FIELDS = ("positions", "colors", "normals", "names", "shapes", "depths", "occupied", "half_extent", "centre", "radius")
 """Names of the arrays in the file, in the order in which they are written."""
 
@@ -36,6 +39,12 @@ class Seeds:
     normals: np.ndarray
     depth_maps: dict[str, np.ndarray]
     carved_hull: VisualHull
+
+
+def carve_hull(grid: Sequence[TrainingView]) -> VisualHull:
+    """The visual hull of the masks, in normalized coordinates; grid: the views at the pixels at which stereo estimates planes."""
+    masks = [view.mask.numpy() > 0 for view in grid]
+    return VisualHull.carve([view.camera for view in grid], masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
 
 
 def write_seeds(path: Path, seeds: Seeds, sphere: ObjectSphere) -> None:

@@ -1,6 +1,6 @@
 """Multi-view stereo: depths that several registered images confirm, seeds made from them, and the visual hull carved by them.
 
-Writes seeds.npz, from which every optimizer of this stage starts, and stereo.json (seconds and figures).
+Writes seeds.npz, from which the optimizers of this stage start unless told otherwise, and stereo.json (seconds and figures).
 """
 
 import argparse
@@ -10,8 +10,6 @@ from pathlib import Path
 
 from zeroshop_steps.runtime.cache import Cached
 
-HULL_RESOLUTION = 128
-"""Voxels along an edge of the cube of the visual hull."""
 CACHED = Cached(
     inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
     ignored=("threads",),
@@ -29,11 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.geometry.crops import fit_object_sphere
-    from zeroshop_steps.geometry.visual_hull import VisualHull
     from zeroshop_steps.runtime.files import write_json
     from zeroshop_steps.runtime.threads import use_threads
     from zeroshop_steps.surface.depth_consistency import find_seeds
-    from zeroshop_steps.surface.seeds import write_seeds
+    from zeroshop_steps.surface.seeds import carve_hull, write_seeds
     from zeroshop_steps.surface.training_views import make_grid_view, make_seed_views, read_camera_set
 
     threads = use_threads(args.threads)
@@ -42,8 +39,7 @@ def run(args: argparse.Namespace) -> None:
     sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
     views = make_seed_views(camera_set, sphere)
     grid = [make_grid_view(view) for view in views]
-    masks = [view.mask.numpy() > 0 for view in grid]
-    hull = VisualHull.carve([view.camera for view in grid], masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
+    hull = carve_hull(grid)
     seeds = find_seeds(views, hull, args.seed)
     write_seeds(args.out / "seeds.npz", seeds, sphere)
     write_json(

@@ -37,7 +37,7 @@ class ViewPyramid:
 
 
 def find_depth_targets(view: TrainingView, initialization: Initialization) -> tuple[torch.Tensor, torch.Tensor]:
-    """(K,) flat pixel indices of a view, and (K,) the depths that were confirmed there before training."""
+    """(K,) flat pixel indices of a view, and (K,) the depths that were known there before training."""
     k, rays = view.camera.intrinsics, initialization.confirmed_rays[view.camera.name]
     x = np.floor(rays[:, 0] * k[0, 0] + k[0, 2]).astype(int).clip(0, view.camera.width_px - 1)
     y = np.floor(rays[:, 1] * k[1, 1] + k[1, 2]).astype(int).clip(0, view.camera.height_px - 1)
@@ -112,7 +112,10 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
         """The weighted terms of the loss by name; share: how much of the run is done."""
         settings, view = self.settings, self.views[index]
         terms = self.view_loss(rendering, view, share >= settings.normal_from_share)
-        terms["depth"] = settings.lambda_depth * depth_loss(rendering, *self.depth_targets[index], view.active.sum())
+        pixels, depths = self.depth_targets[index]
+        # Stereo's depths are dense, and each weighs the same. Sparse points are few: their mean counts, as in Sun et al. 2025.
+        total = view.active.sum() if settings.initialization == "stereo" else torch.tensor(len(pixels))
+        terms["depth"] = settings.lambda_depth * depth_loss(rendering, pixels, depths, total)
         return terms
 
     def run(self, until: int, report: ProgressReport | None = None) -> None:

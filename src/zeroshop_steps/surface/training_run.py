@@ -18,6 +18,7 @@ from zeroshop_steps.runtime.files import atomic_write, write_json
 from zeroshop_steps.runtime.threads import use_threads
 from zeroshop_steps.surface.initialization import Initialization, make_initialization
 from zeroshop_steps.surface.seeds import Seeds, read_seeds
+from zeroshop_steps.surface.sparse_start import make_sparse_seeds
 from zeroshop_steps.surface.trainer import ModelT, RenderingT, SettingsT, Trainer, ViewPyramid
 from zeroshop_steps.surface.training_views import CameraSet, TrainingView, make_seed_views, make_training_views, read_camera_set
 
@@ -32,7 +33,7 @@ class TrainingInputs:
     """What an optimizer trains on.
 
     Attributes:
-        seed_views: the views that stereo used; its depth maps have their names and sizes.
+        seed_views: the views that stereo uses; its depth maps have their names and sizes.
         identity: says which images, cameras and seeds these are, for checkpoints.
     """
 
@@ -45,7 +46,7 @@ class TrainingInputs:
 
     @staticmethod
     def read(args: Namespace, step: str) -> "TrainingInputs":
-        """From the options --cameras, --stereo and --image-width-px, for a step of this package, e.g. "surface.twodgs"."""
+        """From the options of `training_options.add_training_arguments`, for a step of this package, e.g. "surface.twodgs"."""
         camera_set = read_camera_set(args.cameras)
         sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
         views = ViewPyramid(
@@ -53,13 +54,18 @@ class TrainingInputs:
             make_training_views(camera_set, sphere, args.image_width_px, border_px=8),
         )
         stereo_views = make_seed_views(camera_set, sphere)
-        seeds = read_seeds(args.stereo, sphere, [view.camera for view in stereo_views])
+        if args.initialization == "sparse":
+            seeds = make_sparse_seeds(args.cameras, sphere, stereo_views)
+        elif args.stereo:
+            seeds = read_seeds(args.stereo, sphere, [view.camera for view in stereo_views])
+        else:
+            raise StepError("training starts from stereo, but no seeds.npz is given: add --stereo, or --initialization sparse")
         # A checkpoint belongs to its images, cameras, seeds and code as much as to its settings.
         poses = [view.camera.camera_from_world.ravel().tolist() for view in views.fine]
         identity = {
             "image_width_px": args.image_width_px,
             "cameras": poses,
-            "stereo": content_digest(args.stereo),
+            "stereo": content_digest(args.stereo) if args.stereo else None,
             "code": code_version(step),
         }
         return TrainingInputs(camera_set, sphere, views, stereo_views, seeds, identity)
@@ -81,7 +87,7 @@ def train_model(
         args: the options of `training_options.add_training_arguments`.
         step: the step of this package, e.g. "surface.twodgs"; a change of its code makes checkpoints invalid.
         method: the optimizer's name in training.json.
-        hull_points: how many points of the carved hull the initialization takes, at most.
+        hull_points: how many points of the carved hull the initialization takes, at most; none with --initialization sparse.
         initialize: makes the model to start from.
         write: writes the trained model.
 
@@ -91,15 +97,15 @@ def train_model(
     threads = use_threads(args.threads)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     inputs = TrainingInputs.read(args, step)
-    initialization = make_initialization(inputs.camera_set.model, inputs.sphere, inputs.seed_views, inputs.seeds, hull_points, args.seed)
+    model, hull_points = inputs.camera_set.model, hull_points if args.initialization == "stereo" else 0
+    initialization = make_initialization(model, inputs.sphere, inputs.seed_views, inputs.seeds, hull_points, args.seed)
     checkpoint = args.out / CHECKPOINT
     trainer = None
     if args.resume and checkpoint.exists():
         trainer = trainer_class.resume(checkpoint, inputs.views, initialization, settings, inputs.identity)
     resumed_from = trainer.iteration if trainer else 0
     if trainer is None:
-        model = initialize(initialization, inputs)
-        trainer = trainer_class(model, inputs.views, initialization, settings)
+        trainer = trainer_class(initialize(initialization, inputs), inputs.views, initialization, settings)
     trainer.run_with_checkpoints(args.checkpoint_every, checkpoint, inputs.identity, args.cameras)
     if len(trainer.model) < PRIMITIVES_MIN:
         left = f"{len(trainer.model)} {trainer.primitives}"

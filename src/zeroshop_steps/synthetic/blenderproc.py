@@ -16,9 +16,9 @@ from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic import blender_tables, virtual_capture
 from zeroshop_steps.synthetic.blender_frames import make_scene_objects, read_frames, render_frames
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.camera_rings import USUAL_RINGS, ObjectBounds, Rings
 from zeroshop_steps.synthetic.clutter import RigidBody
-from zeroshop_steps.synthetic.lighting import place_lights
+from zeroshop_steps.synthetic.lighting import LIGHT_STRENGTHS, place_lights
 from zeroshop_steps.synthetic.renderer import RenderedView
 from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 from zeroshop_steps.synthetic.table_scene import TableBackend, TableScene
@@ -42,11 +42,22 @@ def add_renderer_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    capture(args.model, args.scene, args.width, args.height, args.seed, args.samples, args.environment, args.threads, args.out)
+    options = (args.scene, args.width, args.height, args.seed, args.samples, args.environment, args.threads, args.out)
+    capture(args.model, *options, virtual_capture.read_rings(args), args.light_strengths)
 
 
 def capture(
-    model: Path, scene: str, width_px: int, height_px: int, seed: int, samples: int, environment: Path, threads: int, out: Path
+    model: Path,
+    scene: str,
+    width_px: int,
+    height_px: int,
+    seed: int,
+    samples: int,
+    environment: Path,
+    threads: int,
+    out: Path,
+    rings: Rings = USUAL_RINGS,
+    light_strengths: Sequence[float] = LIGHT_STRENGTHS,
 ) -> None:
     """Render all views of one scene into the capture folder `out`; see `virtual_capture.render_capture`.
 
@@ -54,6 +65,8 @@ def capture(
         samples: light paths a pixel.
         environment: record that `blender_environment` wrote.
         threads: of the renderer, 0 for all.
+        rings: where the cameras stand.
+        light_strengths: as for `lighting.place_lights`.
 
     Raises:
         StepError: as `virtual_capture.render_capture`; or BlenderProc cannot start, failed or was killed.
@@ -62,13 +75,13 @@ def capture(
     frames = frames_folder(out)
 
     def render(parts: list[SceneMesh], bounds: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
-        lights = place_lights(bounds, on_surface=len(parts) > 1)
+        lights = place_lights(bounds, len(parts) > 1, light_strengths)
         title = f"render {scene} with BlenderProc"
         render_frames(frames, environment, title, make_scene_objects(parts), lights, cameras, samples, seed, threads)
         return read_frames(frames, cameras)
 
     facts = {"renderer": "blenderproc", "samples": samples}
-    virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, facts=facts)
+    virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, facts=facts, rings=rings)
     shutil.rmtree(frames, ignore_errors=True)
 
 

@@ -5,6 +5,7 @@ the object (a lattice in each triangle) and on the surface (a grid), then interp
 same in all views. Every sample keeps its diffuse irradiance and how much of each light it sees, for the highlights.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -17,7 +18,7 @@ from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 
 LIGHT_DISTANCE_IN_SIZES, LIGHT_HALF_SIDE_IN_SIZES = 8.0, 3.0  # in the largest side of the object
 LIGHT_STRENGTHS = (0.60, 0.40, 0.50, 0.35, 1.00, 0.40)  # towards +x, -x, +y, -y, +z, -z
-SKY = 0.25  # radiance from all around, beside LIGHT_STRENGTHS
+SKY = 0.25  # radiance from all around, beside strengths like LIGHT_STRENGTHS
 SAMPLES_A_SIDE, SKY_SAMPLES = 4, 32  # shadow rays to each light, squared, and to the sky
 CHANNELS = 7  # diffuse light, and how much of each of the six lights is seen
 SURFACE_CELLS = 320  # a side of the baked part of the ground
@@ -67,8 +68,12 @@ class BakedLight:
     surface_side_mm: float
 
 
-def place_lights(bounds: ObjectBounds, on_surface: bool) -> Lights:
-    """Lights around the object, their strength chosen for the exposure. On a surface the four at the sides stand on it."""
+def place_lights(bounds: ObjectBounds, on_surface: bool, strengths: Sequence[float] = LIGHT_STRENGTHS) -> Lights:
+    """Lights around the object, their strength chosen for the exposure. On a surface the four at the sides stand on it.
+
+    Args:
+        strengths: six, relative to each other, in the order of `LIGHT_STRENGTHS`.
+    """
     directions = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
     angle = np.radians(bounds.front_azimuth_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
@@ -78,7 +83,7 @@ def place_lights(bounds: ObjectBounds, on_surface: bool) -> Lights:
     centres = bounds.centre_mm + directions * LIGHT_DISTANCE_IN_SIZES * bounds.largest_mm
     if on_surface:
         centres[:4, 2] = bounds.bottom_mm + half_side_mm
-    lights = Lights(centres, axes, half_side_mm, np.array(LIGHT_STRENGTHS), SKY)
+    lights = Lights(centres, axes, half_side_mm, np.array(strengths), SKY)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     rays, weights = _light_rays(bounds.centre_mm[None].astype(np.float32), up, centres, axes, half_side_mm, 16, 0)
     exposure = WHITE_LEVEL / ((weights.sum(2)[0] * lights.radiances).sum() / np.pi + SKY)

@@ -11,8 +11,9 @@ from pathlib import Path
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.synthetic import virtual_capture
-from zeroshop_steps.synthetic.camera_rings import ObjectBounds
+from zeroshop_steps.synthetic.camera_rings import USUAL_RINGS, ObjectBounds, Rings
 from zeroshop_steps.synthetic.clutter import place_bodies
+from zeroshop_steps.synthetic.lighting import LIGHT_STRENGTHS, place_lights
 from zeroshop_steps.synthetic.renderer import RenderedView, SceneRenderer
 from zeroshop_steps.synthetic.scene_meshes import SceneMesh
 from zeroshop_steps.synthetic.shading import use_threads
@@ -40,7 +41,8 @@ def make_table_backend(args: argparse.Namespace) -> TableBackend:
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
     use_threads(args.threads)
-    capture(args.model, args.scene, args.width, args.height, args.seed, args.out)
+    rings = virtual_capture.read_rings(args)
+    capture(args.model, args.scene, args.width, args.height, args.seed, args.out, rings=rings, light_strengths=args.light_strengths)
 
 
 def capture(
@@ -52,11 +54,13 @@ def capture(
     out: Path,
     lay: virtual_capture.Lay | None = None,
     facts: dict | None = None,
+    rings: Rings = USUAL_RINGS,
+    light_strengths: Sequence[float] = LIGHT_STRENGTHS,
 ) -> None:
-    """Render all views of one scene into the capture folder `out`; see `virtual_capture.render_capture`."""
+    """Render all views of one scene into the capture folder `out`; see `virtual_capture.render_capture` and `lighting.place_lights`."""
 
     def render(parts: list[SceneMesh], bounds: ObjectBounds, cameras: Sequence[Camera]) -> Iterator[RenderedView]:
-        renderer = SceneRenderer(parts, bounds, seed)
+        renderer = SceneRenderer(parts, bounds, seed, place_lights(bounds, len(parts) > 1, light_strengths))
         return (renderer.render(camera) for camera in cameras)
 
-    virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, lay, facts)
+    virtual_capture.render_capture(render, model, scene, width_px, height_px, seed, out, lay, facts, rings)

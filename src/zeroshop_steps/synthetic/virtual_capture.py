@@ -18,11 +18,13 @@ from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic.camera_rings import (
     DISTANCE_IN_SIZES,
-    ELEVATIONS_DEG,
+    USUAL_RINGS,
     ObjectBounds,
+    Rings,
     place_capture_cameras,
     place_held_out_cameras,
 )
+from zeroshop_steps.synthetic.lighting import LIGHT_STRENGTHS
 from zeroshop_steps.synthetic.renderer import RenderedView, expose
 from zeroshop_steps.synthetic.scene_meshes import SCENES, SceneMesh, make_object_mesh, make_surface_mesh
 
@@ -38,7 +40,18 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", type=Path, required=True, help="textured PLY in mm, upright, z up")
     parser.add_argument("--scene", choices=SCENES, required=True)
     add_image_arguments(parser)
+    parser.add_argument("--views-per-ring", type=int, default=USUAL_RINGS.views, help="azimuths of a ring (default %(default)s)")
+    parser.add_argument("--elevations-deg", type=float, nargs="+", help="of the rings (default 0 45, se: 0 45 -45)")
+    height_help = "least height of a camera above the surface, in largest dimensions of the object (default %(default)s)"
+    parser.add_argument("--least-height-sizes", type=float, default=USUAL_RINGS.least_height_sizes, help=height_help)
+    light_help = "towards +x, -x, +y, -y, +z and -z, relative to each other"
+    parser.add_argument("--light-strengths", type=float, nargs=6, default=LIGHT_STRENGTHS, help=light_help)
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def read_rings(args: argparse.Namespace) -> Rings:
+    """The rings that the arguments ask for."""
+    return Rings(args.views_per_ring, tuple(args.elevations_deg) if args.elevations_deg else None, args.least_height_sizes)
 
 
 def add_image_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,6 +72,7 @@ def render_capture(
     out: Path,
     lay: Lay | None = None,
     facts: dict | None = None,
+    rings: Rings = USUAL_RINGS,
 ) -> None:
     """Render all views of one scene into the capture folder `out`, whole or not at all.
 
@@ -71,6 +85,7 @@ def render_capture(
         out: folder to write.
         lay: what lies on the surface.
         facts: for capture.json, over what stands there.
+        rings: where the cameras stand.
 
     Raises:
         StepError: the model is missing, damaged, untextured or not in mm; the image size or the seed is out of range.
@@ -82,8 +97,8 @@ def render_capture(
         parts = [part for part in (make_object_mesh(mesh), make_surface_mesh(scene, bounds, seed, paint)) if part is not None]
     except StepError as error:
         raise StepError(f"{model}: {error}") from None
-    views = place_capture_cameras(bounds, scene, width_px, height_px)
-    held_out = place_held_out_cameras(bounds, scene, width_px, height_px)
+    views = place_capture_cameras(bounds, scene, width_px, height_px, rings)
+    held_out = place_held_out_cameras(bounds, scene, width_px, height_px, rings)
     with atomic_directory(out) as folder:
         jobs = [(camera, folder, index) for index, camera in enumerate(views)]
         jobs += [(camera, folder / "held_out", len(views) + index) for index, camera in enumerate(held_out)]
@@ -108,7 +123,7 @@ def render_capture(
                 "known_height_m": round(float(size_mm[2]) / 1000.0, 6),
                 "distance_mm": round(bounds.distance_mm, 3),
                 "distance_in_largest_dimensions": DISTANCE_IN_SIZES,
-                "ring_elevations_deg": list(ELEVATIONS_DEG[scene]),
+                "ring_elevations_deg": list(rings.of_scene(scene)),
                 "front_azimuth_deg": bounds.front_azimuth_deg,
                 "support_z_mm": None if scene == "se" else round(bounds.bottom_mm, 4),
                 **(facts or {}),

@@ -27,7 +27,7 @@ from zeroshop_steps.surface.training_views import TrainingView
 
 def trainer_for(views: list[TrainingView], **settings) -> VoxelTrainer:
     initialization = ball_initialization(views)
-    voxels = initialize_voxels(initialization, views, 4, 1)
+    voxels = initialize_voxels(initialization, views, VoxelSettings(level_start=4))
     return VoxelTrainer(voxels, ViewPyramid(views, views), initialization, VoxelSettings(level_start=4, level_max=6, **settings))
 
 
@@ -165,7 +165,7 @@ def test_training_starts_dense_inside_confirmed_depths(ball: tuple) -> None:
         k = view.camera.intrinsics
         initialization.confirmed_rays[view.camera.name] = np.stack([(x + 0.5 - k[0, 2]) / k[0, 0], (y + 0.5 - k[1, 2]) / k[1, 1]], 1)
         initialization.confirmed_depths[view.camera.name] = depth[y, x]
-    voxels = initialize_voxels(initialization, views, 5, 1)
+    voxels = initialize_voxels(initialization, views, VoxelSettings(level_start=5))
     octree = voxels.octree
     radius = np.linalg.norm(octree.corner_points * (2.0 / CELLS) - 1.0, axis=1)
     densities = voxels.densities.numpy()

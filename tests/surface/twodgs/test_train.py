@@ -18,8 +18,9 @@ from zeroshop_steps.surface.silhouettes import fit_to_masks
 from zeroshop_steps.surface.ssim import dssim, ssim_map
 from zeroshop_steps.surface.trainer import ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import initialize_surfels, read_splat_ply, write_splat_ply
-from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
+from zeroshop_steps.surface.twodgs.train import SurfelTrainer
 
 
 def trainer_for(views: list[TrainingView], settings: SurfelSettings) -> SurfelTrainer:

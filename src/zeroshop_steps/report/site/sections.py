@@ -52,7 +52,7 @@ def make_cell_section(cell: Cell, run: Run, folder: Path, changes: str) -> dict:
         "curves": line_chart(read_training_curves(cell), "iteration", "loss", log_y=True),
         "costs": list_costs(cell, run),
         "provenance": list_provenance(cell, run),
-        "command": f"snakemake --cores 2 results/{cell.folder.parents[3].name}/{cell.folder.parents[2].name}/"
+        "command": f"snakemake --cores 2 {cell.folder.parents[4].name}/{cell.folder.parents[3].name}/{cell.folder.parents[2].name}/"
         f"{cell.scene}/{cell.registration}/{cell.nvs}/mesh.ply{changes}",
     }
 

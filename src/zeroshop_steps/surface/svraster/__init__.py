@@ -7,8 +7,8 @@ lies beside them; --resume continues from it.
 import argparse
 
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.surface.svraster.settings import LOSSES, VoxelSettings
-from zeroshop_steps.surface.training_options import add_training_arguments
+from zeroshop_steps.surface.svraster.settings import OPTIONS, VoxelSettings
+from zeroshop_steps.surface.training_options import add_setting_arguments, add_training_arguments, chosen_settings
 
 CACHED = Cached(
     inputs=("cameras/images", "cameras/masks", "cameras/sparse", "stereo"),
@@ -30,9 +30,8 @@ METHOD = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_training_arguments(parser, "voxels.npz", iterations=VoxelSettings.iterations, image_width_px=500, sh_degree=1)
-    for name, text in LOSSES.items():
-        parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=getattr(VoxelSettings, name), help=text)
+    add_training_arguments(parser, "voxels.npz", VoxelSettings.iterations, image_width_px=500, sh_degree=VoxelSettings.sh_degree)
+    add_setting_arguments(parser, VoxelSettings, OPTIONS)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -44,12 +43,11 @@ def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.surface.training_run import PRIMITIVES_MIN, TrainingInputs, train_model
     from zeroshop_steps.surface.training_views import make_grid_view
 
-    weights = {name: getattr(args, name) for name in LOSSES}
-    settings = VoxelSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed, **weights)
+    settings = VoxelSettings(**chosen_settings(args, OPTIONS))
 
     def initialize(initialization: Initialization, inputs: TrainingInputs) -> Voxels:
         small = [make_grid_view(view) for view in inputs.seed_views]
-        voxels = initialize_voxels(initialization, small, settings.level_start, settings.sh_degree)
+        voxels = initialize_voxels(initialization, small, settings)
         if len(voxels) < PRIMITIVES_MIN:
             raise StepError(f"the masks of {args.cameras} leave {len(voxels)} voxels: masks and cameras do not agree; look at both")
         return voxels

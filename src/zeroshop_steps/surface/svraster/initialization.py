@@ -9,6 +9,7 @@ from zeroshop_steps.surface.initialization import Initialization, average_colors
 from zeroshop_steps.surface.spherical_harmonics import SH_CONSTANT
 from zeroshop_steps.surface.svraster.density_grid import fuse_signed_distances
 from zeroshop_steps.surface.svraster.octree import CELLS, CORNER_OFFSETS, Octree
+from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.voxels import Voxels
 from zeroshop_steps.surface.trainer import find_depth_targets
 from zeroshop_steps.surface.training_views import TrainingView
@@ -31,17 +32,19 @@ FILL_PX = 1.5
 """A confirmed depth stands for the pixels within this distance, since not every pixel has one."""
 
 
-def initialize_voxels(initialization: Initialization, views: list[TrainingView], level: int, sh_degree: int) -> Voxels:
+def initialize_voxels(initialization: Initialization, views: list[TrainingView], settings: VoxelSettings) -> Voxels:
     """The cells of a level that the visual hull meets and that are not wholly in free space, those near the surface split.
 
-    Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Colours are
-    means over the views, the same from all sides.
+    Dense behind confirmed depths and thin before them; where there are none, dense behind the hull's surface. Without stereo, all
+    are thin, and none is split: where the surface is, training finds out (Sun et al. 2025). Colours are means over the views, the
+    same from all sides.
 
     Args:
-        start: free space and confirmed depths.
+        initialization: free space and confirmed depths.
         views: the small views that these come from.
-        level: of the leaves away from the surface; those along it are of the next one.
+        settings: `level_start` is the level of the leaves away from the surface; those along it are of the next one.
     """
+    level = settings.level_start
     free_space = initialization.free_space
     coarse = VisualHull.carve(free_space.cameras, free_space.masks, half_extent=1.0, resolution=1 << level, misses_allowed=1).occupied
     cells = np.argwhere(binary_dilation(coarse, np.ones((3, 3, 3), bool)))
@@ -51,22 +54,29 @@ def initialize_voxels(initialization: Initialization, views: list[TrainingView],
     occupied[tuple(children[solid].T)] = True
     met = cells[solid.any(axis=1)]
     octree = Octree.from_leaves(met * (CELLS >> level), np.full(len(met), level))
-    grid = _smooth_distances(initialization, views, occupied)
-
-    def distances(points: np.ndarray) -> np.ndarray:
-        return map_coordinates(grid, (points.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
-
-    depth = distances(octree.centres)
-    octree, _ = octree.refine(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
-    densities = HALF_DENSITY - RISE * (1 << level) * distances(octree.corner_points * (2.0 / CELLS) - 1.0)
+    if settings.initialization == "stereo":
+        octree, densities = _split_along_surface(octree, _smooth_distances(initialization, views, occupied), level)
+    else:
+        densities = np.full(len(octree.corner_points), DENSITY_MIN)
     outward = octree.centres / np.linalg.norm(octree.centres, axis=1, keepdims=True)
     colors = average_colors(octree.centres, outward, views)
     return Voxels(
         octree,
         torch.from_numpy(np.clip(densities, DENSITY_MIN, DENSITY_MAX).astype(np.float32)),
         torch.tensor((colors - 0.5) / SH_CONSTANT, dtype=torch.float32)[:, None, :],
-        torch.zeros(len(octree), (sh_degree + 1) ** 2 - 1, 3),
+        torch.zeros(len(octree), (settings.sh_degree + 1) ** 2 - 1, 3),
     )
+
+
+def _split_along_surface(octree: Octree, grid: np.ndarray, level: int) -> tuple[Octree, np.ndarray]:
+    """Leaves of the next level along the surface that a grid of distances suggests, and (M,) the density at all corners."""
+
+    def distances(points: np.ndarray) -> np.ndarray:
+        return map_coordinates(grid, (points.T + 1.0) * (1 << level) - 0.5, order=1, mode="nearest")
+
+    depth = distances(octree.centres)
+    octree, _ = octree.refine(depth > -DEEP, np.abs(depth) < NEAR * octree.sizes)
+    return octree, HALF_DENSITY - RISE * (1 << level) * distances(octree.corner_points * (2.0 / CELLS) - 1.0)
 
 
 def _depth_map(view: TrainingView, pixels: torch.Tensor, depths: torch.Tensor) -> np.ndarray:

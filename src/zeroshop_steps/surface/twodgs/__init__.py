@@ -7,7 +7,8 @@ figures). During training, checkpoint.pt lies beside them; --resume continues fr
 import argparse
 
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.surface.training_options import add_training_arguments
+from zeroshop_steps.surface.training_options import add_setting_arguments, add_training_arguments, chosen_settings
+from zeroshop_steps.surface.twodgs.settings import OPTIONS, SurfelSettings
 
 HULL_POINTS = 4000
 """Points of the carved hull that the surfels start from, at most, where stereo has found nothing."""
@@ -32,20 +33,21 @@ METHOD = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    add_training_arguments(parser, "splats.ply", iterations=800, image_width_px=800, sh_degree=2)
+    add_training_arguments(parser, "splats.ply", SurfelSettings.iterations, image_width_px=800, sh_degree=SurfelSettings.sh_degree)
+    add_setting_arguments(parser, SurfelSettings, OPTIONS)
 
 
 def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.surface.training_run import train_model
     from zeroshop_steps.surface.twodgs.surfels import initialize_surfels, write_splat_ply
-    from zeroshop_steps.surface.twodgs.train import SurfelSettings, SurfelTrainer
+    from zeroshop_steps.surface.twodgs.train import SurfelTrainer
 
     train_model(
         args,
         step="surface.twodgs",
         method="2dgs",
         trainer_class=SurfelTrainer,
-        settings=SurfelSettings(iterations=args.iterations, sh_degree=args.sh_degree, seed=args.seed),
+        settings=SurfelSettings(**chosen_settings(args, OPTIONS)),
         hull_points=HULL_POINTS,
         initialize=lambda initialization, _: initialize_surfels(initialization, args.seed),
         write=lambda surfels, sphere: write_splat_ply(args.out / "splats.ply", surfels, sphere),

@@ -1,7 +1,6 @@
 """Training of 2D Gaussian Splatting (Huang et al. 2024) on the cropped views of one object."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -9,49 +8,11 @@ import torch
 from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import image_losses, normal_mismatch, normals_from_depth
 from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
-from zeroshop_steps.surface.training_options import TrainingSettings
 from zeroshop_steps.surface.training_views import TrainingView
 from zeroshop_steps.surface.twodgs.densify import GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
+from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import Surfels
-
-
-@dataclass(frozen=True)
-class SurfelSettings(TrainingSettings):
-    """What a run depends on besides its images. Settings ending in `_share` are fractions of `iterations`.
-
-    The paper trains whole scenes for 30,000 iterations. These values were tuned on renderings of demo and YCB-V objects: 800
-    iterations explain about twenty views of one object.
-
-    Attributes:
-        lambda_dssim: share of D-SSIM in the photometric loss; the rest is L1.
-        lambda_mask, lambda_normal, lambda_distortion: weights of the opacity against the mask, of normal consistency and of
-            the depth distortion, which is off by default.
-        densify_from_share, densify_until_share, densify_every: when surfels are cloned, split and dropped.
-        densify_gradient: mean screen-space gradient from which a surfel is cloned or split (`densify_and_prune`).
-        opacity_reset_share: how often all opacities are lowered.
-        opacity_min: surfels fainter than this are dropped.
-        count_max: no more surfels than this.
-    """
-
-    iterations: int = 800
-    sh_degree: int = 2
-    seed: int = 0
-    lambda_dssim: float = 0.2
-    lambda_mask: float = 0.5
-    lambda_normal: float = 0.05
-    lambda_distortion: float = 0.0
-    normal_from_share: float = 0.25
-    densify_from_share: float = 0.05
-    densify_until_share: float = 0.6
-    densify_every: int = 100
-    densify_gradient: float = 0.12
-    opacity_reset_share: float = 0.2
-    opacity_min: float = 0.05
-    count_max: int = 40_000
-    coarse_share: float = 0.5
-    lambda_depth: float = 5.0
-
 
 SPLIT_SCALE = 0.03
 """Standard deviation, in normalized units, from which a surfel is split rather than cloned."""
