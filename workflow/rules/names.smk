@@ -22,7 +22,7 @@ def check_object(
     if wildcards.object in others:
         raise WorkflowError(
             f"{wildcards.object} is another name of {others[wildcards.object]}; ask for this file by that one."
-            f" Only a mesh is found by both, such as results/{wildcards.dataset}/{wildcards.object}/2dgs.ply"
+            f" Only a mesh is found by both, such as {RESULTS}/{wildcards.dataset}/{wildcards.object}/2dgs.ply"
         )
     where = config["objects_table"] if config["datasets"][wildcards.dataset]["kind"] == "photos" else "config/config.yaml"
     what = f"object of dataset {wildcards.dataset}"
@@ -33,13 +33,13 @@ def named_files(
     wildcards,
 ):
     """The mesh of the object that a name stands for, and the files beside it."""
-    folder = f"results/{wildcards.dataset}/{other_names(wildcards.dataset)[wildcards.object]}"
+    folder = f"{RESULTS}/{wildcards.dataset}/{other_names(wildcards.dataset)[wildcards.object]}"
     return [f"{folder}/{wildcards.nvs}.{end}" for end in NAMED_FILES.values()]
 
 
 # Paths of links, as a regular expression of the object in them: only here may an object be called by another name.
 NAMED = "|".join(
-    rf"(?<=results/{dataset}/)(?:{'|'.join(names)})(?=/[^/.]+\.(?:{'|'.join(NAMED_FILES.values())})$)"
+    rf"(?<={RESULTS}/{dataset}/)(?:{'|'.join(names)})(?=/[^/.]+\.(?:{'|'.join(NAMED_FILES.values())})$)"
     for dataset in config["datasets"]
     if (names := other_names(dataset))
 )
