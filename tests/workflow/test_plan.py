@@ -58,6 +58,13 @@ def test_real_test_images_take_the_place_of_rendered_ones(snakemake):
     assert "--dataset ycbv  --models" in run.stdout
 
 
+def test_the_table_of_robustness_damages_true_models(snakemake):
+    run = snakemake("-n", "results/ycbv/tables/robustness.csv")
+    jobs = planned(run.stdout)
+    assert jobs["damaged_models"] == 7 and jobs["estimate_poses"] == jobs["score_poses"] == 8 and "reconstructed_models" not in jobs
+    assert "--scale-percent -10 " in run.stdout and "--open-underside " in run.stdout
+
+
 def test_the_page_of_the_thesis_is_made_of_what_is_there_unless_all_is_asked_for(snakemake):
     run = snakemake("-n", "thesis")
     assert run.returncode == 0 and planned(run.stdout) == {"thesis": 1}, run.stdout

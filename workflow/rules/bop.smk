@@ -112,6 +112,8 @@ use rule true_models as reconstructed_models with:
         f"{BOP}/logs/models_{{nvs}}.log",
     benchmark:
         f"{BOP}/benchmarks/models_{{nvs}}.tsv"
+    wildcard_constraints:
+        nvs=r"(?!scaled_|without_)[^/.]+",  # damaged true models (robustness.smk)
     message:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
 
