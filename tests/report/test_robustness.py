@@ -12,7 +12,7 @@ def gather(folder, runs):
         path.parent.mkdir(parents=True)
         path.write_text(f"measure,object,value\nar,,{value}\nar_mssd,,0.5\nar,3,0.25\n")
         paths.append(str(path))
-    words = ["--method", "robustness", "--root", str(folder / "results"), "--out", str(folder / "robustness.csv"), "--scores", *paths]
+    words = ["--method", "robustness", "--out", str(folder / "robustness.csv"), "--scores", *paths]
     return stage_main("zeroshop_steps.report", words)
 
 

@@ -27,13 +27,12 @@ SHOWN = {"ar": "AR", "ar_vsd": "AR of VSD", "ar_mssd": "AR of MSSD", "ar_mspd": 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--scores", type=Path, nargs="+", required=True, help="scores.csv of a run with each set of models")
-    parser.add_argument("--root", type=Path, default=Path("results"), help="folder that their paths start with (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="CSV to write; the plot goes beside it as .svg and .png")
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the table and the plot."""
-    rows = [row for path in args.scores for row in read_run(path, args.root)]
+    rows = [row for path in args.scores for row in read_run(path)]
     write_table(args.out, rows, COLUMNS)
     figure = draw_plot(rows)
     with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), atomic_write(args.out.with_suffix(".svg")) as temporary:
@@ -42,17 +41,17 @@ def run(args: argparse.Namespace) -> None:
         FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
 
 
-def read_run(path: Path, root: Path) -> list[dict[str, str]]:
+def read_run(path: Path) -> list[dict[str, str]]:
     """The rows of one run, once for each kind of damage that its models are a step of: true models are a step of both.
 
     Raises:
         StepError: the file is missing, or its path names no damage.
     """
     try:
-        dataset, _, run = path.relative_to(root).parent.parts
+        dataset, _, run = path.parts[-4:-1]
         estimator, masks, models = run.split("-")
     except ValueError:
-        raise StepError(f"{path} is no run's; expected {root}/DATASET/bop/ESTIMATOR-MASKS-MODELS/scores.csv") from None
+        raise StepError(f"{path} is no run's; expected DATASET/bop/ESTIMATOR-MASKS-MODELS/scores.csv") from None
     where = {"dataset": dataset, "estimator": estimator, "masks": masks, "source": "measured"}
     return [
         {**where, "damage": damage, "amount": amount, **{name: row[name] for name in ("measure", "object", "value")}}
