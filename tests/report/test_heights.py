@@ -4,7 +4,7 @@ import csv
 
 import pytest
 
-from zeroshop_steps.report.heights import APART, BESIDE, draw_plot, make_row, read_published_heights
+from zeroshop_steps.report.heights import APART, BESIDE, MAST3R, draw_plot, make_row, read_published_heights
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
@@ -44,6 +44,18 @@ def test_a_row_a_measurement_with_what_was_published(cells, tmp_path):
     assert b"<svg" in picture and out.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
     assert stage_main("zeroshop_steps.report", words) == 0
     assert out.with_suffix(".svg").read_bytes() == picture, "same inputs, same bytes"
+
+
+def test_heights_by_mast3r_of_photos_named_as_the_published_objects_stand_beside_these(tmp_path):
+    found = {}
+    for place in ("photos/soap/video", "demo/mustard_bottle/su_h"):
+        path = tmp_path / f"results/{place}/colmap/2dgs/height_by_mast3r.json"
+        write_json(path, {"known_height_m": 0.158, "height_m": 0.15, "height_deviation_m": 0.012})
+        found[place] = make_row(path, tmp_path / "results", read_published_heights())
+    assert [row["how"] for row in found.values()] == [MAST3R, MAST3R]
+    assert found["photos/soap/video"]["published_difference_percent"] == -6.33
+    assert found["photos/soap/video"]["difference_percent"] == pytest.approx(-5.063)
+    assert "published_name" not in found["demo/mustard_bottle/su_h"], "a model of that name is not the thesis's object"
 
 
 def test_the_published_heights_are_those_of_both_tables():

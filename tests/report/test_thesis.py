@@ -36,7 +36,7 @@ def test_without_results_the_recorded_figures_are_shown_as_such(tmp_path):
     assert published.groupby("table").size().to_dict() == sizes and not table.duplicated(["table", "row", "column"]).any()
     assert published.groupby("status").size().to_dict() == {"substituted": 333, "waiting": 27, "quoted": 4}
     assert set(table.regime) == {"", "defaults, recorded"} and not (table.status == "reproduced").any()
-    assert "printed board of known size, in rendered images" in page and "“As good” counts every cell" in page
+    assert "most by a printed board of known size" in page and "“As good” counts every cell" in page
 
 
 def test_nothing_at_all_waits_for_what_it_lacks(tmp_path):
@@ -69,6 +69,7 @@ def test_scores_are_reproduced_only_by_the_same_method_on_real_images(tmp_path, 
     rows = [("models", "detection", "cnos", "", "ap"), ("models", "pose", "render_compare", "truth", "ar")]
     columns = ["models", "task", "method", "masks", "measure"]
     table = pd.DataFrame(rows, columns=columns).assign(dataset="ycbv", object="", value="0.5", source="measured")
+    table = pd.concat([table, table[:1].assign(measure="instances", value="4123")])
     (tmp_path / "results/ycbv/tables").mkdir(parents=True)
     table.to_csv(tmp_path / "results/ycbv/tables/bop.csv", index=False)
     scene = tmp_path / "results/ycbv/bop/test/000048"
@@ -82,7 +83,22 @@ def test_scores_are_reproduced_only_by_the_same_method_on_real_images(tmp_path, 
     found = found[(found.table == "4.5") & (found.row == "ground truth")].set_index("column")
     assert found.loc["cnos, AP", "status"] == ("reproduced" if real else "substituted")
     other = found.loc["foundationpose, masks: truth, AR"]
-    assert other.status == "substituted" and ("YCB-V's test images" if real else "rendered") in other.how
+    assert other.status == "substituted" and f"4123 instances in {'real' if real else 'rendered'} images" in other.how
+
+
+def test_heights_by_mast3r_from_photos_of_the_same_object_are_reproduced(tmp_path):
+    columns = {"registration": "colmap", "nvs": "2dgs", "how": "MASt3R", "height_m": "0.2", "measured_height_m": "0.21"}
+    rows = [("photos", "soap", "5"), ("photos", "cup", "6"), ("ycbv", "obj_000005", "7")]
+    for dataset in ("photos", "ycbv"):
+        folder = tmp_path / "results" / dataset / "tables"
+        folder.mkdir(parents=True)
+        own = [dict(zip(("dataset", "object", "difference_percent"), row, strict=True)) | columns for row in rows if row[0] == dataset]
+        pd.DataFrame(own).to_csv(folder / "height.csv", index=False)
+    table, _ = make_page(tmp_path, "--results", tmp_path / "results")
+    found = table[table.column.str.startswith("difference")].set_index("row")
+    assert found.loc["soap", ["ours", "status"]].tolist() == ["5", "reproduced"]
+    assert found.loc["mustard_bottle", ["ours", "status"]].tolist() == ["7", "substituted"]
+    assert found.loc["mustard_bottle", "how"].startswith("MASt3R, rendered") and (found.status == "waiting").sum() == 15
 
 
 def test_failed_cells_count():

@@ -2,6 +2,7 @@
 
 results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height.json            by the method of its row in objects.tsv; rendered heights are known
 results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height_by_board.json   by a printed board, for the table that compares it with the truth
+results/DATASET/OBJECT/SCENE/REGISTRATION/NVS/height_by_mast3r.json  by MASt3R, from two photos of the object and four of the empty scene
 """
 
 # Where a row of objects.tsv names no method: with a height, and without one.
@@ -84,6 +85,25 @@ def empty_scene_option(
     return step_options({"marker_images": f"{input.empty_scene}/images" if input.empty_scene else None})
 
 
+def photos_for_mast3r(
+    wildcards,
+):
+    """The photos of the empty scene: rendered, or of the user's row."""
+    usable("height method", "mast3r", HEIGHTS, "The file is named after the method.")
+    return [f"{SCENE}/empty_scene"] if is_virtual(wildcards.dataset) else photo_files("marker_images")(wildcards)
+
+
+def options_for_mast3r(
+    wildcards,
+):
+    """The options of MASt3R: its own, where the photos lie, and the height that it is compared with."""
+    options = dict(config["height"]["mast3r"])
+    if is_virtual(wildcards.dataset):
+        return step_options({**options, "marker_images": f"{SCENE}/empty_scene/images".format(**wildcards)})
+    row = photos_of(wildcards)
+    return step_options({**options, "marker_images": shlex.quote(photo_place(wildcards, "marker_images")), "height_m": row["height_m"]})
+
+
 rule height:
     input:
         mesh=f"{CELL}/clean.ply",
@@ -143,3 +163,34 @@ rule height_by_board:
         "python -m zeroshop_steps.height --method marker --blind --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
         " --stereo {input.stereo} {params.photos} {params.options} --threads {threads} --out {output.height}"
         " --record-failure {output} > {log} 2>&1"
+
+
+rule height_by_mast3r:
+    input:
+        mesh=f"{CELL}/clean.ply",
+        cameras=f"{RUN}/cameras",
+        capture=f"{SCENE}/capture",
+        stereo=f"{RUN}/stereo/seeds.npz",
+        photos=photos_for_mast3r,
+    output:
+        height=f"{CELL}/height_by_mast3r.json",
+    log:
+        f"{CELL}/logs/height_by_mast3r.log",
+    benchmark:
+        f"{CELL}/benchmarks/height_by_mast3r.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop", "photos"),
+        scene=f"su_h|{WHOLE_SCENE}",
+    threads: 2
+    resources:
+        mem_mb=per_attempt(HEIGHTS["mast3r"].mem_mb),
+        runtime=per_attempt(HEIGHTS["mast3r"].runtime_min),
+        gpu=1,
+    params:
+        options=options_for_mast3r,
+        weights=lambda wildcards: weights_stamp("height", "mast3r", HEIGHTS["mast3r"]),
+    message:
+        "Measuring {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, by MASt3R"
+    shell:
+        "python -m zeroshop_steps.height --method mast3r --blind --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
+        " --stereo {input.stereo} {params.options} --out {output.height} --record-failure {output} > {log} 2>&1"

@@ -18,20 +18,31 @@ def cameras_of_table(
     return list(dict.fromkeys(f"{RUN}/camera_error.csv".format(**cell) for cell in cells_of_table(wildcards)))
 
 
-def board_cells(
+def heights_of_table(
     wildcards,
 ):
-    """The height of every object of a dataset by the board, beside it and in the empty scene. Failures are rows of the table."""
+    """The height of every object of a dataset by the board, beside it and in the empty scene, and by MASt3R if it can run here.
+
+    Of the user's own photos, those objects whose height is known and that have photos of the empty scene, by MASt3R alone. Failures are
+    rows of the table.
+    """
+    nvs = surfaces_with_cameras("the table of heights")[0]
+    cell = {"dataset": wildcards.dataset, "nvs": nvs}
+    if dataset_named(wildcards.dataset)["kind"] == "photos":
+        rows = {name: row for (owner, name), row in PHOTOS.items() if owner == wildcards.dataset}
+        known = [name for name, row in rows.items() if row["height_m"] and row["marker_images"]]
+        if not known:
+            raise WorkflowError(
+                f"{config['objects_table']}: no object of {wildcards.dataset} has both height_m and marker_images to compare"
+            )
+        cell |= {"scene": WHOLE_SCENE, "registration": config["chosen"]["photos"]["registration"]}
+        return [f"{CELL}/height_by_mast3r.json".format(**cell, object=name) for name in known]
     virtual_dataset(wildcards.dataset)
-    cell = {
-        "dataset": wildcards.dataset,
-        "registration": config["chosen"]["virtual"]["registration"],
-        "nvs": surfaces_with_cameras("the table of heights")[0],
-    }
+    cell |= {"registration": config["chosen"]["virtual"]["registration"]}
+    means = [("height_by_board", BOARD_SCENE), ("height_by_board", "su_h")]
+    means += [] if methods.lacks(HEIGHTS["mast3r"]) else [("height_by_mast3r", "su_h")]
     return [
-        f"{CELL}/height_by_board.json".format(**cell, object=name, scene=scene)
-        for name in objects_of(wildcards.dataset)
-        for scene in (BOARD_SCENE, "su_h")
+        f"{CELL}/{file}.json".format(**cell, object=name, scene=scene) for name in objects_of(wildcards.dataset) for file, scene in means
     ]
 
 
@@ -165,7 +176,7 @@ rule reconstruction_marks:
 
 rule height_table:
     input:
-        heights=board_cells,
+        heights=heights_of_table,
     output:
         table=report(
             f"{TABLES}/height.csv",

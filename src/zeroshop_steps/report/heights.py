@@ -2,7 +2,8 @@
 
 The published heights are the diploma thesis's ("ZeroShOP: Zero-shot object pose estimation in unconstrained environments", TU
 Wien, January 2026, Tables 4.3 and 4.4), estimated by MASt3R from photos of real objects; they lie beside this file as
-published_heights.csv. The plot is that of its Figure 4.8: absolute error in per cent over the true height, with a straight trend.
+published_heights.csv. An object of the user's own photos that is called as there is taken for the same one. The plot is that of its
+Figure 4.8: absolute error in per cent over the true height, with a straight trend.
 """
 
 import argparse
@@ -23,9 +24,9 @@ from zeroshop_steps.runtime.files import atomic_write, read_json
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 PUBLISHED = Path(__file__).with_name("published_heights.csv")
-BESIDE, APART, THESIS = "board beside the object", "board in the empty scene", "thesis: MASt3R"
-COLORS = {BESIDE: "tab:orange", APART: "tab:green", THESIS: "tab:blue"}
-MARKS = {BESIDE: "^", APART: "v", THESIS: "o"}
+BESIDE, APART, MAST3R, THESIS = "board beside the object", "board in the empty scene", "MASt3R", "thesis: MASt3R"
+COLORS = {BESIDE: "tab:orange", APART: "tab:green", MAST3R: "tab:red", THESIS: "tab:blue"}
+MARKS = {BESIDE: "^", APART: "v", MAST3R: "s", THESIS: "o"}
 FIGURE_INCHES, DOTS_PER_INCH, MARK_POINTS2 = (7.0, 4.5), 150, 24  # as wide as a text column; the area of a mark
 LEAST_FOR_TREND = 3  # points; two always lie on a line
 COLUMNS = (
@@ -65,7 +66,7 @@ READS_FAILURES = True
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--heights", type=Path, nargs="+", required=True, help="height_by_board.json of each cell, or its failure")
+    parser.add_argument("--heights", type=Path, nargs="+", required=True, help="height_by_board.json or height_by_mast3r.json of each cell")
     parser.add_argument("--root", type=Path, default=Path("results"), help="folder that the cells' paths start with (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="CSV to write; the plot goes beside it as .svg and .png")
 
@@ -96,10 +97,11 @@ def make_row(path: Path, root: Path, published: Sequence[PublishedHeight]) -> di
         StepError: the file is missing, or the true height is not in it.
     """
     row: dict[str, str | float] = dict(parse_cell(path, root))
-    if row["dataset"] == "ycbv":
-        for found in (found for found in published if found.ycbv_object == row["object"]):
+    for found in published:
+        name = found.ycbv_object if row["dataset"] == "ycbv" else found.name if row["scene"] == "video" else None
+        if row["object"] == name:
             row |= _published_columns(found)
-    row["how"] = BESIDE if row["scene"] == "su_b" else APART
+    row["how"] = MAST3R if path.stem == "height_by_mast3r" else BESIDE if row["scene"] == "su_b" else APART
     failure = read_failure(path)
     if failure:
         return row | {"reason": str(failure)}
@@ -136,7 +138,7 @@ def draw_plot(rows: Sequence[dict[str, str | float]], published: Sequence[Publis
     figure = Figure(figsize=FIGURE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
     axes = figure.add_subplot()
     points = {THESIS: np.array([(found.height_m, abs(found.difference_percent)) for found in published])}
-    for how in (BESIDE, APART):
+    for how in (BESIDE, APART, MAST3R):
         own = [(row["height_m"], abs(float(row["difference_percent"]))) for row in rows if row["how"] == how and "height_m" in row]
         points[how] = np.array(own, float).reshape(-1, 2)
     for how, found in points.items():

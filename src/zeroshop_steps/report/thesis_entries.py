@@ -6,15 +6,15 @@ Marks of failed cells count like all others.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 
 from zeroshop_steps.report.bop import read_published
-from zeroshop_steps.report.heights import APART, read_published_heights
+from zeroshop_steps.report.heights import APART, MAST3R, read_published_heights
 from zeroshop_steps.report.reconstruction import read_published_cells
-from zeroshop_steps.report.thesis_own import RECORDED, CellKey, Own
+from zeroshop_steps.report.thesis_own import CellKey, Own
 from zeroshop_steps.runtime.tables import read_table
 
 REPRODUCED, SUBSTITUTED, WAITING, QUOTED = "reproduced", "substituted", "waiting", "quoted"
@@ -34,6 +34,8 @@ SUBSTITUTES = {"colmap": "cameras by COLMAP", "aliked": "cameras by ALIKED", "tr
 """Registrations that take the place of these, the best substitute first: those that find cameras, then those that are given them."""
 SAME_AS_2DGS = ("su_h", "se")
 """Scenes in which SVRaster by MASt3R's cameras has the marks of 2DGS (4.1.1), so that Table 4.2 does not repeat them."""
+LEAST_OF_YCBV = 4000
+"""Instances in YCB-V's test images of the BOP Challenge, of which there are about 4,100."""
 DETECTOR, ESTIMATOR = "contour", "render_compare"
 MASKS = {"truth": "truth", "cnos": DETECTOR, "sam6d_ism": DETECTOR, "": ""}
 LACKING = {"weights": WEIGHTS, "robot": ROBOT, "captures": CAPTURES}
@@ -90,26 +92,30 @@ def _mark(row: dict, cells: Mapping[CellKey, Own]) -> Entry:
 
 
 def list_heights(heights: pd.DataFrame) -> list[Entry]:
-    """Tables 4.3 and 4.4: the error of each height in per cent."""
+    """Tables 4.3 and 4.4: the error of each height in per cent. By MASt3R from photos of an object of this name, it is reproduced."""
     found = []
     for known in read_published_heights():
         entry = Entry(known.table, known.name, "difference of the height, %", f"{known.difference_percent:g}", how=CAPTURES)
-        rows = (
-            heights[(heights.object == known.ycbv_object) & (heights.how == APART)] if known.ycbv_object and len(heights) else heights[:0]
-        )
-        for row in rows[rows.difference_percent != ""].to_dict("records") if len(rows) else ():
-            how = f"printed board, rendered images; the model is {1000 * float(row['height_m']):.1f} mm high"
-            entry = Entry(
-                known.table, known.name, entry.column, entry.published, row["difference_percent"],
-                status=SUBSTITUTED, how=how, regime=row["regime"], source=row["origin"],
+        rows = heights[heights.difference_percent != ""].to_dict("records") if len(heights) else []
+        real = [row for row in rows if row["dataset"] != "ycbv" and row["object"] == known.name and row["how"] == MAST3R]
+        rendered = [row for how in (MAST3R, APART) for row in rows if row["object"] == known.ycbv_object != "" and row["how"] == how]
+        for row in (real + rendered)[:1]:
+            by = "MASt3R" if row["how"] == MAST3R else "printed board"
+            how = "" if real else f"{by}, rendered images; the model is {1000 * float(row['height_m']):.1f} mm high"
+            entry = replace(
+                entry, ours=row["difference_percent"], status=REPRODUCED if real else SUBSTITUTED,
+                how=how, regime=row["regime"], source=row["origin"],
             )  # fmt: skip
         found.append(entry)
     return found
 
 
 def list_scores(scores: pd.DataFrame, real_images: bool) -> list[Entry]:
-    """Table 4.5. Figures from the thesis's detectors and estimators on YCB-V's images are reproduced, all others substituted."""
-    images = "YCB-V's test images" if real_images else "rendered test images"
+    """Table 4.5. Figures from the thesis's detectors and estimators on YCB-V's test images are reproduced, all others substituted."""
+    counts = scores[(scores.measure == "instances") & (scores.object == "")].value.astype(int) if len(scores) else scores
+    instances = int(counts.max()) if len(counts) else 0
+    images = f"{instances} instances in {'real' if real_images else 'rendered'} images"
+    whole = real_images and instances >= LEAST_OF_YCBV
     found = []
     for row in read_published().to_dict("records"):
         what = {"detection": "AP", "pose": "AR"}[row["task"]]
@@ -133,8 +139,8 @@ def list_scores(scores: pd.DataFrame, real_images: bool) -> list[Entry]:
             if len(same):
                 own = same.iloc[0]
                 with_masks = f", masks by {masked}" if masked not in ("", "truth") else ", true masks" if masked else ""
-                by = f"{method}{with_masks}, {images if own.regime != RECORDED else 'rendered test images'}"
-                status = REPRODUCED if method == row["method"] and real_images else SUBSTITUTED
+                by = f"{method}{with_masks}, {images}"
+                status = REPRODUCED if method == row["method"] and whole else SUBSTITUTED
                 entry = Entry(*place, ours=f"{float(own.value):.3f}", status=status, how=by, regime=own.regime, source=own.origin)
                 break
         found.append(entry)

@@ -68,19 +68,19 @@ def regime_of(cell: Cell) -> str:
     return f"{iterations} iterations"
 
 
-def find_rows(roots: Iterable[Path], name: str, recorded: Path | None) -> pd.DataFrame:
-    """The measured rows of YCB-V in a table of a dataset, such as height.csv; with columns `regime` and `origin`. None if there is none."""
+def find_rows(roots: Iterable[Path], name: str, recorded: Path | None, dataset: str = "ycbv") -> pd.DataFrame:
+    """The measured rows of a dataset in one of its tables, such as height.csv, with `regime` and `origin`; none if it is missing."""
     for root in roots:
-        table = find_table(root / "ycbv/tables" / name)
+        table = find_table(root / dataset / "tables" / name)
         if len(table):
             regime = THESIS_REGIME if root.name == THESIS_REGIME else DEFAULTS
-            return _own(table).assign(regime=regime, origin=str(root / "ycbv/tables" / name))
+            return _own(table, dataset).assign(regime=regime, origin=str(root / dataset / "tables" / name))
     table = find_table(recorded / name) if recorded else pd.DataFrame()
-    return _own(table).assign(regime=RECORDED, origin=f"docs/{name}") if len(table) else table
+    return _own(table, dataset).assign(regime=RECORDED, origin=f"docs/{name}") if len(table) else table
 
 
-def _own(table: pd.DataFrame) -> pd.DataFrame:
-    kept = table[table.dataset == "ycbv"] if "dataset" in table else table
+def _own(table: pd.DataFrame, dataset: str) -> pd.DataFrame:
+    kept = table[table.dataset == dataset] if "dataset" in table else table
     return kept[kept.source != PUBLISHED] if "source" in kept else kept
 
 
