@@ -26,6 +26,8 @@ STEPS_WITH_KEYS = [
     ("register.auto", ("register", "auto")),
     ("register.mast3r", ("register", "mast3r")),
     ("register.vggt", ("register", "vggt")),
+    ("register.vggt_1024", ("register", "vggt_1024")),
+    ("register.vggt_4096", ("register", "vggt_4096")),
     ("surface.twodgs", ("nvs", "2dgs", "train")),
     ("surface.fuse", ("nvs", "2dgs", "fuse")),
     ("surface.svraster", ("nvs", "svraster", "train")),

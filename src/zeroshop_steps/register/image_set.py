@@ -104,14 +104,19 @@ def _read_sources(record: dict[str, Any], images: list[Path]) -> tuple[str, ...]
     return tuple(names[number] for number in numbers) if names and all(0 <= number < len(names) for number in numbers) else ()
 
 
+def mask_files(image_set: ImageSet) -> tuple[Path, ...]:
+    """The mask files, in the order of the images. Raises StepError where there are none."""
+    if image_set.masks is None:
+        raise StepError(f"{image_set.images[0].parent.parent} has no masks; register its whole scene first, then segment it")
+    return image_set.masks
+
+
 def read_masks(image_set: ImageSet, names: list[str] | None = None) -> dict[str, np.ndarray]:
     """The masks as {image name: (height, width) bool}, of all images or of `names`.
 
     Raises:
         StepError: there are no masks.
     """
-    if image_set.masks is None:
-        raise StepError(f"{image_set.images[0].parent.parent} has no masks; register its whole scene first, then segment it")
     chosen = set(image_set.names if names is None else names)
-    parts = zip(image_set.names, image_set.masks, image_set.sizes_px, strict=True)
+    parts = zip(image_set.names, mask_files(image_set), image_set.sizes_px, strict=True)
     return {name: read_mask(mask, size_px) for name, mask, size_px in parts if name in chosen}

@@ -21,7 +21,7 @@ from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, Pair
 from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
-from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
+from zeroshop_steps.register.image_set import ImageSet, mask_files, read_image_set, read_masks
 from zeroshop_steps.register.match_database import PairMatches, write_matches
 from zeroshop_steps.register.pair_selection import choose_pairs
 from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, write_registration
@@ -41,7 +41,7 @@ class Mast3rOptions:
     """Parameters of the method.
 
     Attributes:
-        object_only: matches inside the masks only, for images without a surface.
+        object_only: pictures that are black outside the masks, and matches inside them only, for images without a surface.
         anchors: up to so many images all pairs are matched, beyond it those of pair_selection.choose_pairs.
         neighbours: of each image, beyond that.
         subsampling: pixels of the network's picture from one start of a match to the next.
@@ -107,7 +107,9 @@ def run(args: argparse.Namespace) -> None:
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
 
     def predictor() -> Mast3rPredictor:
-        return Mast3rPredictor(load_mast3r(weights), image_set.images, device, args.long_side_px)
+        # Of photos in which the object was turned, the network must not see the ground, which stood still.
+        masks = mask_files(image_set) if bare else None
+        return Mast3rPredictor(load_mast3r(weights), image_set.images, device, args.long_side_px, masks)
 
     write_registration(args.out, lambda folder: register(image_set, folder, options, predictor))
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.images import read_image, read_mask
 from zeroshop_steps.networks.mast3r.model import PATCH_PX
 from zeroshop_steps.runtime.errors import StepError
 
@@ -63,10 +63,15 @@ def fit_framing_of_file(path: Path, long_side_px: int = LONG_SIDE_PX) -> Framing
     return fit_framing(width, height, long_side_px)
 
 
-def load_picture(path: Path, long_side_px: int = LONG_SIDE_PX) -> tuple[torch.Tensor, Framing]:
-    """Read a picture as (3, height, width) values from -1 to 1; it is resized as in the training, by Lanczos or bicubic filters."""
+def load_picture(path: Path, long_side_px: int = LONG_SIDE_PX, mask: Path | None = None) -> tuple[torch.Tensor, Framing]:
+    """Read a picture as (3, height, width) values from -1 to 1; it is resized as in the training, by Lanczos or bicubic filters.
+
+    Where there is a mask, what lies outside of it becomes black.
+    """
     pixels = read_image(path)
     height, width = pixels.shape[:2]
+    if mask:
+        pixels = pixels * read_mask(mask, (width, height))[..., None]
     framing = fit_framing(width, height, long_side_px)
     resized = (round(width * framing.scale[0]), round(height * framing.scale[1]))
     kind = Image.Resampling.LANCZOS if resized[0] < width else Image.Resampling.BICUBIC

@@ -1,5 +1,6 @@
 """MASt3R on a set of pictures: each is encoded once, pairs are decoded as they are asked for."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
@@ -45,8 +46,15 @@ class Mast3rPredictor:
         tokens: what the encoder says of each, (1, rows * columns, C).
     """
 
-    def __init__(self, network: MASt3R, paths: Sequence[Path], device: torch.device, long_side_px: int = LONG_SIDE_PX) -> None:
-        """Read and encode the pictures.
+    def __init__(
+        self,
+        network: MASt3R,
+        paths: Sequence[Path],
+        device: torch.device,
+        long_side_px: int = LONG_SIDE_PX,
+        masks: Sequence[Path] | None = None,
+    ) -> None:
+        """Read and encode the pictures; with masks, what lies outside of them is black.
 
         Raises:
             StepError: it does not fit into memory.
@@ -58,8 +66,9 @@ class Mast3rPredictor:
         self.device, self.tokens = device, []
         with run_network(device, self.what):
             self.network = network.to(device)
-            for path in track(paths, "encoding pictures", len(paths)):
-                picture, _ = load_picture(path, long_side_px)
+            pairs = zip(paths, masks or itertools.repeat(None, len(paths)), strict=True)
+            for path, mask in track(pairs, "encoding pictures", len(paths)):
+                picture, _ = load_picture(path, long_side_px, mask)
                 self.tokens.append(network.encode(picture[None].to(device)))
 
     def _check_memory(self, network: MASt3R, paths: Sequence[Path], device: torch.device, long_side_px: int) -> None:

@@ -19,10 +19,12 @@ CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=(
 METHOD: dict[str, Any] = {"title": "VGGT", "rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+USUAL = VggtOptions()
+
+
+def add_arguments(parser: argparse.ArgumentParser, defaults: VggtOptions = USUAL) -> None:
     """The method's command line."""
     add_common_arguments(parser)
-    defaults = VggtOptions()
     parser.add_argument(
         "--refine", choices=("tracks", "none"), default=defaults.refine, help="by tracks and bundle adjustment (default: %(default)s)"
     )
@@ -32,6 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--query-views", type=int, default=defaults.query_views, help="views whose points are followed, a pass each (default: %(default)s)"
     )
+    lens_help = "camera model of the one lens for all (default: %(default)s)"
+    parser.add_argument("--lens", choices=("simple_radial", "simple_pinhole"), default=defaults.lens.lower(), help=lens_help)
+    error_help = "largest error of a track that counts in the end, per 1000 px of width (default: %(default)s)"
+    parser.add_argument("--max-error-px", type=float, default=defaults.max_error_px, help=error_help)
     parser.add_argument(
         "--precision",
         choices=("auto", "float32", "bfloat16"),

@@ -12,7 +12,7 @@ from zeroshop_steps.register.repair import remove_images
 from zeroshop_steps.register.sift import make_verification_options
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
-ERROR_LIMITS_PX = (64.0, 32.0, 16.0, 8.0, 4.0)  # per 1000 px of image width; a camera turned by one degree is wrong by 20
+ERROR_LIMITS_PX = (64.0, 32.0, 16.0, 8.0)  # before the last, per 1000 px of image width; a camera turned by one degree is wrong by 20
 MIN_ANGLE_DEG = 1.5  # between the rays to a point, as COLMAP's own filter has it
 LOSS_SHARE = 1 / 8  # of the limit of an error: from there on, an error counts less than its square in the adjustment
 LAST_ROUNDS = 50  # of the adjustment after images were left out
@@ -49,12 +49,15 @@ def write_database(
         pycolmap.verify_matches(path, pairs, make_verification_options(seed))
 
 
-def adjust_cameras(cameras: list[Camera], seen: TrackObservations, rounds: int = 10) -> pycolmap.Reconstruction:
+def adjust_cameras(
+    cameras: list[Camera], seen: TrackObservations, camera_model: str, max_error_px: float, rounds: int = 10
+) -> pycolmap.Reconstruction:
     """Exact cameras, one lens for all, and points.
 
     Args:
         cameras: estimates, of images of one size.
         seen: tracks; wrong ones among them are left out.
+        camera_model, max_error_px: `lens` and `max_error_px` of VggtOptions.
         rounds: iterations of bundle adjustment before points are triangulated anew.
 
     Returns:
@@ -62,11 +65,11 @@ def adjust_cameras(cameras: list[Camera], seen: TrackObservations, rounds: int =
     """
     width_px, height_px = cameras[0].width_px, cameras[0].height_px
     focal_px = float(np.median([np.diag(camera.intrinsics)[:2] for camera in cameras]))
-    lens = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", focal_px, width_px, height_px)
+    lens = pycolmap.Camera.create_from_model_name(1, camera_model, focal_px, width_px, height_px)
     poses = np.array([camera.camera_from_world[:3] for camera in cameras])
     names = [camera.name for camera in cameras]
     model = pycolmap.Reconstruction()
-    for limit in ERROR_LIMITS_PX:
+    for limit in (*(limit for limit in ERROR_LIMITS_PX if limit > max_error_px), max_error_px):
         limit_px = limit * width_px / 1000
         rays = lens.cam_from_img(seen.xy.reshape(-1, 2)).reshape(seen.xy.shape)
         points, errors = triangulate_tracks(poses, rays, seen.seen, limit_px / 2 / lens.mean_focal_length())
@@ -75,15 +78,15 @@ def adjust_cameras(cameras: list[Camera], seen: TrackObservations, rounds: int =
         _keep_long_tracks(model)
         if not model.num_points3D():
             return model
-        _adjust_bundle(model, LOSS_SHARE * limit_px, rounds if limit > ERROR_LIMITS_PX[-1] else 5 * rounds)
+        _adjust_bundle(model, LOSS_SHARE * limit_px, rounds if limit > max_error_px else 5 * rounds)
         lens = model.cameras[1]
         poses = np.array([model.images[index].cam_from_world().matrix() for index in range(1, len(names) + 1)])
-    pycolmap.ObservationManager(model).filter_all_points3D(ERROR_LIMITS_PX[-1] * width_px / 1000, MIN_ANGLE_DEG)
+    pycolmap.ObservationManager(model).filter_all_points3D(max_error_px * width_px / 1000, MIN_ANGLE_DEG)
     _keep_long_tracks(model)
     return model
 
 
-def drop_weak_images(model: pycolmap.Reconstruction, min_observations: int) -> pycolmap.Reconstruction:
+def drop_weak_images(model: pycolmap.Reconstruction, min_observations: int, max_error_px: float) -> pycolmap.Reconstruction:
     """The model without images that have too few points, adjusted once more where that changed it."""
     few = [
         model.images[image_id].name for image_id in sorted(model.reg_image_ids()) if model.images[image_id].num_points3D < min_observations
@@ -91,7 +94,7 @@ def drop_weak_images(model: pycolmap.Reconstruction, min_observations: int) -> p
     model = remove_images(model, few)
     _keep_long_tracks(model)
     if model.num_points3D():
-        limit_px = ERROR_LIMITS_PX[-1] * model.cameras[1].width / 1000
+        limit_px = max_error_px * model.cameras[1].width / 1000
         _adjust_bundle(model, LOSS_SHARE * limit_px, LAST_ROUNDS)
         pycolmap.ObservationManager(model).filter_all_points3D(limit_px, MIN_ANGLE_DEG)
         _keep_long_tracks(model)

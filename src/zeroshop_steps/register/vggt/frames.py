@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.register.image_set import ImageSet, read_masks
+from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.register.image_set import ImageSet, mask_files, read_masks
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,20 @@ def fit_size(size_px: tuple[int, int], image_px: int, patch_px: int) -> tuple[tu
     return (width, height), (image_px - width) // 2 if height > width else 0
 
 
-def read_frames(image_set: ImageSet, image_px: int, patch_px: int) -> Frames:
-    """Read all images of a set, which are of equal size (`ImageSet.size_px` refuses others)."""
+def read_frames(image_set: ImageSet, image_px: int, patch_px: int, object_only: bool = False) -> Frames:
+    """Read all images of a set, which are of equal size (`ImageSet.size_px` refuses others).
+
+    With `object_only` they are black outside the masks: the ground of photos in which the object was turned stood still.
+    """
     (width, height), left = fit_size(image_set.size_px, image_px, patch_px)
     shrinks = width <= image_set.size_px[0]
     pixels = np.zeros((len(image_set.images), 3, height, width + 2 * left), np.float32)
-    for row, path in zip(pixels, image_set.images, strict=True):
-        image = cv2.resize(read_image(path), (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
+    masks = mask_files(image_set) if object_only else [None] * len(image_set.images)
+    for row, path, mask in zip(pixels, image_set.images, masks, strict=True):
+        original = read_image(path)
+        if mask:
+            original = original * read_mask(mask, image_set.size_px)[..., None]
+        image = cv2.resize(original, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
         row[:, :, left : left + width] = image.transpose(2, 0, 1) / np.float32(255)
     scale = np.array([width / image_set.size_px[0], height / image_set.size_px[1]])
     return Frames(tuple(image_set.names), pixels, image_set.size_px, scale, left)

@@ -13,10 +13,12 @@ class VggtOptions:
         refine: "tracks" refines the cameras by tracks and bundle adjustment; "none" takes them as the network says them.
         tracked_points: points to follow a query view, at most.
         query_views: views whose points are followed; each costs a pass of the network.
+        lens: camera model of the one lens for all: SIMPLE_RADIAL or SIMPLE_PINHOLE.
+        max_error_px: largest reprojection error of a track that counts in the end, per 1000 px of image width.
         precision: of the attention: auto, float32 or bfloat16.
         min_share, min_images: the fewest images that must be registered, as a share of all and as a number.
         seed: of RANSAC.
-        object_only: points inside the masks only, for images without a surface.
+        object_only: images that are black outside the masks, and points inside them only, for images without a surface.
         min_visibility: from where on a tracked point counts as seen.
         min_confidence: of a depth value, for feed-forward points; the network's confidences start at 1.
         min_observations: an image with fewer points is not registered.
@@ -29,6 +31,8 @@ class VggtOptions:
     refine: str = "tracks"
     tracked_points: int = 1024
     query_views: int = 8
+    lens: str = "SIMPLE_RADIAL"
+    max_error_px: float = 4.0
     precision: str = "auto"
     min_share: float = 0.8
     min_images: int = 8
@@ -41,3 +45,7 @@ class VggtOptions:
     max_dropped: int = 3
     limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
     unrefined_px: float = 20.0
+
+
+THESIS = VggtOptions(query_views=20, lens="SIMPLE_PINHOLE", max_error_px=8.0)
+"""What the thesis published: tracks from 20 views, one lens without distortion, errors up to 8 px."""

@@ -57,6 +57,8 @@ def solve(args: argparse.Namespace) -> None:
         refine=args.refine,
         tracked_points=args.tracked_points,
         query_views=args.query_views,
+        lens=args.lens.upper(),
+        max_error_px=args.max_error_px,
         precision=args.precision,
         min_share=args.min_share,
         min_images=args.min_images,
@@ -105,7 +107,7 @@ def register(
     figures: dict[str, Any] = {"method": "vggt", "images": count, "registered": 0, **known, "parameters": asdict(options)}
     figures["versions"] = {"torch": torch.__version__, "pycolmap": pycolmap.__version__}
     seconds = figures["seconds"] = {}
-    frames = read_frames(image_set, image_px, patch_px)
+    frames = read_frames(image_set, image_px, patch_px, options.object_only)
     usable = find_usable_pixels(frames, image_set, options.object_only)
     predicted = network.predict(frames.pixels)
     seconds["predict"] = round(time.monotonic() - start_s, 3)
@@ -156,7 +158,8 @@ def _solve_by_tracks(
     seen = gather_observations(frames, usable, queries, tracks, options.min_visibility)
     focal_px = float(np.median([camera.intrinsics[0, 0] for camera in cameras]))
     write_database(database, frames.names, seen, frames.size_px, focal_px, options.seed)
-    model = drop_weak_images(adjust_cameras(cameras, seen), options.min_observations)
+    model = adjust_cameras(cameras, seen, options.lens, options.max_error_px)
+    model = drop_weak_images(model, options.min_observations, options.max_error_px)
     figures: dict[str, Any] = {"query_views": [frames.names[view] for view in views], "tracks": seen.seen.shape[1], "left_out": []}
     if model.num_reg_images() < 2 or not model.num_points3D():
         return Solution(pycolmap.Reconstruction(), None, figures)
@@ -165,7 +168,8 @@ def _solve_by_tracks(
         if report.reason is None or model.num_reg_images() - len(report.culprits) < max(options.min_images, 2):
             break
         figures["left_out"] += list(report.culprits)
-        model = drop_weak_images(remove_images(model, list(report.culprits)), options.min_observations)
+        model = remove_images(model, list(report.culprits))
+        model = drop_weak_images(model, options.min_observations, options.max_error_px)
         report = check_consistency(model, image_set, database, options.limits)
     return Solution(model, report.reason, figures | {"consistency": report.figures()})
 

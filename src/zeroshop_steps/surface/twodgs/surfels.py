@@ -56,7 +56,8 @@ def initialize_surfels(initialization: Initialization, seed: int) -> Surfels:
     points, colors, normals, opacity = initialization.points, initialization.colors, initialization.normals, INITIAL_OPACITY
     if len(points) < 4:
         raise StepError(
-            f"{len(points)} starting points lie inside the masks; at least 4 are needed. Check that masks and images belong together"
+            f"{len(points)} starting points lie inside the masks; at least 4 are needed. Check that masks and images belong"
+            " together, or start from stereo (--initialization stereo)"
         )
     distances, _ = cKDTree(points).query(points, k=4)
     spread = np.clip(np.sqrt((distances[:, 1:] ** 2).mean(1)), 1e-4, 0.1)
