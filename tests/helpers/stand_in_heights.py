@@ -20,6 +20,8 @@ from zeroshop_steps.height import mast3r, record
 from zeroshop_steps.height.mast3r import _take_evenly
 from zeroshop_steps.runtime.files import read_json
 
+FAR_MM = 3000.0
+
 
 def plane_depth(camera: Camera, height_mm: float) -> np.ndarray:
     """(height, width) depth in mm of the plane z = `height_mm`, 0 where a pixel looks above its horizon."""
@@ -61,7 +63,11 @@ def main() -> None:
                 image = decode_image(scene / "capture/depth" / path.with_suffix(".png").name, cv2.IMREAD_UNCHANGED)
                 depths.append(image.astype(np.float32) * step_mm)
         noise = Noise(feature=0.03, point=args.point_noise, scale=args.scale_noise)
-        return MadePairs(cameras, depths, 1e-3, noise, args.long_side_px)
+        pairs = MadePairs(cameras, depths, 1e-3, noise, args.long_side_px)
+        for camera, points, known in zip(cameras, pairs.points, pairs.known, strict=True):
+            # A network puts what it does not know somewhere in front of the camera, too.
+            points[~known] = camera.centre_in_world + FAR_MM * camera.camera_from_world[2, :3]
+        return pairs
 
     out = run / args.nvs / "height_by_stand_in.json"
     words = argparse.Namespace(

@@ -76,6 +76,4 @@ def open_underside(mesh: Mesh) -> Mesh:
     low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
     down = normals[:, 2] < LOOKS_DOWN * np.linalg.norm(normals, axis=1)
     lowest = corners[:, :, 2].mean(1) < low + LOWEST_SHARE * (high - low)
-    used, faces = np.unique(mesh.faces[~(down & lowest)], return_inverse=True)
-    per_vertex = {name: values[used] for name in ("normals", "uv", "quality") if (values := getattr(mesh, name)) is not None}
-    return replace(mesh, vertices=mesh.vertices[used], faces=faces.reshape(-1, 3), **per_vertex)
+    return replace(mesh, faces=mesh.faces[~(down & lowest)]).without_loose_vertices()

@@ -1,0 +1,115 @@
+"""Import folders of the thesis's published pipeline: a row of the table of photos for each, and a list of what to compare.
+
+Each folder is an object, by its name. It must have images and masks (folders images or input, masks or mask), and may have COLMAP
+cameras (sparse/0 or sparse) and meshes (.ply or .obj, anywhere below). Masks may be named as COLMAP (photo.jpg.png) or as this project
+names them (photo.png). Heights are the z extents of the meshes, which that pipeline scales to the height that it was given: in
+millimetres; 200 mm is what it takes where none was given, so such a height is left out.
+"""
+
+import argparse
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.geometry.images import list_images
+from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.files import atomic_write
+
+IMAGES, MASKS, CAMERAS = ("images", "input"), ("masks", "mask"), ("sparse/0", "sparse")
+COLUMNS = ("dataset", "object", "images", "masks", "height_m")
+ASSUMED_MM = 200.0
+"""The height that the published pipeline takes where none is given."""
+SAME_MM = 0.05
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--folders", type=Path, nargs="+", required=True, help="one folder an object")
+    parser.add_argument("--dataset", default="photos", help="dataset of the rows (default: %(default)s)")
+    parser.add_argument("--masks-out", type=Path, help="where masks that are named as COLMAP's are linked by their photos' stems")
+    parser.add_argument("--out", type=Path, required=True, help="table of photos to write; objects_table in the config names it")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the table, and print the commands that compare meshes once the workflow has made ours."""
+    rows, commands = [], []
+    for folder in args.folders:
+        images, masks = find_folder(folder, IMAGES), find_folder(folder, MASKS)
+        masks = link_masks(images, masks, (args.masks_out or args.out.parent / "imported_masks") / folder.resolve().name)
+        name, meshes = folder.resolve().name, find_meshes(folder)
+        height = find_height_m(meshes)
+        rows.append((args.dataset, name, str(images.resolve()), str(masks.resolve()), f"{height:.4f}" if height else ""))
+        cameras = next((folder / place for place in CAMERAS if (folder / place / "cameras.bin").is_file()), None)
+        commands += [make_command(args.dataset, name, mesh, cameras) for mesh in meshes]
+    with atomic_write(args.out) as temporary:
+        temporary.write_text("\n".join("\t".join(row) for row in [COLUMNS, *rows]) + "\n", encoding="utf-8")
+    print(f"{args.out}: {len(rows)} objects. Once their meshes are made, compare:", *commands, sep="\n")
+
+
+def find_folder(folder: Path, names: tuple[str, ...]) -> Path:
+    """The folder of one of these names in a folder. Raises StepError if there is none."""
+    found = next((folder / name for name in names if (folder / name).is_dir()), None)
+    if found is None:
+        raise StepError(f"{folder} has no folder {' or '.join(names)}; an imported object needs images and masks")
+    return found
+
+
+def link_masks(images: Path, masks: Path, out: Path) -> Path:
+    """The folder of masks, or where masks are called photo.jpg.png, a folder of links that are called photo.png.
+
+    Raises:
+        StepError: a photo has no mask.
+    """
+    photos = list_images(images)
+    if all((masks / f"{photo.stem}.png").is_file() for photo in photos):
+        return masks
+    lacking = [photo.name for photo in photos if not (masks / f"{photo.name}.png").is_file()]
+    if lacking:
+        raise StepError(
+            f"{masks} has no mask of {', '.join(lacking[:3])}{' ...' if len(lacking) > 3 else ''}; expected photo.png or photo.jpg.png"
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    for photo in photos:
+        link = out / f"{photo.stem}.png"
+        link.unlink(missing_ok=True)
+        link.symlink_to((masks / f"{photo.name}.png").resolve())
+    return out
+
+
+def find_meshes(folder: Path) -> list[Path]:
+    """Its meshes: .ply with faces, so no point clouds, and .obj."""
+    found = [path for path in sorted(folder.rglob("*.obj")) + sorted(folder.rglob("*.ply")) if path.is_file()]
+    return [path for path in found if path.suffix == ".obj" or has_faces(path)]
+
+
+def has_faces(path: Path) -> bool:
+    """Whether the header of a PLY says so."""
+    with path.open("rb") as file:
+        header = file.read(4096).split(b"end_header")[0]
+    return any(line.split()[:2] == [b"element", b"face"] and int(line.split()[2]) > 0 for line in header.splitlines() if line.split())
+
+
+def find_height_m(meshes: list[Path]) -> float | None:
+    """The z extent of its last PLY in metres; None if there is none, or where it is the height that was assumed."""
+    tables = [path for path in meshes if path.suffix == ".ply"]
+    if not tables:
+        return None
+    size_mm = float(np.ptp(read_ply(tables[-1]).vertices[:, 2]))
+    if not 5.0 <= size_mm <= 3000.0:
+        warn(f"{tables[-1]} is {size_mm:g} high, which is no height in millimetres; the row has none")
+        return None
+    if abs(size_mm - ASSUMED_MM) < SAME_MM:
+        warn(f"{tables[-1]} is {size_mm:g} mm high, what the published pipeline takes for unknown heights; the row has none")
+        return None
+    return size_mm / 1000
+
+
+def make_command(dataset: str, name: str, mesh: Path, cameras: Path | None) -> str:
+    """The command that compares one of its meshes with ours."""
+    ours = f"results/{dataset}/{name}/2dgs.ply"
+    words = f"--meshes {ours} --others {shlex.quote(str(mesh))}"
+    if cameras:
+        words += f" --cameras results/{dataset}/{name}/video/colmap/cameras/sparse --other-cameras {shlex.quote(str(cameras))}"
+    return f"python -m zeroshop_steps.evaluate --method compare_meshes {words} --out results/{dataset}/{name}/comparison.csv"
