@@ -12,6 +12,7 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.synthetic.camera_rings import DISTANCE_IN_SIZES, ObjectBounds, Rings, place_capture_cameras
+from zeroshop_steps.synthetic.lighting import place_lights
 from zeroshop_steps.synthetic.raycast import capture
 
 WIDTH, HEIGHT = 160, 120
@@ -90,6 +91,22 @@ def test_cameras_over_a_flat_object_stay_off_the_surface():
     heights = np.array([camera.centre_in_world[2] for camera in place_capture_cameras(flat, "su_l", WIDTH, HEIGHT, Rings())])
     assert np.allclose(heights[:10], 100.0)
     assert np.allclose(heights[10:], 10.0 + 640.0 * np.sin(np.radians(45)))
+
+
+def test_rings_may_have_other_views_and_elevations_and_skim_the_surface():
+    flat = ObjectBounds(np.array([0.0, 0.0, 10.0]), 200.0, 0.0)
+    cameras = place_capture_cameras(flat, "su_h", WIDTH, HEIGHT, Rings(views=3, elevations_deg=(0.0, 20.0), least_height_sizes=0.0))
+    places = np.array([camera.centre_in_world for camera in cameras]) - flat.centre_mm
+    azimuths, elevations = np.degrees(np.arctan2(places[:, 1], places[:, 0])), np.degrees(np.arcsin(places[:, 2] / 640.0))
+    assert np.allclose(azimuths % 360 % 359.999999, [0, 120, 240, 0, 120, 240], atol=1e-4)
+    assert np.allclose(elevations, [0, 0, 0, 20, 20, 20], atol=1e-6)
+
+
+def test_equal_lights_are_equal_and_expose_alike():
+    bounds = ObjectBounds(np.zeros(3), 100.0, -50.0)
+    usual, equal = place_lights(bounds, True), place_lights(bounds, True, [1.0] * 6)
+    assert np.ptp(equal.radiances) == 0.0 < np.ptp(usual.radiances)
+    assert 0.5 < equal.radiances.mean() / usual.radiances.mean() < 2.0
 
 
 def test_front_is_unmirrored_and_upright(plain):
