@@ -67,6 +67,15 @@ def test_sharp_frames_are_preferred(tmp_path):
     assert len(chosen) == 10 and not set(chosen) & blurred
 
 
+def test_frames_may_be_evenly_spaced_from_the_first_to_the_last(tmp_path):
+    way = np.concatenate([np.zeros(20), np.linspace(0, 1800, 81)])  # the camera waits before it moves
+    path = film(tmp_path / "film.mp4", way)
+    for spacing in ("view", "time"):
+        extract_frames(path, 11, 1920, tmp_path / spacing, spacing=spacing)
+    view, time = (read_json(tmp_path / spacing / "capture.json")["source_frames"] for spacing in ("view", "time"))
+    assert time == list(range(0, 101, 10)) and view != time
+
+
 def test_the_same_film_gives_the_same_bytes(tmp_path):
     path = film(tmp_path / "film.mp4", np.linspace(0, 900, 40))
     for name in ("one", "two"):

@@ -31,6 +31,8 @@ from zeroshop_steps.runtime.files import atomic_directory
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm")
 FRAMES, MIN_FRAMES, MOST_FRAMES = 20, 8, 60
 MAX_SIDE_PX = 1920
+SPACINGS = ("view", "time")
+"""By how much the view changes, the sharpest frame of each stretch; or by time, from the first frame to the last, sharp or not."""
 FLICKER_BLUR_PX = 1.5  # standard deviation of the blur that removes noise before frames are compared
 WINDOW_SHARE = 0.35  # of a stretch, to either side of its middle: where its sharpest frame is looked for
 READABLE_SHARE = 0.9  # of the frames that the file promises; with fewer, it is damaged
@@ -87,16 +89,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--most-frames", type=int, default=MOST_FRAMES, help="with those between frames that share too little (default: %(default)s)"
     )
+    parser.add_argument("--spacing", choices=SPACINGS, default="view", help="what lies between frames is equal in (default: %(default)s)")
     parser.add_argument("--max-side-px", type=int, default=MAX_SIDE_PX, help="larger frames are scaled down (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
 
 
 def run(args: argparse.Namespace) -> None:
     """Entry point of the command line."""
-    extract_frames(args.images, args.frames, args.max_side_px, args.out, args.most_frames)
+    extract_frames(args.images, args.frames, args.max_side_px, args.out, args.most_frames, args.spacing)
 
 
-def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: int = 0) -> None:
+def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: int = 0, spacing: str = "view") -> None:
     """Write frames to `out`/images, a picture of them all, and what to film again to capture.json.
 
     Args:
@@ -105,13 +108,14 @@ def extract_frames(video: Path, count: int, max_side_px: int, out: Path, most: i
         max_side_px: larger frames are scaled down.
         out: folder to write.
         most: frames with those between frames that share too little to be registered together.
+        spacing: one of `SPACINGS`.
 
     Raises:
         StepError: no video, a damaged or cut-off one, or one in which the camera hardly moves.
     """
     start_s = time.monotonic()
     film = scan_video(video)
-    first = choose_frames(film, count)
+    first = choose_frames(film, count) if spacing == "view" else space_evenly(len(film.changes), count)
     chosen = bridge_gaps(lambda numbers: read_numbers(video, numbers), first, film.find_between, most)
     needed = min(MIN_FRAMES, count)
     if len(chosen) < needed:
@@ -217,6 +221,11 @@ def choose_frames(film: VideoScan, count: int) -> list[int]:
         if best not in chosen and not any(look_alike(film.thumbnails[best], film.thumbnails[other]) for other in chosen):
             chosen.append(best)
     return sorted(chosen)
+
+
+def space_evenly(frames: int, count: int) -> list[int]:
+    """Numbers of up to `count` frames of a film of `frames`: the first, the last, and those at equal times between them."""
+    return np.unique(np.linspace(0, frames - 1, count).round().astype(int)).tolist()
 
 
 def _open(video: Path) -> cv2.VideoCapture:
