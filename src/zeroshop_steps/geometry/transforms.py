@@ -13,6 +13,11 @@ def transform_points(points: np.ndarray, target_from_source: np.ndarray) -> np.n
     return points @ target_from_source[:3, :3].T + target_from_source[:3, 3]
 
 
+def make_cross_matrices(vectors: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) matrices that multiply as the cross product with each of (N, 3) vectors from the left."""
+    return np.cross(np.eye(3), vectors[:, None])
+
+
 def compute_scale(similarity: np.ndarray) -> float:
     """The scale factor of a (4, 4) similarity: the cube root of its determinant."""
     return float(np.cbrt(np.linalg.det(similarity[:3, :3])))

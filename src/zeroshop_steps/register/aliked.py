@@ -7,6 +7,7 @@ matches: pairs count by their sure matches.
 
 import argparse
 import functools
+import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -31,13 +32,15 @@ from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
 from zeroshop_steps.register.match_database import PairMatches, write_matches
+from zeroshop_steps.register.pair_pictures import leave_out_unlike
 from zeroshop_steps.register.pair_selection import choose_alike_pairs
-from zeroshop_steps.register.record import RegistrationFailed, write_registration
+from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
 from zeroshop_steps.register.rotation_agreement import leave_out_contradicting
 from zeroshop_steps.register.sift import RIM_SHARE
+from zeroshop_steps.register.strange_sides import LookAgain
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
 
@@ -157,8 +160,6 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
         database = scratch / "database.db"
         structure = options.structure
         figures |= write_matches(database, image_set, matcher.keypoints, matches, 2, structure.seed, options.focal_px)
-        figures["contradicting_pairs"] = leave_out_contradicting(database, structure.seed)
-        stopwatch.lap("verify")
         if not figures["matches"]:
             raise RegistrationFailed("no two images share enough features that surely match; take more pictures with more overlap", figures)
         number = {path.stem: index for index, path in enumerate(image_set.images)}
@@ -168,7 +169,41 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
             _, scores = matcher.match(number[one], number[other])
             return bool((scores >= options.sure_score).sum() >= AGAIN * options.sure_matches)
 
-        return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, by_object=True)
+        try:
+            return _reconstruct(database, image_set, out, options, figures, stopwatch, look_again)
+        except RegistrationFailed as failure:
+            unlike = leave_out_unlike(database, image_set)
+            stopwatch.lap("compare")
+            if not unlike:
+                raise
+            warn(f"{failure}; trying again without the {len(unlike)} pairs of images that match but do not show the same")
+            figures |= {"unlike_pairs": unlike, "first_reason": str(failure)}
+            try:
+                return _reconstruct(database, image_set, out, options, figures, stopwatch, look_again)
+            except RegistrationFailed:
+                raise failure from None
+
+
+def _reconstruct(
+    database: Path,
+    image_set: ImageSet,
+    out: Path,
+    options: AlikedOptions,
+    figures: dict[str, Any],
+    stopwatch: Stopwatch,
+    look_again: LookAgain,
+) -> dict[str, Any]:
+    """Cameras from a copy of the database, without the pairs whose rotations contradict the others."""
+    record = dict(figures)
+
+    def fill(folder: Path) -> dict[str, Any]:
+        with scratch_directory(folder, "model") as scratch:
+            copy = Path(shutil.copy(database, scratch / database.name))
+            record["contradicting_pairs"] = leave_out_contradicting(copy, options.structure.seed)
+            stopwatch.lap("verify")
+            return reconstruct(copy, image_set, folder, options.structure, record, stopwatch, look_again, by_object=True)
+
+    return fill_apart(out, "cameras", fill)
 
 
 def cut_crops(image_set: ImageSet, side_px: int) -> list[Crop]:

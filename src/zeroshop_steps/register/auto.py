@@ -6,7 +6,6 @@ by a salient-object network, if one is named; then SIFT's cameras, too, are chec
 """
 
 import argparse
-import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +17,7 @@ from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks
 from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, write_registration
+from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
 from zeroshop_steps.register.structure import add_matching_arguments
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
@@ -84,18 +83,13 @@ def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[
     tried: dict[str, dict[str, Any]] = {}
     for name, attempt in attempts.items():
         start_s = time.monotonic()
-        with scratch_directory(out, name) as folder:
-            try:
-                record = attempt(folder)
-            except RegistrationFailed as error:
-                failures[name] = error
-                tried[name] = {"reason": str(error), "seconds": round(time.monotonic() - start_s, 3)}
-                if name != list(attempts)[-1]:
-                    warn(f"registration by {name} failed ({error}); trying the next")
-                continue
-            for part in folder.iterdir():
-                shutil.move(part, out / part.name)
-        return record | {"tried": tried}
+        try:
+            return fill_apart(out, name, attempt) | {"tried": tried}
+        except RegistrationFailed as error:
+            failures[name] = error
+            tried[name] = {"reason": str(error), "seconds": round(time.monotonic() - start_s, 3)}
+            if name != list(attempts)[-1]:
+                warn(f"registration by {name} failed ({error}); trying the next")
     best = max(failures.values(), key=lambda error: error.figures.get("registered", 0))
     reason = "; ".join(f"by {name}: {error}" for name, error in failures.items()) if len(failures) > 1 else str(best)
     raise RegistrationFailed(reason + advice, best.figures | {"tried": tried}, best.rejected)

@@ -19,6 +19,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.geometry.visual_hull import find_inside_masks, voxel_centres
+from zeroshop_steps.register.pair_pictures import compare_patches
 from zeroshop_steps.register.silhouette_coherence import bound_object
 from zeroshop_steps.register.strange_sides import make_refusal
 
@@ -125,14 +126,7 @@ def _compare_in_place(one: SmallView, other: SmallView, carry: Carry, tolerance:
     seen = one.depth > 0
     seen[seen] = np.abs(front[seen] - depth) < tolerance
     whole = cv2.boxFilter(seen.astype(np.float32), -1, (PATCH_PX, PATCH_PX)) >= WHOLE
-    half, reach = PATCH_PX // 2, PATCH_PX // 2 + PLAY_PX
-    scores = []
-    for row in range(reach, one.grey.shape[0] - reach, half + 1):
-        for column in range(reach, one.grey.shape[1] - reach, half + 1):
-            patch = one.grey[row - half : row + half + 1, column - half : column + half + 1]
-            if whole[row, column] and patch.std() >= LEAST_CONTRAST:
-                window = carried[row - reach : row + reach + 1, column - reach : column + reach + 1]
-                scores.append(float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max()))
+    scores = compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
     return float(np.median(scores)) if len(scores) >= LEAST_PATCHES else None
 
 

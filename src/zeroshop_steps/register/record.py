@@ -6,6 +6,7 @@ why, with the figures so far, is beside the record; a model that was found and r
 """
 
 import argparse
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.register.view_coverage import record_view_coverage
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import read_failure
-from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.runtime.files import atomic_directory, read_json, scratch_directory, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
 OBJECT_ONLY = ("se", "video_segmented")
@@ -104,3 +105,12 @@ def describe_lenses(model: pycolmap.Reconstruction) -> dict[str, Any]:
 def find_lens(record: dict[str, Any], stem: str) -> dict[str, Any] | None:
     """The lens of an image in a registration's record; None where the registration found none, or there was no distortion."""
     return record.get("lens") or record.get("lenses", {}).get(stem)
+
+
+def fill_apart(out: Path, name: str, fill: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
+    """Let `fill` write to a scratch folder, and take what it wrote into `out` if it succeeds: an attempt that fails leaves nothing."""
+    with scratch_directory(out, name) as folder:
+        record = fill(folder)
+        for part in folder.iterdir():
+            shutil.move(part, out / part.name)
+    return record

@@ -156,15 +156,25 @@ def _compute_signed_distance_px(mask: np.ndarray) -> np.ndarray:
     return np.where(mask, inside, -outside).astype(np.float32)
 
 
+def choose_rim_pixels(mask: np.ndarray, count: int) -> np.ndarray:
+    """Up to `count` pixel centres (x, y) along the rim of a mask, evenly spread; the image's border is not a rim."""
+    return _spread(mask & ~_erode(mask), count)
+
+
 def _choose_mask_pixels(mask: np.ndarray, count: int) -> np.ndarray:
     """Up to `count` mask pixel centres (x, y): half on the rim, half inside, evenly spread."""
-    eroded = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
-    chosen = []
-    for region in (mask & ~eroded, eroded):
-        y, x = np.nonzero(region)
-        pick = np.unique(np.linspace(0, len(x) - 1, count // 2).round().astype(int)) if len(x) else np.zeros(0, int)
-        chosen.append(np.stack([x[pick] + 0.5, y[pick] + 0.5], axis=1))
-    return np.concatenate(chosen)
+    return np.concatenate([choose_rim_pixels(mask, count // 2), _spread(_erode(mask), count // 2)])
+
+
+def _erode(mask: np.ndarray) -> np.ndarray:
+    inner: np.ndarray = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
+    return inner
+
+
+def _spread(region: np.ndarray, count: int) -> np.ndarray:
+    y, x = np.nonzero(region)
+    pick = np.unique(np.linspace(0, len(x) - 1, count).round().astype(int)) if len(x) else np.zeros(0, int)
+    return np.stack([x[pick] + 0.5, y[pick] + 0.5], axis=1)
 
 
 def _look_up(distance: np.ndarray, camera: Camera, points: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
+from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.photo_groups import describe_groups, find_groups
 from zeroshop_steps.register.record import (
@@ -149,6 +150,9 @@ def reconstruct(
             *figures.get("warnings", []),
             f"the masks of {len(report.wrong_masks)} of {count} photos contradict those of the others: {shown}",
         ]
+    if by_object and report.reason is None:
+        model, report = _adjust_by_outlines(model, report, image_set, database, options, figures)
+        stopwatch.lap("outlines")
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
     figures |= describe_lenses(model)
@@ -160,6 +164,23 @@ def reconstruct(
     if by_object:
         check_neighbours(read_views(out)[0], record, pinhole_model)
     return record
+
+
+def _adjust_by_outlines(
+    model: pycolmap.Reconstruction,
+    report: ConsistencyReport,
+    image_set: ImageSet,
+    database: Path,
+    options: StructureOptions,
+    figures: dict[str, Any],
+) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
+    """A model that passed all checks, adjusted by the masks' rims; as it was where it would not pass them any more."""
+    adjusted, misses = adjust_model_by_outlines(model, image_set)
+    again = check_consistency(adjusted, image_set, database, options.limits)
+    if again.reason is not None:
+        return model, report
+    figures |= misses
+    return adjusted, again
 
 
 def _count_common(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> int:

@@ -1,0 +1,57 @@
+"""Adjust a COLMAP model of an object by the outlines that its masks show."""
+
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.geometry.cameras import Camera, to_rigid
+from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.undistort import undistort_masks
+
+
+def adjust_model_by_outlines(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[pycolmap.Reconstruction, dict[str, Any]]:
+    """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims.
+
+    Returns:
+        An adjusted copy, and for the record by how much the rays of the rims missed the other masks before and after, on average.
+    """
+    cameras, masks = undistort_masks(model, image_set)
+    point_ids, tracks = read_tracks(model, cameras)
+    adjustment = OutlineAdjustment(cameras, masks, tracks)
+    before_px = float(adjustment.measure_misses_px().mean())
+    adjustment.adjust()
+    after_px = float(adjustment.measure_misses_px().mean())
+    copy = pycolmap.Reconstruction(model)
+    for camera in copy.cameras.values():
+        params = camera.params.copy()
+        params[list(camera.focal_length_idxs())] *= np.exp(adjustment.state.log_focal)
+        camera.params = params
+    placed = {image.name: image for image in copy.images.values() if image.has_pose}
+    for camera in adjustment.adjusted_cameras():
+        image = placed[camera.name]
+        copy.frames[image.frame_id].set_cam_from_world(image.camera_id, to_rigid(camera.camera_from_world))
+    for point_id, place in zip(point_ids, adjustment.adjusted_points(), strict=True):
+        copy.points3D[point_id].xyz = place
+    copy.update_point_3d_errors()
+    return copy, {"outline_miss_px": [round(before_px, 3), round(after_px, 3)]}
+
+
+def read_tracks(model: pycolmap.Reconstruction, cameras: list[Camera]) -> tuple[list[int], Tracks]:
+    """The ids of a model's points, and their observations in pixels of its pinhole cameras."""
+    number = {camera.name: index for index, camera in enumerate(cameras)}
+    pixels = {}
+    for image in model.images.values():
+        if image.has_pose:
+            intrinsics = cameras[number[image.name]].intrinsics
+            seen = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+            pixels[image.image_id] = model.cameras[image.camera_id].cam_from_img(seen) * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+    ids = sorted(model.point3D_ids())
+    view, point, places = [], [], []
+    for index, point_id in enumerate(ids):
+        for element in model.points3D[point_id].track.elements:
+            view.append(number[model.images[element.image_id].name])
+            point.append(index)
+            places.append(pixels[element.image_id][element.point2D_idx])
+    return ids, Tracks(np.array(view, int), np.array(point, int), np.array(places).reshape(-1, 2))

@@ -1,0 +1,264 @@
+"""Adjust cameras by the object's outlines and its matches together.
+
+Where the object alone gave the matches, they hold cameras loosely: its points lie in a small part of the image, and few of them are seen
+from both sides of an edge. Its outlines hold them all around. Every ray through a mask's rim touches the object, so it must pass through
+the masks of all other views (silhouette coherence; Hernandez et al., Silhouette Coherence for Camera Calibration under Circular Motion,
+PAMI 2007). How far rays miss is minimized by Levenberg and Marquardt's method together with the reprojection errors of the tracks,
+whose points are eliminated (Triggs et al., Bundle Adjustment: A Modern Synthesis, 1999).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.transforms import make_cross_matrices
+from zeroshop_steps.register.image_set import REFERENCE_PX
+from zeroshop_steps.register.outline_rays import OutlineRays, look_up_many, make_outline_distance
+from zeroshop_steps.register.silhouette_coherence import bound_object
+
+ROUNDS, TRIALS = 20, 7  # of the adjustment, and damping factors that are tried in each
+CONVERGED = 2e-4  # share by which a round must lower the cost
+LEAST_DAMPING = 1e-8
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Points that several views see.
+
+    Attributes:
+        view, point: (O,) numbers of the view and of the point of each observation.
+        pixels: (O, 2) where it lies, in pixels of the pinhole cameras.
+    """
+
+    view: np.ndarray
+    point: np.ndarray
+    pixels: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return int(self.point.max()) + 1 if len(self.point) else 0
+
+
+@dataclass(frozen=True)
+class State:
+    """What is adjusted, in a world whose origin is the object's centre and whose unit is its radius.
+
+    Attributes:
+        rotation, translation: (N, 3, 3) and (N, 3) camera_from_world.
+        log_focal: logarithm of the factor of all focal lengths.
+        points: (P, 3) of the tracks.
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    log_focal: float
+    points: np.ndarray
+
+    def moved(self, step: np.ndarray, points_step: np.ndarray) -> "State":
+        """The state after (6 N + 1,) a step of the cameras, each turned about the object, and (P, 3) of the points."""
+        by_view = step[:-1].reshape(-1, 6)
+        turned = self.rotation @ Rotation.from_rotvec(by_view[:, :3]).as_matrix()
+        return State(turned, self.translation + by_view[:, 3:], self.log_focal + step[-1], self.points + points_step)
+
+
+class OutlineAdjustment:
+    """Cameras of an object, its outlines and its tracks."""
+
+    def __init__(self, cameras: Sequence[Camera], masks: dict[str, np.ndarray], tracks: Tracks) -> None:
+        """Take cameras as they are.
+
+        Args:
+            cameras: N registered pinhole cameras.
+            masks: {image name: (height, width) bool}, of the cameras' sizes.
+            tracks: what they see; may be empty.
+        """
+        chosen = [masks[camera.name] for camera in cameras]
+        self.cameras, self.tracks = list(cameras), tracks
+        self.centre, self.radius = bound_object(self.cameras, chosen)
+        self.focal_px = np.array([camera.intrinsics[0, 0] for camera in cameras])
+        self.middle_px = np.array([camera.intrinsics[:2, 2] for camera in cameras])
+        self.unit_px = np.array([max(camera.width_px, camera.height_px) / REFERENCE_PX for camera in cameras])
+        self.distance = [make_outline_distance(mask) / unit for mask, unit in zip(chosen, self.unit_px, strict=True)]
+        self.rays = OutlineRays.choose(chosen, self.distance)
+        rotation = np.array([camera.camera_from_world[:3, :3] for camera in cameras])
+        translation = np.array([(camera.camera_from_world @ [*self.centre, 1.0])[:3] / self.radius for camera in cameras])
+        self.state = State(rotation, translation, 0.0, np.zeros((tracks.count, 3)))
+        self.state = replace(self.state, points=self._triangulate())
+
+    def adjust(self) -> None:
+        """Minimize the robust sum of the outlines' misses and the tracks' reprojection errors, in px per 1000 px of the image."""
+        damping = 1e-3
+        self._touch(self.state)
+        cost = self._measure_cost(self.state)
+        for _ in range(ROUNDS):
+            hessian, gradient, coupling, blocks, points_gradient = self._linearize()
+            before, start = cost, self.state
+            for _ in range(TRIALS):
+                damped = blocks * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
+                inverse = np.linalg.inv(damped)
+                eliminated = np.einsum("pni,pij->pnj", coupling, inverse)
+                reduced = hessian - np.einsum("pni,pmi->nm", eliminated, coupling, optimize=True)
+                scale = np.diag(hessian)
+                right = gradient - np.einsum("pni,pi->n", eliminated, points_gradient)
+                step = -np.linalg.solve(reduced + np.diag(damping * scale + 1e-6 * scale.mean() + 1e-12), right)
+                points_step = -np.einsum("pij,pj->pi", inverse, points_gradient + np.einsum("pni,n->pi", coupling, step, optimize=True))
+                moved = start.moved(step, points_step)
+                self._touch(moved)
+                cost = self._measure_cost(moved)
+                if cost < before:
+                    self.state, damping = moved, max(damping / 5, LEAST_DAMPING)
+                    break
+                damping *= 6
+            else:
+                self._touch(start)
+                return
+            if before - cost < CONVERGED * before:
+                return
+
+    def measure_misses_px(self) -> np.ndarray:
+        """(R,) by how much each ray of the rims misses the other masks, px per 1000 px of the image; 0 where it passes through all."""
+        return np.maximum(-self._touch(self.state), 0.0)
+
+    def adjusted_cameras(self) -> list[Camera]:
+        """The cameras as they are now, in the frame in which they were given."""
+        factor = np.diag([np.exp(self.state.log_focal)] * 2 + [1.0])
+        adjusted = []
+        for camera, rotation, translation in zip(self.cameras, self.state.rotation, self.state.translation, strict=True):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = rotation, translation * self.radius - rotation @ self.centre
+            intrinsics = camera.intrinsics.copy()
+            intrinsics[:2, :2] = intrinsics[:2, :2] @ factor[:2, :2]
+            adjusted.append(replace(camera, camera_from_world=pose, intrinsics=intrinsics))
+        return adjusted
+
+    def adjusted_points(self) -> np.ndarray:
+        """(P, 3) the tracks' points, in the frame of the cameras."""
+        return self.state.points * self.radius + self.centre
+
+    def _triangulate(self) -> np.ndarray:
+        """(P, 3) the points nearest to the rays of their observations."""
+        tracks, state = self.tracks, self.state
+        if not tracks.count:
+            return np.zeros((0, 3))
+        rays = self._rays(tracks.view, tracks.pixels, 0.0)
+        world = np.einsum("oji,oj->oi", state.rotation[tracks.view], rays)
+        world /= np.linalg.norm(world, axis=1, keepdims=True)
+        origins = -np.einsum("oji,oj->oi", state.rotation[tracks.view], state.translation[tracks.view])
+        across = np.eye(3) - world[:, :, None] * world[:, None, :]
+        matrix, right = np.zeros((tracks.count, 3, 3)), np.zeros((tracks.count, 3))
+        np.add.at(matrix, tracks.point, across)
+        np.add.at(right, tracks.point, np.einsum("oij,oj->oi", across, origins))
+        return np.linalg.solve(matrix + 1e-9 * np.eye(3), right[..., None])[..., 0]
+
+    def _rays(self, view: np.ndarray, pixels: np.ndarray, log_focal: float) -> np.ndarray:
+        """(K, 3) rays through pixels of views, in their cameras, of depth 1."""
+        focal = self.focal_px[view, None] * np.exp(log_focal)
+        return np.concatenate([(pixels - self.middle_px[view]) / focal, np.ones((len(view), 1))], axis=1)
+
+    def _project(self, state: State, view: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(K, 2) pixels of points in views, and (K, 3) the points in their cameras."""
+        inside = np.einsum("kij,kj->ki", state.rotation[view], points) + state.translation[view]
+        focal = self.focal_px[view, None] * np.exp(state.log_focal)
+        return inside[:, :2] / inside[:, 2:] * focal + self.middle_px[view], inside
+
+    def _touch(self, state: State) -> np.ndarray:
+        """Find where on each ray the object is, and in which views it misses most; (R,) the least signed distance there."""
+
+        def place(view: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+            rays = self._rays(view, pixels, state.log_focal) * depth[:, None] - state.translation[view]
+            return np.einsum("kji,kj->ki", state.rotation[view], rays)
+
+        def look(view: int, points: np.ndarray) -> np.ndarray:
+            pixels, inside = self._project(state, np.full(len(points), view), points)
+            return np.where(inside[:, 2] > 0, look_up_many(self.distance[view], pixels), -np.float32(REFERENCE_PX))
+
+        return self.rays.touch(state.translation[:, 2], place, look)
+
+    def _measure_cost(self, state: State) -> float:
+        """Of the rays as touched last, and the tracks."""
+        miss = np.maximum(-self.rays.value, 0.0)
+        errors = self._reprojection_errors(state)[0]
+        return float((miss - np.log1p(miss)).sum() + 0.5 * np.log1p((errors**2).sum(1)).sum())
+
+    def _reprojection_errors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        tracks = self.tracks
+        pixels, inside = self._project(state, tracks.view, state.points[tracks.point])
+        return (pixels - tracks.pixels) / self.unit_px[tracks.view, None], inside
+
+    def _differentiate_projection(self, view: np.ndarray, inside: np.ndarray) -> np.ndarray:
+        """(K, 2, 3) derivative of pixels, per 1000 px, by points in the cameras."""
+        focal = self.focal_px[view] * np.exp(self.state.log_focal) / self.unit_px[view] / inside[:, 2]
+        derivative = np.zeros((len(view), 2, 3))
+        derivative[:, 0, 0] = derivative[:, 1, 1] = focal
+        derivative[:, :, 2] = -focal[:, None] * inside[:, :2] / inside[:, 2:]
+        return derivative
+
+    def _linearize(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Gauss and Newton's approximation about the state.
+
+        Returns:
+            (6 N + 1, 6 N + 1) matrix and (6 N + 1,) gradient of the cameras and the focal length, (P, 6 N + 1, 3) coupling with the
+            points, (P, 3, 3) and (P, 3) matrix and gradient of the points.
+        """
+        size = 6 * len(self.cameras) + 1
+        hessian, gradient = np.zeros((size, size)), np.zeros(size)
+        for columns, jacobian, residual, weight in (self._linearize_outlines(), self._linearize_tracks()[:4]):
+            np.add.at(hessian, (columns[:, :, None], columns[:, None, :]), np.einsum("k,kra,krb->kab", weight, jacobian, jacobian))
+            np.add.at(gradient, columns, np.einsum("k,kra,kr->ka", weight, jacobian, residual))
+        columns, jacobian, residual, weight, by_point = self._linearize_tracks()
+        count = self.tracks.count
+        coupling, blocks, points_gradient = np.zeros((count, size, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3))
+        point = self.tracks.point
+        np.add.at(coupling, (point[:, None], columns), np.einsum("k,kra,krb->kab", weight, jacobian, by_point))
+        np.add.at(blocks, point, np.einsum("k,kra,krb->kab", weight, by_point, by_point))
+        np.add.at(points_gradient, point, np.einsum("k,kra,kr->ka", weight, by_point, residual))
+        return hessian, gradient, coupling, blocks, points_gradient
+
+    def _linearize_outlines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Columns, derivative, residual and weight of each touched ray and view: the depth stays, since the best one cannot gain."""
+        state, rays = self.state, self.rays
+        source, other = rays.view[rays.ray], rays.other
+        through = self._rays(source, rays.pixels[rays.ray], state.log_focal) * rays.depth[rays.ray, None]
+        back = state.rotation[source].transpose(0, 2, 1)
+        points = np.einsum("kij,kj->ki", back, through - state.translation[source])
+        pixels, inside = self._project(state, other, points)
+        slope = np.zeros((len(other), 2))
+        for view in np.unique(other):
+            slope[other == view] = self._slope(int(view), pixels[other == view])
+        by_inside = np.einsum("kr,krc->kc", slope, self._differentiate_projection(other, inside))
+        by_world = np.einsum("kc,kcd->kd", by_inside, state.rotation[other])
+        turn = make_cross_matrices(points)
+        from_source = np.concatenate([np.einsum("kd,kde->ke", by_world, turn), -np.einsum("kd,kde->ke", by_world, back)], axis=1)
+        from_other = np.concatenate([-np.einsum("kd,kde->ke", by_world, turn), by_inside], axis=1)
+        bent = through * [-1.0, -1.0, 0.0]
+        by_focal = np.einsum("kd,kde,ke->k", by_world, back, bent)
+        by_focal += (slope * (pixels - self.middle_px[other]) / self.unit_px[other, None]).sum(1)
+        jacobian = np.concatenate([from_source, from_other, by_focal[:, None]], axis=1)[:, None]
+        last = np.full((len(other), 1), 6 * len(self.cameras))
+        columns = np.concatenate([6 * source[:, None] + np.arange(6), 6 * other[:, None] + np.arange(6), last], axis=1)
+        residual = np.minimum(rays.value, 0.0)
+        jacobian[residual >= 0] = 0.0
+        return columns, jacobian, residual[:, None], 1 / (1 + np.abs(residual))
+
+    def _slope(self, view: int, pixels: np.ndarray) -> np.ndarray:
+        """(K, 2) derivative of a view's signed distance by the pixel, both per 1000 px."""
+        half = 0.5 * np.eye(2)
+        ahead, behind = ([look_up_many(self.distance[view], pixels + sign * step) for step in half] for sign in (1, -1))
+        return (np.stack(ahead, 1) - np.stack(behind, 1)) * self.unit_px[view]
+
+    def _linearize_tracks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Columns, derivative, residual and weight of each observation, and (O, 2, 3) its derivative by its point."""
+        state, tracks = self.state, self.tracks
+        errors, inside = self._reprojection_errors(state)
+        by_inside = self._differentiate_projection(tracks.view, inside)
+        by_point = by_inside @ state.rotation[tracks.view]
+        turn = -by_point @ make_cross_matrices(state.points[tracks.point])
+        pixels = errors + (tracks.pixels - self.middle_px[tracks.view]) / self.unit_px[tracks.view, None]
+        jacobian = np.concatenate([turn, by_inside, pixels[..., None]], axis=2)
+        last = np.full((len(errors), 1), 6 * len(self.cameras))
+        columns = np.concatenate([6 * tracks.view[:, None] + np.arange(6), last], axis=1)
+        return columns, jacobian, errors, 1 / (1 + (errors**2).sum(1)), by_point

@@ -1,0 +1,100 @@
+"""Cameras that are a little off return to the true ones: the object's outlines and its tracks say how."""
+
+import itertools
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from helpers.camera_ring import ring_camera
+from zeroshop_steps.evaluate.camera_error import compare_cameras
+from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
+
+SIZE_MM = (73.0, 28.0, 85.0)
+FINER = 4  # the masks are drawn larger, and then thinned out
+VIEWS, FOCAL_PX, WIDTH_PX, HEIGHT_PX = 10, 1260.0, 960, 720
+
+
+@pytest.fixture(scope="module")
+def views():
+    """Cameras around a box on two heights, and its silhouettes."""
+    cameras = [ring_camera(index, VIEWS, 300.0, (15.0, 50.0), (0.0, 0.0, 0.0), FOCAL_PX, (WIDTH_PX, HEIGHT_PX)) for index in range(VIEWS)]
+    corners = np.array(list(itertools.product((-1, 1), repeat=3))) * SIZE_MM / 2
+    masks = {}
+    for camera in cameras:
+        outline = cv2.convexHull(np.rint(camera.project(corners)[0] * FINER - 0.5).astype(np.int32))
+        drawn = cv2.fillConvexPoly(np.zeros((HEIGHT_PX * FINER, WIDTH_PX * FINER), np.uint8), outline, 1)
+        masks[camera.name] = cv2.resize(drawn.astype(np.float32), (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA) > 0.5
+    return cameras, masks
+
+
+def shaken(cameras, degrees, focal_factor):
+    """The cameras turned about the object at random, with another focal length and as much farther away."""
+    rng = np.random.default_rng(1)
+    moved = []
+    for camera in cameras:
+        pose, intrinsics = camera.camera_from_world.copy(), camera.intrinsics.copy()
+        pose[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(np.radians(rng.normal(scale=degrees, size=3))).as_matrix()
+        pose[:3, 3] *= focal_factor
+        intrinsics[:2, :2] *= focal_factor
+        moved.append(replace(camera, camera_from_world=pose, intrinsics=intrinsics))
+    return moved
+
+
+def tracks_of(cameras, count, noise_px):
+    """Points of the box, each in three views that follow each other."""
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-0.5, 0.5, (count, 3)) * SIZE_MM
+    view = (rng.integers(0, VIEWS, count)[:, None] + np.arange(3)) % VIEWS
+    pixels = np.stack([cameras[index].project(points[number][None])[0][0] for number, row in enumerate(view) for index in row])
+    return Tracks(view.ravel(), np.repeat(np.arange(count), 3), pixels + rng.normal(scale=noise_px, size=pixels.shape))
+
+
+NO_TRACKS = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
+
+
+def test_true_cameras_miss_almost_nothing(views):
+    assert OutlineAdjustment(*views, NO_TRACKS).measure_misses_px().mean() < 0.3
+
+
+def test_outlines_and_tracks_bring_shaken_cameras_back(views):
+    cameras, masks = views
+    wrong = shaken(cameras, 1.0, 1.03)
+    before = compare_cameras(wrong, cameras).centre_mm.mean()
+    adjustment = OutlineAdjustment(wrong, masks, tracks_of(cameras, 100, 0.3))
+    adjustment.adjust()
+    adjusted = adjustment.adjusted_cameras()
+    after = compare_cameras(adjusted, cameras).centre_mm.mean()
+    assert before > 4.0 and after < 0.25 * before, (before, after)
+    assert adjusted[0].intrinsics[0, 0] == pytest.approx(FOCAL_PX, rel=0.02)
+
+
+def test_outlines_alone_come_to_agree(views):
+    """They leave a box of few views some freedom: not its cameras are asked here, but the outlines."""
+    cameras, masks = views
+    adjustment = OutlineAdjustment(shaken(cameras, 1.0, 1.0), masks, NO_TRACKS)
+    before_px = adjustment.measure_misses_px().mean()
+    adjustment.adjust()
+    assert adjustment.measure_misses_px().mean() < 0.15 * before_px
+
+
+def test_false_observations_hardly_matter(views):
+    cameras, masks = views
+    tracks = tracks_of(cameras, 100, 0.3)
+    pixels = tracks.pixels.copy()
+    pixels[::15] += 25.0
+    adjustment = OutlineAdjustment(shaken(cameras, 1.0, 1.0), masks, replace(tracks, pixels=pixels))
+    adjustment.adjust()
+    assert compare_cameras(adjustment.adjusted_cameras(), cameras).centre_mm.mean() < 1.5
+
+
+def test_the_rim_lies_between_the_pixels():
+    mask = np.zeros((40, 60), bool)
+    mask[10:30, 20:40] = True
+    distance = make_outline_distance(mask)
+    across = look_up_many(distance, np.array([[19.0, 20.0], [20.0, 20.0], [21.0, 20.0], [30.0, 20.0]]))
+    np.testing.assert_allclose(across, [-1.0, 0.0, 1.0, across[3]], atol=0.05)
+    assert across[3] > 7
