@@ -75,6 +75,15 @@ def test_heights_by_mast3r_are_in_the_table_where_its_weights_are(snakemake, tmp
     assert planned(run.stdout)["height_by_mast3r"] == 1 and "--marker-images images --height-m 0.158" in run.stdout, run.stdout
 
 
+def test_tables_in_another_folder_of_results_are_told_where_paths_begin(snakemake):
+    few = "datasets={demo: {objects: [mug]}}", "tables={nvs: [2dgs], registrations: [truth], scenes: [su_h]}"
+    wanted = [f"results/mine/demo/tables/{name}.csv" for name in ("cameras", "height", "bop")]
+    run = snakemake("-n", *wanted, "--config", "results=results/mine", *few)
+    assert run.returncode == 0, run.stdout
+    commands = [line for line in run.stdout.splitlines() if re.search(r"report --method (table|heights|bop) ", line)]
+    assert len(commands) == 3 and all(" --root results/mine --out " in line for line in commands), commands
+
+
 def test_the_table_of_robustness_damages_true_models(snakemake):
     run = snakemake("-n", "results/ycbv/tables/robustness.csv")
     jobs = planned(run.stdout)

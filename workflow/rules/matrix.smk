@@ -17,6 +17,8 @@ from snakemake.logging import logger
 from zeroshop_steps.runtime import failures
 
 SURFACES_WITHOUT_CAMERAS = [name for name, method in methods.SURFACES.items() if not method.registration]
+# Steps that tell a cell's coordinates from its path are told where these begin; in the usual folder they know.
+BELOW_RESULTS = "" if RESULTS == "results" else f" --root {RESULTS}"
 AXES = {
     "registrations": methods.REGISTRATIONS,
     "nvs": methods.SURFACES,
@@ -215,7 +217,7 @@ rule cell:
     message:
         "Gathering the figures of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
-        "python -m zeroshop_steps.report --method table --measurements {input} --out {output.table} > {log} 2>&1"
+        "python -m zeroshop_steps.report --method table --measurements {input}" f"{BELOW_RESULTS}" " --out {output.table} > {log} 2>&1"
 
 
 use rule cell as object_table with:

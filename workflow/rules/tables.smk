@@ -111,7 +111,7 @@ rule camera_table:
     message:
         "Gathering the camera errors of every registration of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.report --method table --measurements {input} --out {output} > {log} 2>&1"
+        "python -m zeroshop_steps.report --method table --measurements {input}" f"{BELOW_RESULTS}" " --out {output} > {log} 2>&1"
 
 
 use rule camera_table as reconstruction_table with:
@@ -203,7 +203,7 @@ rule height_table:
     message:
         "Comparing the measured heights of {wildcards.dataset} with the true ones"
     shell:
-        "python -m zeroshop_steps.report --method heights --heights {input.heights} --out {output.table} > {log} 2>&1"
+        "python -m zeroshop_steps.report --method heights --heights {input.heights}" f"{BELOW_RESULTS}" " --out {output.table} > {log} 2>&1"
 
 
 rule film_height_table:
@@ -225,6 +225,7 @@ rule film_height_table:
         "Comparing the heights measured in {wildcards.dataset} with the true ones"
     shell:
         "python -m zeroshop_steps.report --method film_heights --heights {input.heights} --truths {input.truths}"
+        f"{BELOW_RESULTS}"
         " --out {output.table} > {log} 2>&1"
 
 
@@ -254,4 +255,5 @@ rule bop_table:
         "Gathering the detections' and poses' scores of {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} {params.images} --page {output.page}"
+        f"{BELOW_RESULTS}"
         " --out {output.table} > {log} 2>&1"
