@@ -12,7 +12,7 @@ from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register.neighbour_agreement import check_neighbours, find_disagreeing
+from zeroshop_steps.register.neighbour_agreement import check_neighbours, compare_groups, find_disagreeing
 from zeroshop_steps.register.record import RegistrationFailed
 
 VIEWS = 24
@@ -62,3 +62,21 @@ def test_sides_that_look_alike_are_refused(views):
 
 def test_views_that_are_far_apart_are_not_judged(views):
     assert find_disagreeing(read_views(views)[0][::2]) == (0, [])
+
+
+def test_groups_that_lie_rightly_show_the_same(views):
+    right = read_views(views)[0]
+    among = {view.camera.name for view in right[::2]}
+    likeness = compare_groups(right, among)
+    assert likeness.same and likeness.score > 0.85, likeness
+
+
+def test_groups_laid_onto_the_wrong_side_do_not(views):
+    folded = fold(read_views(views)[0])
+    likeness = compare_groups(folded, {view.camera.name for view in folded[len(SEEN) // 2 :]})
+    assert likeness.patches > 200 and not likeness.same, likeness
+
+
+def test_groups_without_common_sides_are_not_called_the_same(views):
+    right = read_views(views)[0]
+    assert not compare_groups(right, {view.camera.name for view in right[len(SEEN) // 2 :]}).same

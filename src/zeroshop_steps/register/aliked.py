@@ -159,7 +159,7 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
     with scratch_directory(out, "aliked") as scratch:
         database = scratch / "database.db"
         structure = options.structure
-        figures |= write_matches(database, image_set, matcher.keypoints, matches, 2, structure.seed, options.focal_px)
+        figures |= write_matches(database, image_set, matcher.keypoints, matches, 2, structure.seed, options.focal_px, distorted=False)
         if not figures["matches"]:
             raise RegistrationFailed("no two images share enough features that surely match; take more pictures with more overlap", figures)
         number = {path.stem: index for index, path in enumerate(image_set.images)}

@@ -29,23 +29,24 @@ def group_by_lens(image_set: ImageSet) -> list[list[str]]:
     return [names for _, names in groups]
 
 
-def import_images(database: Path, image_set: ImageSet, focal_px: float | None = None) -> None:
+def import_images(database: Path, image_set: ImageSet, focal_px: float | None = None, distorted: bool = True) -> None:
     """Write a camera for each lens, and all images, into a new database; the mapper finds the lenses' parameters.
 
     Args:
         database: file to create.
         image_set: what to import.
         focal_px: known focal length, in pixels of the largest images; None reads EXIF, else estimates it from the longer side.
+        distorted: whether lenses may be distorted; points of an object in the middle of the images do not tell.
     """
     sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
     longest_px = max(map(max, image_set.sizes_px))
     create_database(database, len(image_set.images))
     for names in group_by_lens(image_set):
         reader = pycolmap.ImageReaderOptions()
-        reader.camera_model = "SIMPLE_RADIAL"
+        reader.camera_model = "SIMPLE_RADIAL" if distorted else "SIMPLE_PINHOLE"
         if focal_px is not None:
             width, height = sizes[names[0]]
-            reader.camera_params = f"{focal_px * max(width, height) / longest_px},{width / 2},{height / 2},0"
+            reader.camera_params = f"{focal_px * max(width, height) / longest_px},{width / 2},{height / 2}" + (",0" if distorted else "")
         pycolmap.import_images(database, image_set.images[0].parent, pycolmap.CameraMode.SINGLE, names, reader)
 
 

@@ -30,7 +30,12 @@ def map_incrementally(
     database: Path, images: Path, output: Path, options: pycolmap.IncrementalPipelineOptions
 ) -> pycolmap.Reconstruction | None:
     """Reconstruct; the model with the most images (then the most points) is returned, None when there is none."""
+    models = map_groups(database, images, output, options)
+    return max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+
+
+def map_groups(database: Path, images: Path, output: Path, options: pycolmap.IncrementalPipelineOptions) -> list[pycolmap.Reconstruction]:
+    """Reconstruct; the models of all groups of images that fit together."""
     output.mkdir(parents=True, exist_ok=True)
     pycolmap.set_random_seed(max(options.random_seed, 0))
-    models = pycolmap.incremental_mapping(database, images, output, options)
-    return max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+    return list(pycolmap.incremental_mapping(database, images, output, options).values())

@@ -24,6 +24,7 @@ def write_matches(
     min_track: int,
     seed: int,
     focal_px: float | None = None,
+    distorted: bool = True,
 ) -> dict[str, int]:
     """Write a camera for each lens, the keypoints of all images and their matches into a new database, and verify these.
 
@@ -34,13 +35,14 @@ def write_matches(
         min_track: the fewest keypoints that matches must connect for these to be kept.
         seed: of RANSAC.
         focal_px: known focal length; None reads EXIF, else estimates.
+        distorted: whether lenses may be distorted.
 
     Returns:
         How many keypoints and matches were kept.
     """
     kept = find_long_tracks([len(points) for points in keypoints], matches, min_track)
     number = [np.cumsum(mask) - 1 for mask in kept]
-    import_images(database, image_set, focal_px)
+    import_images(database, image_set, focal_px, distorted)
     listed, count = [], 0
     with pycolmap.Database.open(database) as opened:
         ids = [opened.read_image_with_name(name).image_id for name in image_set.names]

@@ -40,6 +40,10 @@ VISIBLE = 0.06  # of the radius: how near to the hull's front in the neighbour a
 WHOLE = 0.95  # share of a patch that must be on the object in both
 FEW_PAIRS, WRONG_SHARE = 2, 0.25
 """So many pairs of neighbours may disagree, or this share of those judged: up to 0.05 in right models, 0.5 to 0.9 in wrong ones."""
+JOINING_DEG = 42.0  # between views of two groups
+JOINING_PAIRS, JOINING_PATCHES, UNLIKE_SCORE, JOINING_UNLIKE = 2, 50, 0.6, 0.15
+"""Groups show the same where enough is compared, and so few patches stay below the score: 0.01 to 0.08 in right ways, 0.31 to 0.51 in wrong
+ones."""
 
 Carry = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
@@ -77,18 +81,7 @@ def find_disagreeing(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]
     Args:
         views: the registered views, with masks.
     """
-    cameras, masks = [view.camera for view in views], [view.mask() for view in views]
-    centre, radius = bound_object(cameras, masks)
-    pairs = _find_neighbours(cameras, centre)
-    if not pairs:
-        return 0, []
-    to_centre = np.eye(4)
-    to_centre[:3, 3] = -centre
-    centred = [transform_camera(camera, to_centre) for camera in cameras]
-    allowed = max(1, round(MISSING_SHARE * len(views)))
-    hull = find_inside_masks(voxel_centres(radius, VOXELS), centred, masks, allowed).reshape((VOXELS,) * 3)
-    needed = sorted({view for one, other, _ in pairs for view in (one, other)})
-    small = {view: _shrink(centred[view], masks[view], views[view].image(), hull, radius) for view in needed}
+    small, pairs, radius = _make_small_views(views, NEAR_DEG)
     judged, disagreeing = 0, []
     for one, other, angle_deg in pairs:
         scores = [score for score in (compare(small[a], small[b], radius) for a, b in ((one, other), (other, one))) if score is not None]
@@ -96,12 +89,68 @@ def find_disagreeing(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]
             continue
         judged += 1
         if np.mean(scores) < LEAST_SCORE - SCORE_PER_DEG * angle_deg:
-            disagreeing.append((Path(cameras[one].name).stem, Path(cameras[other].name).stem))
+            disagreeing.append((Path(views[one].camera.name).stem, Path(views[other].camera.name).stem))
     return judged, disagreeing
 
 
-def compare(one: SmallView, other: SmallView, radius: float) -> float | None:
-    """How well the patches of a view are found in another, from -1 to 1: the median patch. None where too few are seen in both."""
+@dataclass(frozen=True)
+class Likeness:
+    """How well views of two groups of cameras show the same.
+
+    Attributes:
+        pairs, patches: how many were compared.
+        score: of the median patch, from -1 to 1.
+        unlike_share: of the patches that are found nowhere near.
+    """
+
+    pairs: int
+    patches: int
+    score: float
+    unlike_share: float
+
+    @property
+    def same(self) -> bool:
+        """Whether they show the same; too few patches do not."""
+        return self.pairs >= JOINING_PAIRS and self.patches >= JOINING_PATCHES and self.unlike_share <= JOINING_UNLIKE
+
+    def figures(self) -> dict[str, Any]:
+        """For the record."""
+        return {"pairs": self.pairs, "patches": self.patches, "score": round(self.score, 3), "unlike_share": round(self.unlike_share, 3)}
+
+
+def compare_groups(views: Sequence[View], group: set[str]) -> Likeness:
+    """Compare neighbouring views of which one belongs to `group`, by names of images, and the other does not."""
+    small, pairs, radius = _make_small_views(views, JOINING_DEG)
+    scores, compared = [np.zeros(0)], 0
+    for one, other, _ in pairs:
+        if (views[one].camera.name in group) != (views[other].camera.name in group):
+            found = [_find_in_place(small[a], small[b], radius) for a, b in ((one, other), (other, one))]
+            compared += any(len(part) for part in found)
+            scores += found
+    every = np.concatenate(scores)
+    if not len(every):
+        return Likeness(0, 0, 0.0, 1.0)
+    return Likeness(compared, len(every), float(np.median(every)), float((every < UNLIKE_SCORE).mean()))
+
+
+def _make_small_views(views: Sequence[View], near_deg: float) -> tuple[dict[int, SmallView], list[tuple[int, int, float]], float]:
+    """Small copies of the views that have neighbours, the pairs of these, and the radius of the object."""
+    cameras, masks = [view.camera for view in views], [view.mask() for view in views]
+    centre, radius = bound_object(cameras, masks)
+    pairs = _find_neighbours(cameras, centre, near_deg)
+    if not pairs:
+        return {}, [], radius
+    to_centre = np.eye(4)
+    to_centre[:3, 3] = -centre
+    centred = [transform_camera(camera, to_centre) for camera in cameras]
+    allowed = max(1, round(MISSING_SHARE * len(views)))
+    hull = find_inside_masks(voxel_centres(radius, VOXELS), centred, masks, allowed).reshape((VOXELS,) * 3)
+    needed = sorted({view for one, other, _ in pairs for view in (one, other)})
+    return {view: _shrink(centred[view], masks[view], views[view].image(), hull, radius) for view in needed}, pairs, radius
+
+
+def _make_carry(one: SmallView, other: SmallView) -> Carry:
+    """What carries what another view shows into this one, along the hull's front or behind it."""
     rows, columns = np.nonzero(one.depth > 0)
     rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], 1) @ np.linalg.inv(one.camera.intrinsics).T
     world_from_camera = np.linalg.inv(one.camera.camera_from_world)
@@ -114,20 +163,27 @@ def compare(one: SmallView, other: SmallView, radius: float) -> float | None:
         places[rows, columns] = pixels - 0.5
         return cv2.remap(values, places[..., 0], places[..., 1], cv2.INTER_LINEAR), depth
 
-    in_place = _compare_in_place(one, other, carry, VISIBLE * radius)
-    at_depths = _compare_at_depths(one, other, carry, radius)
-    found = [score for score in (in_place, at_depths) if score is not None]
+    return carry
+
+
+def compare(one: SmallView, other: SmallView, radius: float) -> float | None:
+    """How well the patches of a view are found in another, from -1 to 1: the median patch. None where too few are seen in both."""
+    in_place = _find_in_place(one, other, radius)
+    found = [float(np.median(in_place))] if len(in_place) >= LEAST_PATCHES else []
+    at_depths = _compare_at_depths(one, other, _make_carry(one, other), radius)
+    found += [] if at_depths is None else [at_depths]
     return max(found) if found else None
 
 
-def _compare_in_place(one: SmallView, other: SmallView, carry: Carry, tolerance: float) -> float | None:
+def _find_in_place(one: SmallView, other: SmallView, radius: float) -> np.ndarray:
+    """(P,) scores of the patches that both see, along the hull's front."""
+    carry = _make_carry(one, other)
     carried, depth = carry(other.grey, 0.0)
     front, _ = carry(other.depth.astype(np.float32), 0.0)
     seen = one.depth > 0
-    seen[seen] = np.abs(front[seen] - depth) < tolerance
+    seen[seen] = np.abs(front[seen] - depth) < VISIBLE * radius
     whole = cv2.boxFilter(seen.astype(np.float32), -1, (PATCH_PX, PATCH_PX)) >= WHOLE
-    scores = compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
-    return float(np.median(scores)) if len(scores) >= LEAST_PATCHES else None
+    return compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
 
 
 def _compare_at_depths(one: SmallView, other: SmallView, carry: Carry, radius: float) -> float | None:
@@ -158,12 +214,12 @@ def _count_depths(one: SmallView, other: SmallView, radius: float) -> int:
     return 2 + int(np.linalg.norm(ends[1] - ends[0]) / DEPTH_STEP_PX)
 
 
-def _find_neighbours(cameras: Sequence[Camera], centre: np.ndarray) -> list[tuple[int, int, float]]:
+def _find_neighbours(cameras: Sequence[Camera], centre: np.ndarray, near_deg: float) -> list[tuple[int, int, float]]:
     """Pairs of views (one, other) that are neighbours, and the angle between their directions, in degrees."""
     looks = np.array([camera.centre_in_world for camera in cameras]) - centre
     distances = np.linalg.norm(looks, axis=1)
     angles = np.degrees(np.arccos(np.clip((looks @ looks.T) / np.outer(distances, distances), -1, 1)))
-    near = (angles <= NEAR_DEG) & (np.abs(np.log(distances[:, None] / distances[None])) <= np.log(NEAR_SCALE))
+    near = (angles <= near_deg) & (np.abs(np.log(distances[:, None] / distances[None])) <= np.log(NEAR_SCALE))
     return [(int(one), int(other), float(angles[one, other])) for one, other in np.argwhere(np.triu(near, 1))]
 
 

@@ -3,7 +3,7 @@
 import argparse
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,9 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
+from zeroshop_steps.register.group_joining import LEAST_IMAGES, join_groups
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.mapping import make_mapping_options, map_incrementally
+from zeroshop_steps.register.mapping import make_mapping_options, map_groups, map_incrementally
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.photo_groups import describe_groups, find_groups
@@ -128,7 +129,14 @@ def reconstruct(
     if model is not None:
         model, report = _settle(model, image_set, database, scratch, options, figures)
         stopwatch.lap("repair")
-    registered = model.num_reg_images() if model else 0
+    registered, joined = (model.num_reg_images() if model else 0), False
+    if by_object and registered < needed:
+        whole, figures["joining"] = join_groups(_map_groups(database, image_set, options), image_set, scratch)
+        stopwatch.lap("join")
+        if whole is not None and whole.num_reg_images() >= needed:
+            model, registered, joined = whole, whole.num_reg_images(), True
+            # No matches hold the groups to each other: outlines and pictures do, and were asked.
+            report = check_consistency(model, image_set, database, replace(options.limits, cut_matches=0))
     if model is None or registered < needed:
         way_out = "register the whole scene, with its ground" if options.object_only else "put the object on a strongly textured surface"
         raise RegistrationFailed(
@@ -150,7 +158,7 @@ def reconstruct(
             *figures.get("warnings", []),
             f"the masks of {len(report.wrong_masks)} of {count} photos contradict those of the others: {shown}",
         ]
-    if by_object and report.reason is None:
+    if by_object and not joined and report.reason is None:
         model, report = _adjust_by_outlines(model, report, image_set, database, options, figures)
         stopwatch.lap("outlines")
     pinhole_model = undistort(model, image_set, out)
@@ -160,10 +168,15 @@ def reconstruct(
     stopwatch.stop()
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
-    record = check_sides(pinhole_model, figures, look_again)
+    record = figures if joined else check_sides(pinhole_model, figures, look_again)
     if by_object:
         check_neighbours(read_views(out)[0], record, pinhole_model)
     return record
+
+
+def _map_groups(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:
+    mapper = make_mapping_options(LEAST_IMAGES, options.seed)
+    return map_groups(database, image_set.images[0].parent, database.parent / "groups", mapper)
 
 
 def _adjust_by_outlines(

@@ -1,0 +1,146 @@
+"""How two groups of cameras of one object lie to each other, by its outlines alone.
+
+Each group's cameras fit together, and no match holds the groups to each other. The object's centre and size are known in both, and so is
+up, as cameras are held upright; only the turn about it is open. Many turns are tried: each ray through a rim of the one group must pass
+through the masks of the other, somewhere within the one group's own visual hull. The best turns are refined with all seven freedoms.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
+from zeroshop_steps.geometry.transforms import compute_scale
+from zeroshop_steps.register.image_set import REFERENCE_PX
+from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
+from zeroshop_steps.register.silhouette_coherence import bound_object, choose_rim_pixels
+
+RAYS, STEPS = 40, 48  # of each view, and depths along each
+TURNS, REFINED = 48, 6  # that are tried, and the best of them that are refined
+MOST_PX = 30.0  # of a miss: beyond, farther is not worse
+OWN_MISS_PX = -2.0  # within its own group a point of a ray may miss a mask by as much
+EVALUATIONS, STEP, LOSS_PX = 25, 2e-3, 2.0  # of the refinement
+SAME_DEG = 6.0  # ways that differ by a smaller turn are one
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One way in which a group may lie to another.
+
+    Attributes:
+        target_from_source: (4, 4) similarity.
+        miss_px: by how much the rays of each miss the masks of the other on average, px per 1000 px of the image.
+    """
+
+    target_from_source: np.ndarray
+    miss_px: float
+
+
+class CameraGroup:
+    """Cameras that fit together, their masks' signed distances, and points along the rays through the rims within the group's hull."""
+
+    def __init__(self, cameras: Sequence[Camera], masks: dict[str, np.ndarray]) -> None:
+        """Take pinhole cameras and {image name: (height, width) bool} masks of their sizes."""
+        self.cameras = list(cameras)
+        chosen = [masks[camera.name] for camera in cameras]
+        scales = [max(camera.width_px, camera.height_px) / REFERENCE_PX for camera in cameras]
+        self.distances = [make_outline_distance(mask) / scale for mask, scale in zip(chosen, scales, strict=True)]
+        self.centre, self.radius = bound_object(self.cameras, chosen)
+        self.up, _ = estimate_up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
+        points, counts = [], []
+        for number, (camera, mask) in enumerate(zip(self.cameras, chosen, strict=True)):
+            for along in self._walk(number, camera, choose_rim_pixels(mask, RAYS)):
+                points.append(along)
+                counts.append(len(along))
+        self.points = np.concatenate(points)
+        self.starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+
+    def measure_inside(self, points: np.ndarray, without: int | None = None) -> np.ndarray:
+        """(P,) least signed distance of points in the masks of all views, or all but one, px per 1000 px of the image."""
+        least = np.full(len(points), np.inf)
+        for number, (camera, distance) in enumerate(zip(self.cameras, self.distances, strict=True)):
+            if number != without:
+                pixels, depth = camera.project(points)
+                least = np.minimum(least, np.where(depth > 0, look_up_many(distance, pixels), -REFERENCE_PX))
+        return least
+
+    def measure_misses(self, other: "CameraGroup", other_from_this: np.ndarray) -> np.ndarray:
+        """(R,) by how much each ray of this group misses the masks of another."""
+        moved = self.points @ other_from_this[:3, :3].T + other_from_this[:3, 3]
+        best = np.maximum.reduceat(other.measure_inside(moved), self.starts)
+        return np.clip(-best, 0.0, MOST_PX)
+
+    def _walk(self, number: int, camera: Camera, pixels: np.ndarray) -> list[np.ndarray]:
+        """For each pixel, (D, 3) points of its ray that the group's other masks allow: at least the best one."""
+        world_from_camera = np.linalg.inv(camera.camera_from_world)
+        rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T
+        middle = float((camera.camera_from_world @ [*self.centre, 1.0])[2])
+        depths = np.linspace(middle - self.radius, middle + self.radius, STEPS)
+        points = (rays[:, None] * depths[:, None]).reshape(-1, 3) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
+        inside = self.measure_inside(points, number).reshape(len(pixels), STEPS)
+        allowed = inside >= np.minimum(OWN_MISS_PX, inside.max(1, keepdims=True))
+        return [ray[keep] for ray, keep in zip(points.reshape(len(pixels), STEPS, 3), allowed, strict=True)]
+
+
+def find_hypotheses(target: CameraGroup, source: CameraGroup) -> list[Hypothesis]:
+    """How `source` may lie to `target`, the likeliest first."""
+
+    def miss(target_from_source: np.ndarray) -> np.ndarray:
+        back = np.linalg.inv(target_from_source)
+        return np.concatenate([source.measure_misses(target, target_from_source), target.measure_misses(source, back)])
+
+    turns = [_lay(target, source, turn) for turn in np.linspace(0, 2 * np.pi, TURNS, endpoint=False)]
+    costs = np.array([miss(turn).mean() for turn in turns])
+    lowest = [n for n in np.argsort(costs, kind="stable") if costs[n] <= min(costs[n - 1], costs[(n + 1) % TURNS])]
+    found = []
+    for number in lowest[:REFINED]:
+        start = turns[number]
+
+        def residuals(step: np.ndarray, start: np.ndarray = start) -> np.ndarray:
+            return miss(_move(start, step, target))
+
+        fit = least_squares(residuals, np.zeros(7), diff_step=STEP, loss="soft_l1", f_scale=LOSS_PX, max_nfev=EVALUATIONS)
+        refined = _move(start, fit.x, target)
+        found.append(Hypothesis(refined, float(miss(refined).mean())))
+    distinct: list[Hypothesis] = []
+    for hypothesis in sorted(found, key=lambda hypothesis: hypothesis.miss_px):
+        if all(_measure_turn_deg(hypothesis, other) > SAME_DEG for other in distinct):
+            distinct.append(hypothesis)
+    return distinct
+
+
+def _measure_turn_deg(one: Hypothesis, other: Hypothesis) -> float:
+    between = one.target_from_source @ np.linalg.inv(other.target_from_source)
+    return float(np.degrees(Rotation.from_matrix(between[:3, :3] / compute_scale(between)).magnitude()))
+
+
+def _lay(target: CameraGroup, source: CameraGroup, turn: float) -> np.ndarray:
+    """(4, 4) the similarity that lays centre on centre, up on up and size on size, turned about up by radians."""
+    rotation = _make_frame(target.up) @ Rotation.from_euler("z", turn).as_matrix() @ _make_frame(source.up).T
+    scale = target.radius / source.radius
+    similarity = np.eye(4)
+    similarity[:3, :3] = scale * rotation
+    similarity[:3, 3] = target.centre - scale * rotation @ source.centre
+    return similarity
+
+
+def _make_frame(up: np.ndarray) -> np.ndarray:
+    """(3, 3) a rotation whose last column is up."""
+    across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(up, across), up], axis=1)
+
+
+def _move(start: np.ndarray, step: np.ndarray, target: CameraGroup) -> np.ndarray:
+    """A similarity after a step: turned (3) and scaled (1) about the target's centre, and shifted (3) by shares of its radius."""
+    turn = np.exp(step[3]) * Rotation.from_rotvec(step[:3]).as_matrix()
+    moved = np.eye(4)
+    moved[:3, :3] = turn
+    moved[:3, 3] = target.centre - turn @ target.centre + step[4:] * target.radius
+    return moved @ start
