@@ -206,10 +206,11 @@ class OutlineAdjustment:
         """
         size = 6 * len(self.cameras) + 1
         hessian, gradient = np.zeros((size, size)), np.zeros(size)
-        for columns, jacobian, residual, weight in (self._linearize_outlines(), self._linearize_tracks()[:4]):
+        seen = self._linearize_tracks()
+        for columns, jacobian, residual, weight in (self._linearize_outlines(), seen[:4]):
             np.add.at(hessian, (columns[:, :, None], columns[:, None, :]), np.einsum("k,kra,krb->kab", weight, jacobian, jacobian))
             np.add.at(gradient, columns, np.einsum("k,kra,kr->ka", weight, jacobian, residual))
-        columns, jacobian, residual, weight, by_point = self._linearize_tracks()
+        columns, jacobian, residual, weight, by_point = seen
         count = self.tracks.count
         coupling, blocks, points_gradient = np.zeros((count, size, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3))
         point = self.tracks.point
