@@ -72,8 +72,8 @@ def _judge_ways(
         with scratch_directory(scratch / "joined", "views") as folder:
             undistort(adjusted, image_set, folder)
             alike = compare_groups(read_views(folder)[0], added)
-        miss_px = misses["outline_miss_px"][1]
-        figures = {"outline_miss_px": miss_px, **alike.figures(), "passed": miss_px <= FINE_MISS_PX and alike.same}
+        miss_px = misses[1]
+        figures = {"miss_px": miss_px, **alike.figures(), "passed": miss_px <= FINE_MISS_PX and alike.same}
         ways.append((adjusted, figures))
     return ways
 
