@@ -91,6 +91,15 @@ def test_false_observations_hardly_matter(views):
     assert compare_cameras(adjustment.adjusted_cameras(), cameras).centre_mm.mean() < 1.5
 
 
+def test_a_view_without_a_mask_is_held_by_its_tracks(views):
+    cameras, masks = views
+    some = {name: mask for name, mask in masks.items() if name not in (cameras[2].name, cameras[7].name)}
+    adjustment = OutlineAdjustment(shaken(cameras, 0.5, 1.0), some, tracks_of(cameras, 100, 0.3))
+    assert set(adjustment.rays.view) == set(range(VIEWS)) - {2, 7}
+    adjustment.adjust()
+    assert compare_cameras(adjustment.adjusted_cameras(), cameras).centre_mm.max() < 3.0
+
+
 def test_the_rim_lies_between_the_pixels():
     mask = np.zeros((40, 60), bool)
     mask[10:30, 20:40] = True

@@ -1,5 +1,7 @@
 """Adjust a COLMAP model of an object by the outlines that its masks show."""
 
+from collections.abc import Collection
+
 import numpy as np
 import pycolmap
 
@@ -9,15 +11,17 @@ from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
 from zeroshop_steps.register.undistort import undistort_masks
 
 
-def adjust_model_by_outlines(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[pycolmap.Reconstruction, list[float]]:
-    """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims.
+def adjust_model_by_outlines(
+    model: pycolmap.Reconstruction, image_set: ImageSet, wrong_masks: Collection[str] = ()
+) -> tuple[pycolmap.Reconstruction, list[float]]:
+    """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims, but for those of wrong masks.
 
     Returns:
         An adjusted copy, and by how much the rays of the rims missed the other masks before and after: the mean, px per 1000 px.
     """
     cameras, masks = undistort_masks(model, image_set)
     point_ids, tracks = read_tracks(model, cameras)
-    adjustment = OutlineAdjustment(cameras, masks, tracks)
+    adjustment = OutlineAdjustment(cameras, {name: mask for name, mask in masks.items() if name not in wrong_masks}, tracks)
     before_px = float(adjustment.measure_misses_px().mean())
     adjustment.adjust()
     after_px = float(adjustment.measure_misses_px().mean())

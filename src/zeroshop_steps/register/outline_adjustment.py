@@ -73,16 +73,19 @@ class OutlineAdjustment:
 
         Args:
             cameras: N registered pinhole cameras.
-            masks: {image name: (height, width) bool}, of the cameras' sizes.
+            masks: {image name: (height, width) bool}, of the cameras' sizes; cameras without one are held by their tracks alone.
             tracks: what they see; may be empty.
         """
-        chosen = [masks[camera.name] for camera in cameras]
+        chosen = [masks.get(camera.name) for camera in cameras]
         self.cameras, self.tracks = list(cameras), tracks
-        self.centre, self.radius = bound_object(self.cameras, chosen)
+        known = [(camera, mask) for camera, mask in zip(cameras, chosen, strict=True) if mask is not None]
+        self.centre, self.radius = bound_object([camera for camera, _ in known], [mask for _, mask in known])
         self.focal_px = np.array([camera.intrinsics[0, 0] for camera in cameras])
         self.middle_px = np.array([camera.intrinsics[:2, 2] for camera in cameras])
         self.unit_px = np.array([max(camera.width_px, camera.height_px) / REFERENCE_PX for camera in cameras])
-        self.distance = [make_outline_distance(mask) / unit for mask, unit in zip(chosen, self.unit_px, strict=True)]
+        self.distance = [
+            None if mask is None else make_outline_distance(mask) / unit for mask, unit in zip(chosen, self.unit_px, strict=True)
+        ]
         self.rays = OutlineRays.choose(chosen, self.distance)
         rotation = np.array([camera.camera_from_world[:3, :3] for camera in cameras])
         translation = np.array([(camera.camera_from_world @ [*self.centre, 1.0])[:3] / self.radius for camera in cameras])
@@ -173,8 +176,11 @@ class OutlineAdjustment:
             return np.einsum("kji,kj->ki", state.rotation[view], rays)
 
         def look(view: int, points: np.ndarray) -> np.ndarray:
+            distance = self.distance[view]
+            if distance is None:
+                return np.full(len(points), np.inf)
             pixels, inside = self._project(state, np.full(len(points), view), points)
-            return np.where(inside[:, 2] > 0, look_up_many(self.distance[view], pixels), -np.float32(REFERENCE_PX))
+            return np.where(inside[:, 2] > 0, look_up_many(distance, pixels), -np.float32(REFERENCE_PX))
 
         return self.rays.touch(state.translation[:, 2], place, look)
 
@@ -229,7 +235,9 @@ class OutlineAdjustment:
         pixels, inside = self._project(state, other, points)
         slope = np.zeros((len(other), 2))
         for view in np.unique(other):
-            slope[other == view] = self._slope(int(view), pixels[other == view])
+            distance = self.distance[view]
+            if distance is not None:
+                slope[other == view] = _measure_slope(distance, pixels[other == view]) * self.unit_px[view]
         by_inside = np.einsum("kr,krc->kc", slope, self._differentiate_projection(other, inside))
         by_world = np.einsum("kc,kcd->kd", by_inside, state.rotation[other])
         turn = make_cross_matrices(points)
@@ -245,12 +253,6 @@ class OutlineAdjustment:
         jacobian[residual >= 0] = 0.0
         return columns, jacobian, residual[:, None], 1 / (1 + np.abs(residual))
 
-    def _slope(self, view: int, pixels: np.ndarray) -> np.ndarray:
-        """(K, 2) derivative of a view's signed distance by the pixel, both per 1000 px."""
-        half = 0.5 * np.eye(2)
-        ahead, behind = ([look_up_many(self.distance[view], pixels + sign * step) for step in half] for sign in (1, -1))
-        return (np.stack(ahead, 1) - np.stack(behind, 1)) * self.unit_px[view]
-
     def _linearize_tracks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Columns, derivative, residual and weight of each observation, and (O, 2, 3) its derivative by its point."""
         state, tracks = self.state, self.tracks
@@ -263,3 +265,10 @@ class OutlineAdjustment:
         last = np.full((len(errors), 1), 6 * len(self.cameras))
         columns = np.concatenate([6 * tracks.view[:, None] + np.arange(6), last], axis=1)
         return columns, jacobian, errors, 1 / (1 + (errors**2).sum(1)), by_point
+
+
+def _measure_slope(distance: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(K, 2) derivative of a signed distance by the pixel."""
+    half = 0.5 * np.eye(2)
+    ahead, behind = ([look_up_many(distance, pixels + sign * step) for step in half] for sign in (1, -1))
+    return np.stack(ahead, 1) - np.stack(behind, 1)

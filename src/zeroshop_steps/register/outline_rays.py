@@ -43,10 +43,13 @@ class OutlineRays:
     value: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def choose(cls, masks: Sequence[np.ndarray], distances: Sequence[np.ndarray]) -> "OutlineRays":
-        """Rays that are spread over the rims of masks, with the signed distances to these."""
+    def choose(cls, masks: Sequence[np.ndarray | None], distances: Sequence[np.ndarray | None]) -> "OutlineRays":
+        """Rays that are spread over the rims of masks, with the signed distances to these; none of views without a mask."""
         each = min(MOST_RAYS_OF_VIEW, MOST_RAYS // len(masks))
-        pixels = [_move_onto_rim(choose_rim_pixels(mask, each), distance) for mask, distance in zip(masks, distances, strict=True)]
+        pixels = [
+            np.zeros((0, 2)) if mask is None or distance is None else _move_onto_rim(choose_rim_pixels(mask, each), distance)
+            for mask, distance in zip(masks, distances, strict=True)
+        ]
         return cls(np.repeat(np.arange(len(masks)), [len(part) for part in pixels]), np.concatenate(pixels), len(masks))
 
     def touch(self, centre_depth: np.ndarray, place: Place, look: Look) -> np.ndarray:
