@@ -44,8 +44,9 @@ class Browser:
         message = {"id": self.number, "method": method, "params": parameters}
         message |= {"sessionId": self.session} if self.session else {}
         os.write(self.into, json.dumps(message).encode() + b"\0")
+        end = time.monotonic() + 60
         while True:
-            answer = self._read(60)
+            answer = self._read(max(0.0, end - time.monotonic()))
             if answer.get("id") == self.number:
                 if "error" in answer:
                     raise RuntimeError(f"{method}: {answer['error']['message']}")
@@ -98,7 +99,10 @@ class Browser:
             ready, _, _ = select.select([self.out], [], [], max(0.0, end - time.monotonic()))
             if not ready:
                 raise TimeoutError("the browser does not answer")
-            self.buffer += os.read(self.out, 1 << 20)
+            read = os.read(self.out, 1 << 20)
+            if not read:
+                raise ConnectionError("the browser has ended")
+            self.buffer += read
         text, _, self.buffer = self.buffer.partition(b"\0")
         message = json.loads(text)
         self._note(message.get("method"), message.get("params", {}))
@@ -117,7 +121,17 @@ class Browser:
 
 @contextlib.contextmanager
 def browser(profile: Path) -> Iterator[Browser]:
-    """A browser that keeps what it must in the folder `profile`, closed at the end."""
+    """A browser that keeps what it must in the folder `profile`, closed at the end. On a busy machine it may not start the first time."""
+    with contextlib.ExitStack() as stack:
+        try:
+            found = stack.enter_context(_start(profile))
+        except (TimeoutError, ConnectionError):
+            found = stack.enter_context(_start(profile.with_name(f"{profile.name}_again")))
+        yield found
+
+
+@contextlib.contextmanager
+def _start(profile: Path) -> Iterator[Browser]:
     to_read, into = os.pipe()
     out, to_write = os.pipe()
 
