@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import fcntl
 import json
 import os
 import select
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+FREE_DESCRIPTOR = 10  # the least that both pipes move to
 LOCAL = ("file:", "data:", "blob:", "about:")
 # Only WebGL without a GPU is switched on; --no-sandbox is for machines where tests run as root, on pages of their own.
 OPTIONS = (
@@ -121,24 +123,13 @@ class Browser:
 
 @contextlib.contextmanager
 def browser(profile: Path) -> Iterator[Browser]:
-    """A browser that keeps what it must in the folder `profile`, closed at the end. On a busy machine it may not start the first time."""
-    with contextlib.ExitStack() as stack:
-        try:
-            found = stack.enter_context(_start(profile))
-        except (TimeoutError, ConnectionError):
-            found = stack.enter_context(_start(profile.with_name(f"{profile.name}_again")))
-        yield found
-
-
-@contextlib.contextmanager
-def _start(profile: Path) -> Iterator[Browser]:
+    """A browser that keeps what it must in the folder `profile`, closed at the end."""
     to_read, into = os.pipe()
     out, to_write = os.pipe()
 
     def as_three_and_four() -> None:
-        # The protocol's pipes are descriptors 3 and 4; these two may be among those that are moved.
-        read, write = os.dup(to_read), os.dup(to_write)
-        read, write = (os.dup2(read, 20), os.dup2(write, 21))
+        # The protocol's pipes are descriptors 3 and 4; these two may be among those that are moved: so both go out of the way first.
+        read, write = (fcntl.fcntl(end, fcntl.F_DUPFD, FREE_DESCRIPTOR) for end in (to_read, to_write))
         os.dup2(read, 3, True)
         os.dup2(write, 4, True)
 
