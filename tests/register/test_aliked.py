@@ -53,11 +53,45 @@ def test_true_matches_with_noise_give_the_true_cameras(scene, tmp_path):
     (tmp_path / "cameras").mkdir()
     figures = register(scene.image_set(tmp_path), tmp_path / "cameras", AlikedOptions(), lambda crops: KnownFeatures(scene))
     assert figures["registered"] == 12 and figures["contradicting_pairs"] == [] and figures["strangers"] == []
-    pairs = pair_with_truth(read_sparse_model(tmp_path / "cameras/sparse").cameras, tuple(scene.cameras))
-    found = transform_points(np.array([camera.centre_in_world for camera, _ in pairs]), align_to_truth(pairs))
-    errors_mm = np.linalg.norm(found - [camera.centre_in_world for _, camera in pairs], axis=1)
+    errors_mm = measure_errors_mm(scene, tmp_path / "cameras")
     assert errors_mm.mean() < 1.5, errors_mm
     assert len(list((tmp_path / "cameras/masks").iterdir())) == 12
+
+
+class TwoHalves(KnownFeatures):
+    """Nothing matches between the first six views and the others."""
+
+    def match(self, first, second):
+        numbers, scores = super().match(first, second)
+        return (numbers, scores) if (first < 6) == (second < 6) else (numbers[:0], scores[:0])
+
+
+def measure_errors_mm(scene, cameras):
+    pairs = pair_with_truth(read_sparse_model(cameras / "sparse").cameras, tuple(scene.cameras))
+    found = transform_points(np.array([camera.centre_in_world for camera, _ in pairs]), align_to_truth(pairs))
+    return np.linalg.norm(found - [camera.centre_in_world for _, camera in pairs], axis=1)
+
+
+@pytest.mark.slow
+def test_two_halves_of_a_plain_carton_are_not_joined(scene, tmp_path):
+    """It fits onto itself in two ways, and no print tells them apart."""
+    (tmp_path / "cameras").mkdir()
+    with pytest.raises(RegistrationFailed, match="6 of 12 images registered") as failure:
+        register(scene.image_set(tmp_path), tmp_path / "cameras", AlikedOptions(), lambda crops: TwoHalves(scene))
+    (tried,) = failure.value.figures["joining"]
+    assert [way["verdict"] for way in tried["ways"]].count("same") + [way["verdict"] for way in tried["ways"]].count("open") >= 2
+
+
+@pytest.mark.slow
+def test_two_halves_of_a_printed_carton_are_joined(scene, tmp_path):
+    (tmp_path / "cameras").mkdir()
+    image_set = scene.image_set(tmp_path)
+    scene.paint(tmp_path)
+    figures = register(image_set, tmp_path / "cameras", AlikedOptions(), lambda crops: TwoHalves(scene))
+    assert figures["registered"] == 12
+    assert [way["verdict"] for way in figures["joining"][0]["ways"]].count("same") == 1
+    errors_mm = measure_errors_mm(scene, tmp_path / "cameras")
+    assert errors_mm.mean() < 3.0, errors_mm
 
 
 def test_whole_photos_are_refused(scene, tmp_path):

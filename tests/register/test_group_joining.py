@@ -64,7 +64,7 @@ def test_two_halves_find_each_other(bottle):
 
 def test_what_looks_alike_from_all_sides_stays_open():
     hypotheses, _, _ = find(*see(trimesh.creation.cylinder(30, 80, sections=64)))
-    assert len(hypotheses) == 1 or hypotheses[1].miss_px < 1.5 * hypotheses[0].miss_px + 0.3
+    assert hypotheses == []
 
 
 def test_merged_models_are_the_whole_again(tmp_path):

@@ -12,7 +12,8 @@ from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register.neighbour_agreement import check_neighbours, compare_groups, find_disagreeing
+from zeroshop_steps.register.group_likeness import compare_groups
+from zeroshop_steps.register.neighbour_agreement import check_neighbours, find_disagreeing
 from zeroshop_steps.register.record import RegistrationFailed
 
 VIEWS = 24

@@ -2,7 +2,8 @@
 
 An object may be matched from front and from back, but not over its plain sides. Its outlines say how the groups lie to each other
 (`group_similarity`), often up to a half turn; then views of both groups that look from nearly one side must show the same. Exactly one way
-must pass, else nothing is joined: objects of revolution without print stay apart.
+must pass, and each other way that fits the outlines must be seen to be wrong, else nothing is joined: objects of revolution and boxes
+without print stay apart.
 """
 
 from pathlib import Path
@@ -14,20 +15,20 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import to_rigid
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.register.group_likeness import Likeness, compare_groups
 from zeroshop_steps.register.group_similarity import CameraGroup, find_hypotheses
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
-from zeroshop_steps.register.neighbour_agreement import compare_groups
 from zeroshop_steps.register.repair import refine_robustly
 from zeroshop_steps.register.undistort import undistort, undistort_masks
 from zeroshop_steps.runtime.files import scratch_directory
 
 LEAST_IMAGES = 5  # of a group
-JUDGED = 3  # of the likeliest ways in which two groups may lie to each other
-ROUGH_MISS_PX = 1.5  # beyond it, no way is adjusted and judged
+ROUGH_MISS_PX = 3.0  # beyond it, no way is adjusted and judged
 SHORTEST_TRACK = 2
-FINE_MISS_PX = 0.3
-"""After adjusting, on average, per 1000 px of the image. Right: 0.05 with exact masks."""
+FINE_MISS_PX, WRONG_MISS_PX = 0.3, 0.6
+"""After adjusting, on average, per 1000 px of the image: up to the first in right ways (0.05 with exact masks), beyond the second in wrong
+ones."""
 
 
 def join_groups(
@@ -52,9 +53,10 @@ def join_groups(
     whole, joined = groups[0], False
     for group in groups[1:]:
         ways = _judge_ways(whole, group, image_set, scratch)
-        right = [model for model, figures in ways if figures["passed"]]
+        right = [model for model, figures in ways if figures["verdict"] == "same"]
+        open_ways = sum(figures["verdict"] == "open" for _, figures in ways)
         tried.append({"images": [whole.num_reg_images(), group.num_reg_images()], "ways": [figures for _, figures in ways]})
-        if len(right) == 1:
+        if len(right) == 1 and not open_ways:
             whole, joined = right[0], True
     return (whole if joined else None), tried
 
@@ -64,7 +66,7 @@ def _judge_ways(
 ) -> list[tuple[pycolmap.Reconstruction, dict[str, Any]]]:
     """The likeliest ways to lay one group to the other: the adjusted model of both, and how well it fits."""
     ways = []
-    for hypothesis in find_hypotheses(*(CameraGroup(*undistort_masks(model, image_set)) for model in (target, source)))[:JUDGED]:
+    for hypothesis in find_hypotheses(*(CameraGroup(*undistort_masks(model, image_set)) for model in (target, source))):
         if hypothesis.miss_px > ROUGH_MISS_PX:
             continue
         merged, added = merge_models(target, source, hypothesis.target_from_source)
@@ -73,9 +75,15 @@ def _judge_ways(
             undistort(adjusted, image_set, folder)
             alike = compare_groups(read_views(folder)[0], added)
         miss_px = misses[1]
-        figures = {"miss_px": miss_px, **alike.figures(), "passed": miss_px <= FINE_MISS_PX and alike.same}
+        figures = {"miss_px": miss_px, **alike.figures(), "verdict": _judge(miss_px, alike)}
         ways.append((adjusted, figures))
     return ways
+
+
+def _judge(miss_px: float, alike: Likeness) -> str:
+    if miss_px > WRONG_MISS_PX or alike.different:
+        return "different"
+    return "same" if miss_px <= FINE_MISS_PX and alike.same else "open"
 
 
 def merge_models(

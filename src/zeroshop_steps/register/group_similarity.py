@@ -26,6 +26,8 @@ TURNS, REFINED = 48, 6  # that are tried, and the best of them that are refined
 MOST_PX = 30.0  # of a miss: beyond, farther is not worse
 OWN_MISS_PX = -2.0  # within its own group a point of a ray may miss a mask by as much
 EVALUATIONS, STEP, LOSS_PX = 25, 2e-3, 2.0  # of the refinement
+FLAT_PX, FLAT_SHARE = 1.5, 0.35
+"""Outlines do not say the turn where more than this share of the turns is as good as the best: 0.1 for bottles, 1 for a can."""
 SAME_DEG = 6.0  # ways that differ by a smaller turn are one
 
 
@@ -89,7 +91,7 @@ class CameraGroup:
 
 
 def find_hypotheses(target: CameraGroup, source: CameraGroup) -> list[Hypothesis]:
-    """How `source` may lie to `target`, the likeliest first."""
+    """How `source` may lie to `target`, the likeliest first; none where the outlines fit in nearly any turn."""
 
     def miss(target_from_source: np.ndarray) -> np.ndarray:
         back = np.linalg.inv(target_from_source)
@@ -97,6 +99,8 @@ def find_hypotheses(target: CameraGroup, source: CameraGroup) -> list[Hypothesis
 
     turns = [_lay(target, source, turn) for turn in np.linspace(0, 2 * np.pi, TURNS, endpoint=False)]
     costs = np.array([miss(turn).mean() for turn in turns])
+    if (costs <= costs.min() + FLAT_PX).mean() > FLAT_SHARE:
+        return []
     lowest = [n for n in np.argsort(costs, kind="stable") if costs[n] <= min(costs[n - 1], costs[(n + 1) % TURNS])]
     found = []
     for number in lowest[:REFINED]:

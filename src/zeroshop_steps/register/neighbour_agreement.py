@@ -40,10 +40,6 @@ VISIBLE = 0.06  # of the radius: how near to the hull's front in the neighbour a
 WHOLE = 0.95  # share of a patch that must be on the object in both
 FEW_PAIRS, WRONG_SHARE = 2, 0.25
 """So many pairs of neighbours may disagree, or this share of those judged: up to 0.05 in right models, 0.5 to 0.9 in wrong ones."""
-JOINING_DEG = 42.0  # between views of two groups
-JOINING_PAIRS, JOINING_PATCHES, UNLIKE_SCORE, JOINING_UNLIKE = 2, 50, 0.6, 0.15
-"""Groups show the same where enough is compared, and so few patches stay below the score: 0.01 to 0.08 in right ways, 0.31 to 0.51 in wrong
-ones."""
 
 Carry = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
@@ -81,7 +77,7 @@ def find_disagreeing(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]
     Args:
         views: the registered views, with masks.
     """
-    small, pairs, radius = _make_small_views(views, NEAR_DEG)
+    small, pairs, radius = make_small_views(views, NEAR_DEG)
     judged, disagreeing = 0, []
     for one, other, angle_deg in pairs:
         scores = [score for score in (compare(small[a], small[b], radius) for a, b in ((one, other), (other, one))) if score is not None]
@@ -93,47 +89,7 @@ def find_disagreeing(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]
     return judged, disagreeing
 
 
-@dataclass(frozen=True)
-class Likeness:
-    """How well views of two groups of cameras show the same.
-
-    Attributes:
-        pairs, patches: how many were compared.
-        score: of the median patch, from -1 to 1.
-        unlike_share: of the patches that are found nowhere near.
-    """
-
-    pairs: int
-    patches: int
-    score: float
-    unlike_share: float
-
-    @property
-    def same(self) -> bool:
-        """Whether they show the same; too few patches do not."""
-        return self.pairs >= JOINING_PAIRS and self.patches >= JOINING_PATCHES and self.unlike_share <= JOINING_UNLIKE
-
-    def figures(self) -> dict[str, Any]:
-        """For the record."""
-        return {"pairs": self.pairs, "patches": self.patches, "score": round(self.score, 3), "unlike_share": round(self.unlike_share, 3)}
-
-
-def compare_groups(views: Sequence[View], group: set[str]) -> Likeness:
-    """Compare neighbouring views of which one belongs to `group`, by names of images, and the other does not."""
-    small, pairs, radius = _make_small_views(views, JOINING_DEG)
-    scores, compared = [np.zeros(0)], 0
-    for one, other, _ in pairs:
-        if (views[one].camera.name in group) != (views[other].camera.name in group):
-            found = [_find_in_place(small[a], small[b], radius) for a, b in ((one, other), (other, one))]
-            compared += any(len(part) for part in found)
-            scores += found
-    every = np.concatenate(scores)
-    if not len(every):
-        return Likeness(0, 0, 0.0, 1.0)
-    return Likeness(compared, len(every), float(np.median(every)), float((every < UNLIKE_SCORE).mean()))
-
-
-def _make_small_views(views: Sequence[View], near_deg: float) -> tuple[dict[int, SmallView], list[tuple[int, int, float]], float]:
+def make_small_views(views: Sequence[View], near_deg: float) -> tuple[dict[int, SmallView], list[tuple[int, int, float]], float]:
     """Small copies of the views that have neighbours, the pairs of these, and the radius of the object."""
     cameras, masks = [view.camera for view in views], [view.mask() for view in views]
     centre, radius = bound_object(cameras, masks)
@@ -168,22 +124,28 @@ def _make_carry(one: SmallView, other: SmallView) -> Carry:
 
 def compare(one: SmallView, other: SmallView, radius: float) -> float | None:
     """How well the patches of a view are found in another, from -1 to 1: the median patch. None where too few are seen in both."""
-    in_place = _find_in_place(one, other, radius)
+    in_place = compare_in_place(one, other, radius)
     found = [float(np.median(in_place))] if len(in_place) >= LEAST_PATCHES else []
     at_depths = _compare_at_depths(one, other, _make_carry(one, other), radius)
     found += [] if at_depths is None else [at_depths]
     return max(found) if found else None
 
 
-def _find_in_place(one: SmallView, other: SmallView, radius: float) -> np.ndarray:
+def compare_in_place(one: SmallView, other: SmallView, radius: float) -> np.ndarray:
     """(P,) scores of the patches that both see, along the hull's front."""
+    carried, seen = carry_in_place(one, other, radius)
+    whole = cv2.boxFilter(seen.astype(np.float32), -1, (PATCH_PX, PATCH_PX)) >= WHOLE
+    return compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
+
+
+def carry_in_place(one: SmallView, other: SmallView, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) what another view shows, carried into this one along the hull's front, and bool where both see the hull."""
     carry = _make_carry(one, other)
     carried, depth = carry(other.grey, 0.0)
     front, _ = carry(other.depth.astype(np.float32), 0.0)
     seen = one.depth > 0
     seen[seen] = np.abs(front[seen] - depth) < VISIBLE * radius
-    whole = cv2.boxFilter(seen.astype(np.float32), -1, (PATCH_PX, PATCH_PX)) >= WHOLE
-    return compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
+    return carried, seen
 
 
 def _compare_at_depths(one: SmallView, other: SmallView, carry: Carry, radius: float) -> float | None:

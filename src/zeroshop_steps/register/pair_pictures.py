@@ -5,6 +5,7 @@ needed, and textured patches are compared by normalized cross-correlation. The f
 not the small print between them.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -86,7 +87,13 @@ def compare_between(
 
 
 def compare_patches(
-    grey: np.ndarray, carried: np.ndarray, whole: np.ndarray, patch_px: int, play_px: int, least_contrast: float
+    grey: np.ndarray,
+    carried: np.ndarray,
+    whole: np.ndarray,
+    patch_px: int,
+    play_px: int,
+    least_contrast: float,
+    tells: Callable[[np.ndarray, int, int], bool] = lambda patch, row, column: True,
 ) -> np.ndarray:
     """(P,) normalized cross-correlation of textured patches on a grid, each at its best place within the play.
 
@@ -95,6 +102,7 @@ def compare_patches(
         whole: (H, W) bool, where a patch of both lies on the object.
         patch_px, play_px: side of a patch, an odd number, and how far it may lie beside its place.
         least_contrast: standard deviation of the grey of a patch that is compared.
+        tells: whether a patch, by itself and its place (row, column), is worth comparing.
     """
     half = patch_px // 2
     reach = half + play_px
@@ -102,7 +110,7 @@ def compare_patches(
     for row in range(reach, grey.shape[0] - reach, half + 1):
         for column in range(reach, grey.shape[1] - reach, half + 1):
             patch = grey[row - half : row + half + 1, column - half : column + half + 1]
-            if whole[row, column] and patch.std() >= least_contrast:
+            if whole[row, column] and patch.std() >= least_contrast and tells(patch, row, column):
                 window = carried[row - reach : row + reach + 1, column - reach : column + reach + 1]
                 scores.append(float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max()))
     return np.array(scores)
