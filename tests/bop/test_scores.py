@@ -24,14 +24,16 @@ def score(dataset, estimates, *options) -> dict[tuple[str, str], float]:
     return run(dataset, ["--method", "score_poses", "--estimates", "poses.csv", "--models", "models", *options])
 
 
-def run(dataset, words) -> dict[tuple[str, str], float]:
+def file_words(dataset, words) -> list[str]:
+    """The command line with the dataset's paths; scores go to scores.csv."""
     words = [str(dataset.folder / word) if word in ("poses.csv", "models", "detections.json") else word for word in words]
-    out = dataset.folder / "scores.csv"
-    status = stage_main(
-        "zeroshop_steps.bop", [*words, "--targets", str(dataset.targets_path), "--scenes", str(dataset.scenes), "--out", str(out)]
-    )
-    assert status == 0
-    with out.open() as file:
+    out = str(dataset.folder / "scores.csv")
+    return [*words, "--targets", str(dataset.targets_path), "--scenes", str(dataset.scenes), "--out", out]
+
+
+def run(dataset, words) -> dict[tuple[str, str], float]:
+    assert stage_main("zeroshop_steps.bop", file_words(dataset, words)) == 0
+    with (dataset.folder / "scores.csv").open() as file:
         return {(row["measure"], row["object"]): float(row["value"]) for row in csv.DictReader(file)}
 
 
@@ -118,6 +120,21 @@ def test_true_detections_score_one_and_shifted_ones_less(dataset, of, ap):
     write_detections(dataset.folder / "detections.json", [])
     both = run(dataset, [*words, "masks"])
     assert both["ap", ""] == both[ap, ""] == 0.0
+
+
+@pytest.mark.parametrize(("box", "modal"), [("bbox_obj", []), ("bbox_visib", ["--modal-boxes"])])
+def test_boxes_are_scored_without_masks(dataset, box, modal):
+    """Where there are no masks, true boxes are those of scene_gt_info.json."""
+    truth = [instance for frame in dataset.frames.values() for instance in frame.instances]
+    found = [replace(one, box_px=tuple(instance.info[box])) for one, instance in zip(true_detections(dataset), truth, strict=True)]
+    write_detections(dataset.folder / "detections.json", found)
+    for kind in ("mask", "mask_visib"):
+        shutil.rmtree(dataset.scenes / "000001" / kind)
+    words = ["--method", "score_detections", "--detections", "detections.json", "--of"]
+    assert run(dataset, [*words, "boxes", *modal])["box_ap", ""] == 1.0
+    write_detections(dataset.folder / "detections.json", [replace(one, box_px=(0, 0, 9, 9)) for one in found])
+    assert run(dataset, [*words, "boxes", *modal])["box_ap", ""] == 0.0
+    assert stage_main("zeroshop_steps.bop", file_words(dataset, [*words, "masks"])) != 0
 
 
 def test_a_mask_of_another_size_is_refused(dataset):

@@ -8,6 +8,7 @@ import contextlib
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pycocotools.coco import COCO
@@ -34,6 +35,8 @@ class _Evaluation(COCOeval):
 def make_annotations(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
     """COCO's annotations of the objects in the frames; images are numbered in the order of the frames.
 
+    Boxes are taken from scene_gt_info.json where the masks are not there.
+
     Raises:
         StepError: a mask or the visibility of an instance is missing.
     """
@@ -44,25 +47,26 @@ def make_annotations(frames: Frames, amodal: bool, with_masks: bool) -> COCO:
         images.append({"id": number})
         for index, instance in enumerate(frame.instances):
             objects.add(instance.object_id)
-            visible = frame.mask(index)
-            if not visible.any():
-                continue
             if instance.visible_share is None:
                 raise StepError(f"{frame.folder / 'scene_gt_info.json'} has no visib_fract for instance {index} of image {frame.image_id}")
-            images[-1] |= {"height": visible.shape[0], "width": visible.shape[1]}
-            box = mask_to_box(frame.mask(index, "mask") if amodal else visible)
-            annotations.append(
-                {
-                    "id": len(annotations) + 1,
-                    "image_id": number,
-                    "category_id": instance.object_id,
-                    "iscrowd": 0,
-                    "ignored": instance.visible_share < LEAST_VISIBLE_SHARE,
-                    "area": int(visible.sum()),
-                    "bbox": list(box),
-                }
-                | ({"segmentation": encode_mask(visible)} if with_masks else {})
-            )
+            entry: dict[str, Any] = {
+                "image_id": number,
+                "category_id": instance.object_id,
+                "iscrowd": 0,
+                "ignored": instance.visible_share < LEAST_VISIBLE_SHARE,
+            }
+            noted = instance.info.get("bbox_obj" if amodal else "bbox_visib")
+            if not with_masks and noted and frame.image_path("mask_visib", index) is None:
+                entry |= {"area": instance.info.get("px_count_visib", noted[2] * noted[3]), "bbox": noted}
+            else:
+                visible = frame.mask(index)
+                images[-1] |= {"height": visible.shape[0], "width": visible.shape[1]}
+                if not visible.any():
+                    continue
+                entry |= {"area": int(visible.sum()), "bbox": list(mask_to_box(frame.mask(index, "mask") if amodal else visible))}
+                entry |= {"segmentation": encode_mask(visible)} if with_masks else {}
+            if entry["area"]:
+                annotations.append(entry | {"id": len(annotations) + 1})
     return _make_coco({"images": images, "annotations": annotations, "categories": [{"id": number} for number in sorted(objects)]})
 
 

@@ -1,6 +1,7 @@
 """Score detections as BOP does: COCO's average precision over IoU 0.5 to 0.95 of masks (`ap`) and of boxes (`box_ap`).
 
-Reads a BOP COCO result file (.json or .json.gz), the targets and the scenes with their masks. Writes a tidy CSV.
+Reads a BOP COCO result file (.json or .json.gz), the targets and the scenes with their masks (boxes do without them if
+scene_gt_info.json is there). Writes a tidy CSV.
 """
 
 import argparse
