@@ -10,6 +10,7 @@ from zeroshop_steps.bop.detections import decode_mask, read_detections
 from zeroshop_steps.detect.cnos import assign_objects, describe_views, score_objects
 from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, crop_masked
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_duplicate_masks, drop_small_masks, measure_stability
+from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.geometry.images import read_image, read_mask
 from zeroshop_steps.runtime.cli import stage_methods
 
@@ -83,7 +84,7 @@ def test_damaged_weights_are_named(dataset, weights, capsys):
 def test_a_cut_out_view_is_named_as_its_object(dataset, weights):
     """Even random tokens tell red boxes from green cans, where masks are true."""
     describer = CropDescriber(weights / "dinov2-large", torch.device("cpu"))
-    views = describe_views(dataset.folder / "models", dataset.folder / "templates", describer)
+    views = {number: describe_views(read_templates(dataset.folder / "templates", number), describer) for number in (CARTON, CAN)}
     assert all(vectors.shape == (42, 32) for vectors in views.values())
     np.testing.assert_allclose(np.linalg.norm(views[CAN], axis=1), 1, atol=1e-5)
     photo = read_image(dataset.scene / "rgb" / "000000.png")

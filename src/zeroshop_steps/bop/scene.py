@@ -15,7 +15,7 @@ import numpy as np
 from zeroshop_steps.bop.poses import check_rotations, check_translations, make_transform
 from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import decode_image, read_mask
+from zeroshop_steps.geometry.images import decode_image, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
 
@@ -78,6 +78,16 @@ class Frame:
         if path is None:
             raise StepError(f"{self.folder} has no picture {self.image_id:06d} ({self.name}) in rgb or gray")
         return path
+
+    def color(self) -> np.ndarray | None:
+        """(height, width, 3) uint8 colour image; None if there is none."""
+        path = self.image_path("rgb")
+        return None if path is None else read_image(path)
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether depth was measured."""
+        return self.image_path("depth") is not None
 
     def depth_mm(self) -> np.ndarray:
         """(height, width) float32 measured depth along the optical axis in mm, 0 where there is none.

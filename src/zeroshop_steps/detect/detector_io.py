@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, write_detections
+from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
@@ -26,6 +27,12 @@ class ObjectMask:
     object_id: int
     score: float
     mask: np.ndarray
+
+
+ViewsOf = Callable[[int], Templates]
+"""Gives the views of a model by its number."""
+Detector = Callable[[Frame], Sequence[ObjectMask]]
+"""Detects the models that it was prepared for in one image."""
 
 
 def add_image_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,14 +57,14 @@ def read_photo(frame: Frame) -> np.ndarray:
     Raises:
         StepError: it is missing, or the camera belongs to an image of another size.
     """
-    path = frame.image_path("rgb")
-    if path is None:
+    photo = frame.color()
+    if photo is None:
         raise StepError(f"{frame.folder / 'rgb'} has no image {frame.image_id:06d} ({frame.name}); detectors need colour images: add it")
-    photo = read_image(path)
     height, width = photo.shape[:2]
     middle = frame.intrinsics[:2, 2]
     size = np.array([width, height])
     if not ((size * CENTRAL[0] < middle) & (middle < size * CENTRAL[1])).all():
+        path = frame.image_path("rgb") or "the colour image"
         raise StepError(
             f"{path} is {width} x {height} px, but cam_K of {frame.name} has its middle at ({middle[0]:.0f}, {middle[1]:.0f}):"
             " camera and image are of different sizes; scale cam_K with the image"
@@ -71,15 +78,27 @@ def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
     Raises:
         StepError: it is missing, with what to do then (`remedy`), or has another size than the photo.
     """
-    if frame.image_path("depth") is None:
+    if not frame.has_depth:
         raise StepError(f"{frame.folder / 'depth'} has no image {frame.image_id:06d} ({frame.name}), {remedy}")
     depth_mm = frame.depth_mm()
     if depth_mm.shape != photo.shape[:2]:
         raise StepError(
-            f"{frame.image_path('depth')} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
+            f"{frame.image_path('depth') or 'the depth image'} is {depth_mm.shape[1]} x {depth_mm.shape[0]} px, its colour image is"
             f" {photo.shape[1]} x {photo.shape[0]} px; align depth with colour first"
         )
     return depth_mm
+
+
+def detect_in_files(args: argparse.Namespace, prepare: Callable[[argparse.Namespace, dict[int, ObjectModel], ViewsOf], Detector]) -> None:
+    """Detect the models of a folder in the images of a split, as the arguments say.
+
+    Args:
+        args: those of `add_image_arguments`, and the method's own.
+        prepare: the method's function of this name, which the servers of a robot call, too: the detector for these models.
+    """
+    frames = read_frames(args.scenes, args.targets)
+    models = read_models(args.models, list_objects(args.models))
+    run_detector(args.out, frames, prepare(args, models, lambda number: read_templates(args.templates, number)))
 
 
 def run_detector(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], Sequence[ObjectMask]]) -> None:

@@ -7,6 +7,7 @@ result CSV. The score of an estimate is the probability that no point of the mod
 """
 
 import argparse
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,11 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Estimate the poses of all detections in the target images."""
-    dataset.run_estimator(args, prepare)
+    dataset.run_estimator(args, functools.partial(prepare, args))
 
 
-def prepare(models: dict[int, ObjectModel]) -> dataset.Estimator:
-    """The estimator of the poses of these models."""
+def prepare(args: argparse.Namespace, models: dict[int, ObjectModel]) -> dataset.Estimator:
+    """The estimator of the poses of these models; it has no options."""
     ready = {number: PreparedModel(model) for number, model in models.items()}
 
     def estimator(

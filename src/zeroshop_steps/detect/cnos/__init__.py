@@ -6,19 +6,26 @@ dinov2-large below resources/weights; `contour` needs no weights. Writes BOP's C
 """
 
 import argparse
-from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
 
 from zeroshop_steps.bop.detections import mask_to_box
-from zeroshop_steps.bop.models import list_objects, read_models
+from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_small_masks
-from zeroshop_steps.detect.detector_io import ObjectMask, add_image_arguments, read_frames, read_photo, run_detector, suppress_boxes
-from zeroshop_steps.detect.templates import read_templates
+from zeroshop_steps.detect.detector_io import (
+    Detector,
+    ObjectMask,
+    ViewsOf,
+    add_image_arguments,
+    detect_in_files,
+    read_photo,
+    suppress_boxes,
+)
+from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.pretrained import require_model
 
@@ -54,11 +61,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Detect the models of a folder in the images of a split."""
+    detect_in_files(args, prepare)
+
+
+def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: ViewsOf) -> Detector:
+    """The detector of these models, with its networks loaded."""
     folders = [require_model(name, FILES) for name in (SEGMENTER, DESCRIBER)]
     device = torch.device(choose_device(args.device))
-    frames = read_frames(args.scenes, args.targets)
     segmenter, describer = SegmentAnything(folders[0], device), CropDescriber(folders[1], device)
-    views = describe_views(args.models, args.templates, describer)
+    views = {number: describe_views(views_of(number), describer) for number in models}
     options = {"points_per_side": args.points_per_side, "least_iou": args.least_iou, "least_stability": args.least_stability}
 
     def detect(frame: Frame) -> list[ObjectMask]:
@@ -66,16 +77,12 @@ def run(args: argparse.Namespace) -> None:
         masks = drop_small_masks(segmenter.segment(_scale_photo(photo, args.width_px), **options))
         return assign_objects([_resize_mask(mask, photo.shape[:2]) for mask in masks], photo, describer, views)
 
-    run_detector(args.out, frames, detect)
+    return detect
 
 
-def describe_views(models: Path, templates: Path, describer: CropDescriber) -> dict[int, np.ndarray]:
-    """(views, D) unit vectors of each model's views, by object."""
-    views = {}
-    for number in read_models(models, list_objects(models)):
-        one = read_templates(templates, number)
-        views[number] = describer.describe([(color, mask) for color, mask in zip(one.colors, one.masks, strict=True)])
-    return views
+def describe_views(views: Templates, describer: CropDescriber) -> np.ndarray:
+    """(views, D) unit vectors of the views of one model."""
+    return describer.describe([(color, mask) for color, mask in zip(views.colors, views.masks, strict=True)])
 
 
 def assign_objects(masks: list[np.ndarray], photo: np.ndarray, describer: CropDescriber, views: dict[int, np.ndarray]) -> list[ObjectMask]:

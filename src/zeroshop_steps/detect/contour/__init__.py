@@ -11,7 +11,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.bop.models import list_objects, read_models
+from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.detect.contour.depth_surface import prepare_surface
 from zeroshop_steps.detect.contour.descriptors import linear_rgb, make_region_patch
@@ -19,15 +19,15 @@ from zeroshop_steps.detect.contour.edges import detect_edges
 from zeroshop_steps.detect.contour.regions import RegionProposal, propose_regions
 from zeroshop_steps.detect.contour.template_matching import ReferenceViews, describe_reference, estimate_confidences
 from zeroshop_steps.detect.detector_io import (
+    Detector,
     ObjectMask,
+    ViewsOf,
     add_image_arguments,
+    detect_in_files,
     read_depth,
-    read_frames,
     read_photo,
-    run_detector,
     suppress_masks,
 )
-from zeroshop_steps.detect.templates import read_templates
 
 NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"
 LEAST_CONFIDENCE = 0.01  # less likely detections are not written
@@ -44,10 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Detect the models of a folder in the images of a split."""
-    frames = read_frames(args.scenes, args.targets)
-    models = read_models(args.models, list_objects(args.models))
-    references = {number: describe_reference(read_templates(args.templates, number), model.diameter_mm) for number, model in models.items()}
-    run_detector(args.out, frames, lambda frame: detect_objects(frame, references))
+    detect_in_files(args, prepare)
+
+
+def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: ViewsOf) -> Detector:
+    """The detector of these models; it has no options."""
+    references = {number: describe_reference(views_of(number), model.diameter_mm) for number, model in models.items()}
+    return lambda frame: detect_objects(frame, references)
 
 
 def detect_objects(frame: Frame, references: dict[int, ReferenceViews]) -> list[ObjectMask]:
