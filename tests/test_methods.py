@@ -34,7 +34,8 @@ def test_what_is_missing_is_named(tmp_path):
 def test_the_stages_have_their_methods():
     assert list(methods.REGISTRATIONS) == ["colmap", "truth", "aliked", "mast3r", "vggt", "vggt_1024", "vggt_4096", "auto"]
     assert list(methods.SURFACES) == ["2dgs", "svraster"]
-    assert list(methods.SEGMENTATIONS) == ["grounded_sam", "saliency", "support_plane"] and list(methods.DETECTORS) == ["contour", "cnos"]
+    assert list(methods.SEGMENTATIONS) == ["grounded_sam", "saliency", "support_plane"]
+    assert list(methods.DETECTORS) == ["contour", "cnos", "sam6d_ism"]
     assert set(methods.HEIGHTS) == {"known", "marker", "depth_camera", "mast3r", "none"} and list(methods.ESTIMATORS) == ["render_compare"]
 
 
@@ -66,3 +67,9 @@ def test_networks_that_the_config_names_are_looked_for():
     small = methods.SEGMENTATIONS["grounded_sam"].with_options({"detector": "grounding-dino-tiny", "tracker": "sam2.1-hiera-large"})
     assert "grounding-dino-tiny/model.safetensors" in small.files and "sam2.1-hiera-large/config.json" in small.files
     assert methods.REGISTRATIONS["mast3r"].with_options({"weights": "mine.pth"}).files == ()
+
+
+def test_the_network_that_the_config_chooses_is_looked_for():
+    method = Method("detect.mine", weights=("a.pth",), choices={"proposals": {"one": ("b.pth",), "other": ("c.pth", "d.pth")}})
+    assert method.files == ("a.pth", "b.pth")
+    assert method.with_options({"proposals": "other"}).files == ("a.pth", "c.pth", "d.pth")

@@ -10,6 +10,7 @@ planning a run imports no step. A method without its weights is left out where "
 
 import ast
 import functools
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -35,6 +36,8 @@ class Method:
         weights: files below resources/weights.
         models: its networks that the config may exchange: for the key of its options that names the folder of one, the usual folder
             below resources/weights and the files in it.
+        choices: networks that the config chooses among: for the key of its options, the files below resources/weights that each of its
+            values needs; the first is the usual one.
         own_weights: its network is always the user's: a file that the config names as the method's `weights`.
         mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
         threads: the most that its rule uses.
@@ -69,6 +72,9 @@ class Method:
 
     Of detectors:
         masks: the file that poses are estimated from: all that it found, or masks.json, the sure ones without overlap.
+
+    Of pose estimators:
+        templates: it reads the views of the models that detectors read.
     """
 
     step: str
@@ -77,6 +83,7 @@ class Method:
     rank: int = 100
     weights: tuple[str, ...] = ()
     models: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
+    choices: dict[str, dict[str, tuple[str, ...]]] = field(default_factory=dict)
     own_weights: bool = False
     mem_mb: int = 4000
     runtime_min: int = 30
@@ -101,18 +108,23 @@ class Method:
     environment: str = ""
     samples: bool = False
     masks: str = "detections.json"
+    templates: bool = False
 
     @property
     def files(self) -> tuple[str, ...]:
         """All files below resources/weights that it reads."""
-        return (*self.weights, *(f"{folder}/{name}" for folder, names in self.models.values() for name in names))
+        chosen = (next(iter(values.values())) for values in self.choices.values())
+        models = (f"{folder}/{name}" for folder, names in self.models.values() for name in names)
+        return (*self.weights, *models, *itertools.chain.from_iterable(chosen))
 
     def with_options(self, options: Mapping[str, Any]) -> "Method":
         """The method with the networks that these options of the config name, and without published weights where they name own ones."""
         models = {key: (str(options.get(key, folder)), names) for key, (folder, names) in self.models.items()}
-        if not options.get("weights"):
-            return replace(self, models=models)
-        return replace(self, models=models, weights=(), own_weights=False)
+        choices = {
+            key: {name: values[name]} for key, values in self.choices.items() for name in [str(options.get(key, next(iter(values))))]
+        }
+        chosen = replace(self, models=models, choices=choices)
+        return replace(chosen, weights=(), own_weights=False) if options.get("weights") else chosen
 
 
 @functools.cache
@@ -179,7 +191,14 @@ CHOICES = {
 """What the config may name, by the definition in its schema."""
 TITLES = {name: method.title for table in (REGISTRATIONS, SURFACES, HEIGHTS) for name, method in table.items()}
 """How reports call the methods of a cell."""
-SECTIONS = {"register": REGISTRATIONS, "segment": SEGMENTATIONS, "nvs": SURFACES, "height": HEIGHTS}
+SECTIONS = {
+    "register": REGISTRATIONS,
+    "segment": SEGMENTATIONS,
+    "nvs": SURFACES,
+    "height": HEIGHTS,
+    "detect": DETECTORS,
+    "pose": ESTIMATORS,
+}
 """The parts of the config that hold options of methods."""
 
 

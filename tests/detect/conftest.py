@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from helpers.painted_scene import write_painted_dataset
+from helpers.small_detectors import save_describer, save_segmenter
 
 
 @pytest.fixture(scope="session")
@@ -20,3 +21,14 @@ def dataset(painted_once, tmp_path) -> SimpleNamespace:
     shutil.copytree(painted_once.folder, tmp_path / "data")
     folder = tmp_path / "data"
     return SimpleNamespace(folder=folder, scenes=folder / "test", scene=folder / "test" / "000001", frames=painted_once.frames)
+
+
+@pytest.fixture
+def weights(tmp_path, monkeypatch):
+    """A working folder with random weights where the published ones belong, which the table then does not know."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("zeroshop_steps.networks.pretrained.read_table", dict)
+    folder = tmp_path / "resources" / "weights"
+    save_segmenter(folder)
+    save_describer(folder)
+    return folder

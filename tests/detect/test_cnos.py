@@ -15,44 +15,6 @@ from zeroshop_steps.geometry.images import read_image, read_mask
 from zeroshop_steps.runtime.cli import stage_methods
 
 
-def save_segmenter(folder):
-    """SAM, tiny; its masks mean nothing, but it thinks well of them and their borders are sharp."""
-    from transformers import SamConfig, SamModel
-
-    torch.manual_seed(0)
-    sides = {"image_size": 128, "patch_size": 16}
-    vision = {"hidden_size": 16, "output_channels": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "mlp_dim": 32, **sides}
-    vision |= {"window_size": 4, "global_attn_indexes": [1], "num_pos_feats": 8}
-    prompt = {"hidden_size": 16, "mask_input_channels": 4, "image_embedding_size": 8, **sides}
-    decoder = {"hidden_size": 16, "mlp_dim": 32, "num_hidden_layers": 2, "num_attention_heads": 2, "iou_head_hidden_dim": 16}
-    model = SamModel(SamConfig(vision_config=vision, prompt_encoder_config=prompt, mask_decoder_config=decoder))
-    with torch.no_grad():
-        model.mask_decoder.iou_prediction_head.proj_out.bias += 1.0
-        for head in model.mask_decoder.output_hypernetworks_mlps:
-            head.proj_out.weight *= 1e6
-    model.save_pretrained(folder / "sam-vit-huge")
-
-
-def save_describer(folder):
-    """DINOv2, tiny."""
-    from transformers import Dinov2Config, Dinov2Model
-
-    torch.manual_seed(1)
-    config = Dinov2Config(hidden_size=32, num_hidden_layers=2, num_attention_heads=2, image_size=224, patch_size=56)
-    Dinov2Model(config).save_pretrained(folder / "dinov2-large")
-
-
-@pytest.fixture
-def weights(tmp_path, monkeypatch):
-    """A working folder with random weights where the published ones belong, which the table then does not know."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("zeroshop_steps.networks.pretrained.read_table", dict)
-    folder = tmp_path / "resources" / "weights"
-    save_segmenter(folder)
-    save_describer(folder)
-    return folder
-
-
 @pytest.mark.slow
 def test_the_command_writes_what_random_networks_find(dataset, weights):
     options = ("--points-per-side", "4", "--least-iou", "0.5", "--least-stability", "0.3", "--width-px", "160", "--device", "cpu")

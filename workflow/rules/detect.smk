@@ -1,7 +1,7 @@
 """Detect: views of the models from all sides, and what detectors find with them in a dataset's test set.
 
 results/DATASET/bop/templates/MODELS/VIEWS           MODELS: models or models_NVS (bop.smk); VIEWS: 42 or 642
-results/DATASET/bop/DETECTOR-MODELS/detections.json  DETECTOR: contour or cnos; precision.csv beside it scores it (bop.smk)
+results/DATASET/bop/DETECTOR-MODELS/detections.json  precision.csv beside it scores it (bop.smk)
 results/DATASET/bop/DETECTOR-MODELS/masks.json       the sure ones, without overlap: what poses are estimated from after CNOS
 """
 
@@ -17,7 +17,7 @@ def detector_weights(
     def weights(
         wildcards,
     ):
-        usable("detector", method.name, methods.DETECTORS, "The folder is named after the detector.")
+        usable("detector", method.name, DETECTORS, "The folder is named after the detector.")
         return [str(methods.WEIGHTS_FOLDER / file) for file in method.files]
 
     return weights
@@ -46,7 +46,7 @@ rule templates:
         " --out {output.templates} > {log} 2>&1"
 
 
-for method in methods.DETECTORS.values():
+for method in DETECTORS.values():
 
     rule:
         name:
@@ -72,11 +72,12 @@ for method in methods.DETECTORS.values():
             gpu=int(bool(method.files)),
         params:
             method=method.name,
+            options=step_options(config["detect"].get(method.name) or {}),
         message:
             f"Looking for the {{wildcards.models}} of {{wildcards.dataset}} by {method.name}"
         shell:
             "python -m zeroshop_steps.detect --method {params.method} --models {input.models} --templates {input.templates}"
-            " --scenes {input.scenes} --targets {input.targets} --out {output.detections} > {log} 2>&1"
+            " --scenes {input.scenes} --targets {input.targets} {params.options} --out {output.detections} > {log} 2>&1"
 
 
 rule filter_masks:
@@ -90,7 +91,7 @@ rule filter_masks:
     benchmark:
         f"{BOP}/{{detector}}-{{models}}/benchmarks/masks.tsv"
     wildcard_constraints:
-        detector="|".join(methods.DETECTORS),
+        detector="|".join(DETECTORS),
         models=MODELS,
     resources:
         mem_mb=per_attempt(1000),

@@ -19,11 +19,14 @@ from zeroshop_steps.runtime import failures
 SURFACES_WITHOUT_CAMERAS = [name for name, method in methods.SURFACES.items() if not method.registration]
 # Steps that tell a cell's coordinates from its path are told where these begin; in the usual folder they know.
 BELOW_RESULTS = "" if RESULTS == "results" else f" --root {RESULTS}"
+# Those that find objects and poses, with the networks that the config names.
+DETECTORS = {name: with_own_weights("detect", name, method) for name, method in methods.DETECTORS.items()}
+ESTIMATORS = {name: with_own_weights("pose", name, method) for name, method in methods.ESTIMATORS.items()}
 AXES = {
     "registrations": methods.REGISTRATIONS,
     "nvs": methods.SURFACES,
-    "detectors": methods.DETECTORS,
-    "estimators": methods.ESTIMATORS,
+    "detectors": DETECTORS,
+    "estimators": ESTIMATORS,
 }
 
 

@@ -12,11 +12,11 @@ def detections_of(
     wildcards,
 ):
     """The detections that poses are estimated from; none where the masks are the true ones."""
-    usable("pose estimator", wildcards.estimator, methods.ESTIMATORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
+    usable("pose estimator", wildcards.estimator, ESTIMATORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
     if wildcards.masks == "truth":
         return []
-    usable("detector", wildcards.masks, methods.DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
-    return f"{RESULTS}/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{methods.DETECTORS[wildcards.masks].masks}"
+    usable("detector", wildcards.masks, DETECTORS, "The folder is named ESTIMATOR-MASKS-MODELS.")
+    return f"{RESULTS}/{wildcards.dataset}/bop/{wildcards.masks}-{wildcards.models}/{DETECTORS[wildcards.masks].masks}"
 
 
 def detections_option(
@@ -27,9 +27,31 @@ def detections_option(
     return step_options({"detections": input.get("detections") or None})
 
 
+def templates_of(
+    wildcards,
+):
+    """The views of the models, for an estimator that reads them."""
+    return f"{BOP}/templates/{wildcards.models}/42".format(**wildcards) if ESTIMATORS[wildcards.estimator].templates else []
+
+
+def estimator_options(
+    wildcards,
+    input,
+):
+    """The options of an estimator: those of the config, and where its masks and views are."""
+    where = {"templates": input.get("templates") or None, "detections": input.get("detections") or None}
+    return step_options({**(config["pose"].get(wildcards.estimator) or {}), **where})
+
+
+def of_estimator(amount):
+    """Memory or time that an estimator declares, more at each attempt."""
+    return lambda wildcards, attempt: attempt * getattr(ESTIMATORS[wildcards.estimator], amount)
+
+
 rule estimate_poses:
     input:
         models=f"{BOP}/{{models}}",
+        templates=templates_of,
         scenes=f"{BOP}/test",
         targets=f"{BOP}/test_targets_bop19.json",
         detections=detections_of,
@@ -40,20 +62,22 @@ rule estimate_poses:
     benchmark:
         f"{POSES}/benchmarks/poses.tsv"
     wildcard_constraints:
-        estimator="|".join(methods.ESTIMATORS),
-        masks="|".join(["truth", *methods.DETECTORS]),
+        estimator="|".join(ESTIMATORS),
+        masks="|".join(["truth", *DETECTORS]),
         models=MODELS,
-    threads: 2
+    threads: lambda wildcards: ESTIMATORS[wildcards.estimator].threads
     resources:
-        mem_mb=per_attempt(3000),
-        runtime=per_attempt(120),
+        mem_mb=of_estimator("mem_mb"),
+        runtime=of_estimator("runtime_min"),
+        gpu=lambda wildcards: int(bool(ESTIMATORS[wildcards.estimator].files)),
     params:
-        detections=detections_option,
+        options=estimator_options,
+        weights=lambda wildcards: weights_stamp("pose", wildcards.estimator, ESTIMATORS[wildcards.estimator]),
     message:
         "Estimating poses with the {wildcards.models} of {wildcards.dataset} by {wildcards.estimator}, masks by {wildcards.masks}"
     shell:
         "python -m zeroshop_steps.pose --method {wildcards.estimator} --models {input.models} --scenes {input.scenes}"
-        " --targets {input.targets} {params.detections} --out {output.estimates} > {log} 2>&1"
+        " --targets {input.targets} {params.options} --out {output.estimates} > {log} 2>&1"
 
 
 rule pose_pictures:
@@ -71,8 +95,8 @@ rule pose_pictures:
     benchmark:
         f"{POSES}/benchmarks/pictures.tsv"
     wildcard_constraints:
-        estimator="|".join(methods.ESTIMATORS),
-        masks="|".join(["truth", *methods.DETECTORS]),
+        estimator="|".join(ESTIMATORS),
+        masks="|".join(["truth", *DETECTORS]),
         models=MODELS,
     resources:
         mem_mb=per_attempt(2000),

@@ -7,7 +7,6 @@ dinov2-large below resources/weights; `contour` needs no weights. Writes BOP's C
 
 import argparse
 
-import cv2
 import numpy as np
 import torch
 
@@ -15,7 +14,6 @@ from zeroshop_steps.bop.detections import mask_to_box
 from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.detect.cnos.crops import CropDescriber
-from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_small_masks
 from zeroshop_steps.detect.detector_io import (
     Detector,
     ObjectMask,
@@ -25,12 +23,12 @@ from zeroshop_steps.detect.detector_io import (
     read_photo,
     suppress_boxes,
 )
+from zeroshop_steps.detect.proposals import FILES, add_proposal_arguments, load_proposer
 from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.pretrained import require_model
 
-SEGMENTER, DESCRIBER = "sam-vit-huge", "dinov2-large"
-FILES = ("config.json", "model.safetensors")
+DESCRIBER = "dinov2-large"
 NEAREST_VIEWS = 5  # whose mean cosine is the score of an object
 LEAST_SCORE = 0.01  # less likely detections are not written
 MOST_IOU = 0.25  # of the boxes of two detections of one object; with more, the less confident one is dropped
@@ -52,10 +50,7 @@ METHOD = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_image_arguments(parser)
-    parser.add_argument("--points-per-side", type=int, default=32, help="points along each side of the grid (default: %(default)s)")
-    parser.add_argument("--least-iou", type=float, default=0.88, help="least predicted IoU of a proposal (default: %(default)s)")
-    parser.add_argument("--least-stability", type=float, default=0.97, help="least stability of a proposal's border (default: %(default)s)")
-    parser.add_argument("--width-px", type=int, default=640, help="width of the segmented images (default: %(default)s)")
+    add_proposal_arguments(parser)
     parser.add_argument("--device", choices=DEVICES, default="auto", help="(default: %(default)s)")
 
 
@@ -66,16 +61,14 @@ def run(args: argparse.Namespace) -> None:
 
 def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: ViewsOf) -> Detector:
     """The detector of these models, with its networks loaded."""
-    folders = [require_model(name, FILES) for name in (SEGMENTER, DESCRIBER)]
     device = torch.device(choose_device(args.device))
-    segmenter, describer = SegmentAnything(folders[0], device), CropDescriber(folders[1], device)
+    propose = load_proposer(args, device)
+    describer = CropDescriber(require_model(DESCRIBER, FILES), device)
     views = {number: describe_views(views_of(number), describer) for number in models}
-    options = {"points_per_side": args.points_per_side, "least_iou": args.least_iou, "least_stability": args.least_stability}
 
     def detect(frame: Frame) -> list[ObjectMask]:
         photo = read_photo(frame)
-        masks = drop_small_masks(segmenter.segment(_scale_photo(photo, args.width_px), **options))
-        return assign_objects([_resize_mask(mask, photo.shape[:2]) for mask in masks], photo, describer, views)
+        return assign_objects(propose(photo), photo, describer, views)
 
     return detect
 
@@ -108,15 +101,3 @@ def score_objects(regions: np.ndarray, views: list[np.ndarray]) -> np.ndarray:
         cosines = np.sort(np.clip(regions @ vectors.T, 0, 1), axis=1)
         scores.append(cosines[:, -NEAREST_VIEWS:].mean(1))
     return np.stack(scores, 1)
-
-
-def _scale_photo(photo: np.ndarray, width_px: int) -> np.ndarray:
-    height = round(photo.shape[0] * width_px / photo.shape[1])
-    smaller = width_px < photo.shape[1]
-    return cv2.resize(photo, (width_px, height), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
-
-
-def _resize_mask(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    if mask.shape == shape:
-        return mask
-    return cv2.resize(mask.astype(np.uint8) * 255, shape[::-1], interpolation=cv2.INTER_LINEAR) >= 128

@@ -1,6 +1,7 @@
-"""Descriptors of masked crops: the class token of DINOv2 (Oquab et al. 2023)."""
+"""Descriptors of masked crops: the class token and the patch tokens of DINOv2 (Oquab et al. 2023)."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -23,26 +24,54 @@ class CropDescriber:
 
         self._model, self._device = load_pretrained(Dinov2Model, folder, device), device
 
-    @torch.inference_mode()
     def describe(self, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """(N, D) float32 unit vectors of regions, each an image (height, width, 3) uint8 and a mask that is not empty."""
-        vectors = []
+        return np.concatenate([_unit(tokens[:, 0]) for tokens, _ in self._run(regions)]).astype(np.float32)
+
+    def describe_patches(self, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+        """What `describe` gives, and (N, P, D) float32 unit vectors of the crops' patches, 0 for those of which the mask covers less
+        than half."""
+        wholes, patches = [], []
+        for tokens, masks in self._run(regions):
+            wholes.append(_unit(tokens[:, 0]))
+            patches.append(_unit(tokens[:, 1:]) * cover_patches(masks, tokens.shape[1] - 1)[..., None])
+        return np.concatenate(wholes).astype(np.float32), np.concatenate(patches).astype(np.float32)
+
+    @torch.inference_mode()
+    def _run(self, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """(n, 1 + P, D) tokens and (n, SIDE_PX, SIDE_PX) masks, 0..255, of some regions after the other."""
         for start in range(0, len(regions), CROPS_AT_ONCE):
-            crops = np.stack([crop_masked(image, mask) for image, mask in regions[start : start + CROPS_AT_ONCE]])
-            tokens = self._model(torch.from_numpy(crops).to(self._device)).last_hidden_state[:, 0]
-            vectors.append(torch.nn.functional.normalize(tokens, dim=1).cpu().numpy())
-        return np.concatenate(vectors).astype(np.float32)
+            some = regions[start : start + CROPS_AT_ONCE]
+            crops = torch.from_numpy(np.stack([crop_masked(image, mask) for image, mask in some]))
+            tokens = self._model(crops.to(self._device)).last_hidden_state
+            yield tokens.float().cpu().numpy(), np.stack([cut_square(mask.astype(np.uint8) * 255, mask) for _, mask in some])
 
 
 def crop_masked(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """(3, SIDE_PX, SIDE_PX) float32: the box around the mask, black outside the mask, centred in a square, normalised."""
+    square = cut_square(image * mask[..., None], mask)
+    return ((square / 255 - MEAN) / DEVIATION).astype(np.float32).transpose(2, 0, 1)
+
+
+def cut_square(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """(SIDE_PX, SIDE_PX, ...) of an image (height, width, ...): the box around the mask, as large as fits, in the middle of zeros."""
     left, top, width, height = mask_to_box(mask)
-    window = np.s_[top : top + height, left : left + width]
-    crop = image[window] * mask[window][..., None]
     scale = SIDE_PX / max(width, height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
+    crop = image[top : top + height, left : left + width]
     crop = cv2.resize(crop, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-    square = np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8)
+    square = np.zeros((SIDE_PX, SIDE_PX, *crop.shape[2:]), crop.dtype)
     x, y = (SIDE_PX - size[0]) // 2, (SIDE_PX - size[1]) // 2
     square[y : y + size[1], x : x + size[0]] = crop
-    return ((square / 255 - MEAN) / DEVIATION).astype(np.float32).transpose(2, 0, 1)
+    return square
+
+
+def cover_patches(masks: np.ndarray, patches: int) -> np.ndarray:
+    """(N, patches) bool: which of the patches, row by row, (N, SIDE_PX, SIDE_PX) masks of 0..255 cover by more than half."""
+    side = math.isqrt(patches)
+    step = SIDE_PX // side
+    return masks[:, : side * step, : side * step].reshape(-1, side, step, side, step).mean((2, 4)).reshape(-1, patches) > 127.5
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
