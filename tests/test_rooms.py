@@ -21,6 +21,7 @@ ROOMS = [
     "height",
     "finish",
     "evaluate",
+    "grasp",
     "detect",
     "pose",
     "report",

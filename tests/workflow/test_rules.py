@@ -155,7 +155,7 @@ def test_the_lock_pins_every_dependency_and_names_no_place():
     text = (REPOSITORY / "requirements.lock").read_text()
     assert not re.search(r"://| @ |--hash|--index|/", text)
     project = (REPOSITORY / "pyproject.toml").read_text()
-    extras = " ".join(re.findall(r"^(?:test|slurm) = (.*)$", project, flags=re.M))
+    extras = " ".join(re.findall(r"^(?:test|slurm|robot) = (.*)$", project, flags=re.M))
     declared = re.findall(r'^    "([a-z0-9-]+)"', project, flags=re.M) + re.findall(r'"([a-z-]+)"', extras)
     assert set(declared) <= set(locked()), "lock the new dependency: pip freeze in a clean environment"
 

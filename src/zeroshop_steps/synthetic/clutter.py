@@ -9,12 +9,11 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.geometry.placements import outermost_points
 from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.geometry.viewpoints import spread_over_sphere
 from zeroshop_steps.runtime.errors import StepError
 
 # How things lie on a table is a choice, not a measurement: close together, so that they hide one another in part.
-HULL_DIRECTIONS = 600  # in which a body's extreme points are taken for its convex hull
 UPRIGHT_SHARE = 0.5  # of the bodies that can stand
 GAP_MM = 3.0  # between convex hulls, at least
 FIRST_RADIUS_MM, RADIUS_STEP_MM, ATTEMPTS = 30.0, 1.5, 600  # of the disk in which a place is drawn; it grows with each attempt
@@ -41,9 +40,7 @@ class RigidBody:
 def make_body(vertices: np.ndarray) -> RigidBody:
     """From (V, 3) vertices in mm."""
     outer = vertices[ConvexHull(vertices).vertices]
-    polar, azimuth = spread_over_sphere(HULL_DIRECTIONS)
-    directions = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], 1)
-    hull = outer[np.unique((outer @ np.concatenate([directions, np.eye(3), -np.eye(3)]).T).argmax(0))]
+    hull = outermost_points(outer)
     transforms, likely = trimesh.poses.compute_stable_poses(trimesh.convex.convex_hull(hull))
     return RigidBody(hull, outer, transforms[:, :3, :3], likely)
 

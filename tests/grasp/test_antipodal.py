@@ -1,0 +1,90 @@
+"""Grasps of bodies whose good grasps are known."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.metric_mesh import MetricMesh
+from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.grasp.antipodal import GraspOptions, find_grasps
+from zeroshop_steps.grasp.grasps import read_grasp_array, read_grasps
+from zeroshop_steps.grasp.gripper import GRIPPERS
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
+
+HSR = GRIPPERS["hsr"]
+FEW = GraspOptions(count=40, samples=120)
+
+
+def metric(shape: trimesh.Trimesh, quality: np.ndarray | None = None) -> MetricMesh:
+    mesh = Mesh(np.asarray(shape.vertices, float), np.asarray(shape.faces, np.int64), quality=quality)
+    return MetricMesh(mesh, "known", "known_height", 0.003)
+
+
+@pytest.fixture(scope="module")
+def bar() -> trimesh.Trimesh:
+    """20 cm long and 5 x 4 cm thick: too long to be closed about."""
+    return trimesh.creation.box((0.05, 0.04, 0.20)).subdivide()
+
+
+def test_a_bar_is_taken_across_and_nothing_touches_the_open_gripper(bar):
+    grasps, placements = find_grasps(metric(bar), HSR, FEW, "bar")
+    assert len(grasps) == 40 and len(placements) == 6
+    inside = trimesh.sample.sample_surface(bar, 20000, seed=1)[0]
+    for grasp in grasps:
+        pose = grasp.object_from_gripper
+        assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-9) and np.linalg.det(pose[:3, :3]) > 0
+        assert abs(pose[2, 1]) < 0.5, "not along it"
+        # Across the bar, at an angle within the friction cone: 26.6 degrees make 50 mm 56 mm.
+        assert 0.039 < grasp.width_m < 0.057
+        placed = transform_points(inside, np.linalg.inv(pose))
+        for low, high in HSR.boxes(np.array([grasp.width_m + 0.03]))[0]:
+            assert not ((placed > low + 1e-4) & (placed < high - 1e-4)).all(1).any()
+        tcp = grasp.object_from_tcp(HSR)[:3, 3]
+        assert (np.abs(tcp) < (0.025, 0.02, 0.1)).all(), "the tool centre point is inside"
+    best = grasps[0]
+    assert abs(best.object_from_tcp(HSR)[2, 3]) < 0.03 and max(abs(best.object_from_gripper[:2, 1])) > 0.97
+
+
+def test_the_table_is_kept_clear_of_in_the_placements_that_a_grasp_names(bar):
+    grasps, placements = find_grasps(metric(bar), HSR, FEW, "bar")
+    corners = np.array([[x, y, z] for box in HSR.boxes(np.array([0.08]))[0] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
+    for grasp in grasps:
+        for number, placement in enumerate(placements):
+            heights = transform_points(transform_points(corners, grasp.object_from_gripper), placement.plane_from_object)[:, 2]
+            if number in grasp.placements:
+                assert heights.min() > -0.012, "opened a little less than here"
+    standing = next(number for number, placement in enumerate(placements) if placement.kind == "upright")
+    assert any(standing in grasp.placements for grasp in grasps)
+    assert not any(grasp.approach[2] > 0.5 for grasp in grasps if standing in grasp.placements), "from below is the table"
+
+
+def test_what_was_not_measured_is_not_grasped(bar):
+    quality = (np.asarray(bar.vertices)[:, 2] > -1e-9).astype(float)
+    grasps, _ = find_grasps(metric(bar, quality), HSR, FEW, "bar")
+    assert min(grasp.object_from_tcp(HSR)[2, 3] for grasp in grasps) > -0.01
+
+
+def test_what_is_too_wide_is_refused():
+    with pytest.raises(StepError, match="crate has no grasp for hsr.*opens wider"):
+        find_grasps(metric(trimesh.creation.box((0.3, 0.3, 0.3))), HSR, FEW, "crate")
+
+
+def test_the_same_seed_gives_the_same_bytes_and_files_are_read_back(tmp_path, bar):
+    mesh = Mesh(np.asarray(bar.vertices) * 1000, np.asarray(bar.faces))
+    write_ply(tmp_path / "2dgs.ply", mesh)
+    write_json(tmp_path / "2dgs.json", {"scale": "known", "scale_source": "known_height", "height_m": 0.2, "height_deviation_m": 0.001})
+    for name in ("one", "two"):
+        words = ["--method", "antipodal", "--mesh", str(tmp_path / "2dgs.ply"), "--count", "30", "--samples", "120"]
+        assert stage_main("zeroshop_steps.grasp", [*words, "--out", str(tmp_path / f"{name}.json")]) == 0
+    assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
+    assert (tmp_path / "one.npy").read_bytes() == (tmp_path / "two.npy").read_bytes()
+    grasps, array = read_grasps(tmp_path / "one.json"), read_grasp_array(tmp_path / "one.npy")
+    assert np.load(tmp_path / "one.npy").shape == (30, 1, 16)
+    assert np.allclose([grasp.object_from_gripper for grasp in grasps], array, atol=1e-6)
+    assert all(first.score >= second.score for first, second in zip(grasps, grasps[1:], strict=False))
+    np.save(tmp_path / "bad.npy", np.ones((3, 1, 16)))
+    with pytest.raises(StepError, match="no rigid transforms in metres"):
+        read_grasp_array(tmp_path / "bad.npy")
