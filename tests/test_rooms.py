@@ -24,6 +24,7 @@ ROOMS = [
     "grasp",
     "detect",
     "pose",
+    "robot",
     "report",
     "app",
 ]

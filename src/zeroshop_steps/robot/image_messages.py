@@ -1,0 +1,95 @@
+"""Pixels from and to sensor_msgs/Image, of ROS 1 and ROS 2 alike: both have the same fields.
+
+cv_bridge is not used: Debian's is compiled for NumPy 1, and crashes beside NumPy 2.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.runtime.errors import StepError
+
+COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0), "8UC3": (2, 1, 0), "mono8": (0, 0, 0)}
+"""Encodings of colour, and where they have red, green and blue. 8UC3 is OpenCV's order."""
+CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "mono8": 1}
+DEPTHS = {"16UC1": (np.uint16, 1.0), "mono16": (np.uint16, 1.0), "32FC1": (np.float32, 1000.0)}
+"""Encodings of depth, with the millimetres of one step (REP 118)."""
+MASKS = {
+    "mono8": np.uint8,
+    "8UC1": np.uint8,
+    "8SC1": np.int8,
+    "16UC1": np.uint16,
+    "mono16": np.uint16,
+    "16SC1": np.int16,
+    "32SC1": np.int32,
+}
+LABELS = "16SC1"
+
+
+def read_color(message: Any) -> np.ndarray:
+    """(height, width, 3) uint8 RGB. Raises StepError where the message holds no such image."""
+    _require("the colour image", message, COLORS)
+    channels = CHANNELS[message.encoding]
+    image = _read_pixels("the colour image", message, np.dtype(np.uint8), channels)
+    return np.ascontiguousarray(image[..., list(COLORS[message.encoding])])
+
+
+def read_depth(message: Any) -> np.ndarray | None:
+    """(height, width) float32 in mm, 0 where nothing was measured; None of an empty message.
+
+    Raises:
+        StepError: the message holds no depth image.
+    """
+    if not len(message.data) and not message.width and not message.height:
+        return None
+    _require("the depth image", message, DEPTHS)
+    kind, step_mm = DEPTHS[message.encoding]
+    depth_mm = _read_pixels("the depth image", message, np.dtype(kind), 1)[..., 0].astype(np.float32) * np.float32(step_mm)
+    return np.where(np.isfinite(depth_mm) & (depth_mm > 0), depth_mm, np.float32(0))
+
+
+def read_mask(message: Any, index: int) -> np.ndarray:
+    """(height, width) bool: pixels that are not 0. Raises StepError where the message holds no mask."""
+    what = f"mask {index}"
+    _require(what, message, MASKS)
+    return _read_pixels(what, message, np.dtype(MASKS[message.encoding]), 1)[..., 0] != 0
+
+
+def write_image(make: Callable[[], Any], image: np.ndarray, encoding: str, header: Any) -> Any:
+    """A message with these pixels.
+
+    Args:
+        make: the message's class.
+        image: (height, width) or (height, width, channels).
+        encoding: by the table of sensor_msgs/image_encodings.
+        header: of the message.
+    """
+    image = np.ascontiguousarray(image.astype(image.dtype.newbyteorder("<")))
+    message = make()
+    message.header, message.encoding, message.is_bigendian = header, encoding, 0
+    message.height, message.width, message.step = image.shape[0], image.shape[1], image[0].nbytes
+    message.data = image.tobytes()
+    return message
+
+
+def _require(what: str, message: Any, known: dict) -> None:
+    if not len(message.data):
+        raise StepError(f"{what} is empty")
+    if message.encoding not in known:
+        raise StepError(f"{what} has the encoding {message.encoding!r}; expected {', '.join(known)}")
+
+
+def _read_pixels(what: str, message: Any, kind: np.dtype, channels: int) -> np.ndarray:
+    """(height, width, channels) of a message; rows may be padded."""
+    row_bytes = message.width * channels * kind.itemsize
+    step = message.step or row_bytes
+    data = np.frombuffer(message.data, np.uint8)
+    if not message.width or not message.height or step < row_bytes or len(data) != step * message.height:
+        raise StepError(
+            f"{what} of {message.width} x {message.height} px in {message.encoding} has {len(data)} bytes in rows of {message.step};"
+            f" expected height x step bytes, and at least {row_bytes} bytes a row"
+        )
+    rows = np.ascontiguousarray(data.reshape(message.height, step)[:, :row_bytes])
+    pixels = rows.view(kind.newbyteorder(">" if message.is_bigendian else "<"))
+    return pixels.reshape(message.height, message.width, channels).astype(kind)

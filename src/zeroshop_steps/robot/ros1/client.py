@@ -1,0 +1,33 @@
+"""A client of the action servers."""
+
+import time
+from typing import Any
+
+from zeroshop_steps.runtime.errors import StepError
+
+SERVER_WAIT_S = 10.0  # for a server that is not there yet
+STATES = ("pending", "active", "preempted", "succeeded", "aborted", "rejected", "preempting", "recalling", "recalled", "lost")
+"""By the numbers of actionlib_msgs/GoalStatus."""
+
+
+def send_goal(server: str, action: Any, goal: Any, timeout_s: float) -> tuple[str, Any, float]:
+    """Send a goal and wait for the answer.
+
+    Returns:
+        How the goal ended, the result's message, and the seconds from sending to the answer.
+
+    Raises:
+        StepError: there is no such server, or it does not answer in time.
+    """
+    import actionlib
+    import rospy
+
+    client = actionlib.SimpleActionClient(server, action)
+    if not client.wait_for_server(rospy.Duration.from_sec(SERVER_WAIT_S)):
+        raise StepError(f"there is no action server {server}; rostopic list names those that run")
+    start_s = time.monotonic()
+    client.send_goal(goal)
+    if not client.wait_for_result(rospy.Duration.from_sec(timeout_s)):
+        client.cancel_goal()
+        raise StepError(f"{server} has not answered within {timeout_s:g} s; see its log, or give it longer with --timeout-s")
+    return STATES[client.get_state()], client.get_result(), time.monotonic() - start_s

@@ -1,0 +1,47 @@
+"""Action servers of ROS 1, one for each recognizer."""
+
+import threading
+from typing import Any, Protocol
+
+import numpy as np
+
+from zeroshop_steps.robot.goals import answer_goal
+from zeroshop_steps.robot.recognizers import Recognizer
+from zeroshop_steps.robot.ros1.messages import ActionMessages
+
+
+class CameraSource(Protocol):
+    """Knows the camera of the goals' images."""
+
+    def intrinsics_of(self, width: int, height: int) -> np.ndarray:
+        """(3, 3) K for images of this size."""
+
+
+class RecognitionServers:
+    """The servers of all recognizers. Goals are computed one after the other: each of them takes all cores anyway."""
+
+    def __init__(self, recognizers: dict[str, Recognizer], camera: CameraSource, messages: ActionMessages) -> None:
+        self.camera, self.messages = camera, messages
+        self._turn = threading.Lock()
+        self._servers = [self._start(name, recognizer) for name, recognizer in recognizers.items()]
+
+    def _start(self, name: str, recognizer: Recognizer) -> Any:
+        import actionlib
+
+        def execute(goal: Any) -> None:
+            self._execute(goal, recognizer, server)
+
+        server = actionlib.SimpleActionServer(name, self.messages.action, execute_cb=execute, auto_start=False)
+        server.start()
+        return server
+
+    def _execute(self, goal: Any, recognizer: Recognizer, server: Any) -> None:
+        import rospy
+
+        with self._turn:
+            answer = answer_goal(goal, recognizer, self.camera.intrinsics_of, self.messages.types)
+        if answer.succeeded:
+            server.set_succeeded(answer.result, answer.reason)
+        else:
+            rospy.logwarn("%s refused a goal: %s", server.action_server.ns, answer.reason)
+            server.set_aborted(answer.result, answer.reason)
