@@ -61,6 +61,7 @@ class Method:
 
     Of surfaces:
         stereo, registration: whether it reads confirmed depths, and registered cameras; without those it reads the capture.
+        generated: its raw mesh is a likely shape with colours, not a measured one.
         model: the file of its trained model, below its folder of the cell; None where it makes the raw mesh in one step.
         mesh: the method of this stage that takes the raw mesh from the model.
         rules: the names of its rules: training (or the only one), and taking the mesh.
@@ -100,6 +101,7 @@ class Method:
     original_photos: bool = False
     seed: bool = False
     stereo: bool = True
+    generated: bool = False
     registration: bool = True
     model: str | None = None
     mesh: str | None = None

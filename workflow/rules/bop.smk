@@ -32,7 +32,7 @@ def in_chosen_cells(
     def files(
         wildcards,
     ):
-        usable("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method.")
+        usable("nvs method", wildcards.nvs, SURFACES, "The folder is named after the method.")
         chosen = config["chosen"]["virtual"]
         cells = cells_of(wildcards.dataset, objects_of(wildcards.dataset), [chosen["scene"]], [chosen["registration"]], [wildcards.nvs])
         return [f"{CELL}/{name}".format(**cell) for cell in cells]

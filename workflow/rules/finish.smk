@@ -5,7 +5,7 @@ def raw_mesh_of(
     wildcards,
 ):
     """The mesh that the nvs method of the path makes."""
-    usable("nvs method", wildcards.nvs, methods.SURFACES, "The folder is named after the method.")
+    usable("nvs method", wildcards.nvs, SURFACES, "The folder is named after the method.")
     return f"{CELL}/raw_mesh.ply".format(**wildcards)
 
 
@@ -25,7 +25,7 @@ def chosen_cell(
 ):
     """The folder of the cell that the config chooses for an object."""
     check_object(wildcards)
-    usable("nvs method", wildcards.nvs, methods.SURFACES, "The file is named after the method.")
+    usable("nvs method", wildcards.nvs, SURFACES, "The file is named after the method.")
     cell = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
     return CELL.format(**wildcards, **cell)
 

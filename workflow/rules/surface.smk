@@ -6,12 +6,14 @@ Stereo comes first, once for all methods of a registration that read it; the opt
 
 import dataclasses
 
+SURFACES = {name: with_own_weights("nvs", name, method) for name, method in methods.SURFACES.items()}
+
 
 def surface_method(
     name,
 ):
     """A surface method as the config has it: one that starts from sparse points reads no stereo. None for an unknown name."""
-    method = methods.SURFACES.get(name)
+    method = SURFACES.get(name)
     sparse = method is not None and method.options and surface_section(method, 0).get("initialization") == "sparse"
     return dataclasses.replace(method, stereo=False) if sparse else method
 
@@ -65,7 +67,7 @@ rule stereo:
         " --seed {params.seed} --threads {threads} --record-failure {output} > {log} 2>&1"
 
 
-for method in map(surface_method, methods.SURFACES):
+for method in map(surface_method, SURFACES):
     inputs = surface_inputs(method)
     folder = f"{RUN}/{method.name}"
     made = [f"{folder}/raw_mesh.ply", f"{folder}/raw_mesh.json"]

@@ -95,7 +95,7 @@ class SimilarityRefiner:
         """One Gauss-Newton step on shape and print together (Park et al., Colored Point Cloud Registration, 2017), with scale."""
         moved, nearest, gaps, weights = self._match(transform)
         offsets, normals = moved - self._middle, self._target.normals[nearest]
-        rows = _jacobian_rows(offsets, normals)
+        rows = similarity_rows(offsets, normals)
         if self._source.colors is not None and self._target.colors is not None:
             ours, theirs = _brightness(self._source.colors), _brightness(self._target.colors)[nearest]
             used = weights > 0
@@ -105,14 +105,14 @@ class SimilarityRefiner:
             across = moved - self._target.points[nearest]
             here = theirs + np.einsum("ni,ni->n", slopes, across)
             strength = PRINT_WEIGHT * self._size / spread * PRINT_SCALE
-            rows = np.concatenate([rows, strength * _jacobian_rows(offsets, slopes)])
+            rows = np.concatenate([rows, strength * similarity_rows(offsets, slopes)])
             error = np.clip(ours - here, -CLIPPED_DEVIATIONS * spread, CLIPPED_DEVIATIONS * spread)
             gaps, weights = np.concatenate([gaps, strength * error]), np.concatenate([weights, weights])
         change = solve_steps(rows[None], gaps[None], weights[None])
         return apply_steps(transform[None], change, self._middle)[0]
 
 
-def _jacobian_rows(offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def similarity_rows(offsets: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(N, 7) derivatives of the positions along `directions` by rotation, translation and growth."""
     return np.concatenate([np.cross(offsets, directions), directions, np.einsum("ni,ni->n", offsets, directions)[:, None]], 1)
 

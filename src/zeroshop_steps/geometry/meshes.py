@@ -1,6 +1,6 @@
 """Triangle meshes, plain or textured, and how they are read from and written to PLY (BOP's layout)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,8 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 FACE_TYPE = np.dtype([("count", "u1"), ("index", "<i4", 3)])
+PLY_TYPES = {"float": "<f4", "uchar": "u1"}
+COLORS = ("red", "green", "blue")
 LARGEST_TEXTURE_COORDINATE = 1e4
 """Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 SEEN_QUALITY, MEASURED_QUALITY = 0.25, 0.75  # mean quality of a face's corners, halfway between the classes 0, 0.5 and 1
@@ -31,6 +33,7 @@ class Mesh:
         uv: (V, 2) texture coordinates, origin at the image's lower left, or None.
         texture: (height, width, 3) uint8 RGB, or None.
         quality: (V,) how certain the surface is: 1 measured, 0.5 assumed, 0 never seen; or None where that is not known.
+        colors: (V, 3) uint8 sRGB at the vertices, or None.
     """
 
     vertices: np.ndarray
@@ -39,6 +42,7 @@ class Mesh:
     uv: np.ndarray | None = None
     texture: np.ndarray | None = None
     quality: np.ndarray | None = None
+    colors: np.ndarray | None = None
 
     def with_normals(self) -> "Mesh":
         """The same mesh with area-weighted vertex normals; vertices at one position, split by a texture seam, share theirs."""
@@ -86,8 +90,9 @@ class Mesh:
     def without_loose_vertices(self) -> "Mesh":
         """The same mesh without vertices that belong to no face."""
         used, index = np.unique(self.faces, return_inverse=True)
-        normals, uv, quality = (None if values is None else values[used] for values in (self.normals, self.uv, self.quality))
-        return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture, quality)
+        properties = (self.normals, self.uv, self.quality, self.colors)
+        normals, uv, quality, colors = (None if values is None else values[used] for values in properties)
+        return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture, quality, colors)
 
     def seen_faces(self) -> np.ndarray:
         """(F,) bool, faces that photos saw; all without quality."""
@@ -154,8 +159,16 @@ def read_ply(path: Path) -> Mesh:
         )
     texture_path = find_texture(path) if uv is not None else None
     texture = read_image(texture_path) if texture_path else None
-    quality = columns("quality")
-    return Mesh(vertices, faces, columns("nx", "ny", "nz"), uv, texture, None if quality is None else quality[:, 0])
+    quality, colors = columns("quality"), columns(*COLORS)
+    return Mesh(
+        vertices,
+        faces,
+        columns("nx", "ny", "nz"),
+        uv,
+        texture,
+        None if quality is None else quality[:, 0],
+        None if colors is None else colors.astype(np.uint8),
+    )
 
 
 def _read_own_layout(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -166,13 +179,14 @@ def _read_own_layout(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | 
     content = path.read_bytes()
     header, end, body = content.partition(b"end_header\n")
     lines = [line for line in header.decode("ascii", "replace").split("\n")[:-1] if not line.startswith("comment ")]
-    names = [line.removeprefix("property float ") for line in lines if line.startswith("property float ")]
+    properties = [line.split()[1:] for line in lines if line.startswith("property ") and not line.startswith("property list ")]
+    types = {words[-1]: PLY_TYPES.get(words[0], "") for words in properties}
     counts = [line.split()[-1] for line in lines if line.startswith("element ")]
-    if not end or {"x", "y", "z"} - set(names) or len(counts) != 2 or not all(count.isdecimal() for count in counts):
+    if not end or {"x", "y", "z"} - set(types) or len(counts) != 2 or not all(count.isdecimal() for count in counts):
         return None
-    if lines != _header(int(counts[0]), names, int(counts[1]))[:-2]:
+    if not all(types.values()) or lines != _header(int(counts[0]), types, int(counts[1]))[:-2]:
         return None
-    vertex_type, vertices, faces = np.dtype([(name, "<f4") for name in names]), int(counts[0]), int(counts[1])
+    vertex_type, vertices, faces = np.dtype(list(types.items())), int(counts[0]), int(counts[1])
     if len(body) != vertices * vertex_type.itemsize + faces * FACE_TYPE.itemsize:
         return None
     vertex = np.frombuffer(body, vertex_type, vertices)
@@ -194,11 +208,13 @@ def _read_with_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray |
         raise StepError(f"mesh {path} cannot be read as PLY ({type(error).__name__}: {error}); export it again") from None
 
 
-def _header(vertices: int, columns: Iterable[str], faces: int, comments: Iterable[str] = ()) -> list[str]:
+def _header(vertices: int, types: Mapping[str, str], faces: int, comments: Iterable[str] = ()) -> list[str]:
+    """The lines of a header, of vertices with properties of these types by name."""
+    words = {kind: name for name, kind in PLY_TYPES.items()}
     return [
         *("ply", "format binary_little_endian 1.0"),
         *(f"comment {comment}" for comment in comments),
-        *(f"element vertex {vertices}", *(f"property float {name}" for name in columns)),
+        *(f"element vertex {vertices}", *(f"property {words[kind]} {name}" for name, kind in types.items())),
         *(f"element face {faces}", "property list uchar int vertex_indices"),
         *("end_header", ""),
     ]
@@ -207,7 +223,8 @@ def _header(vertices: int, columns: Iterable[str], faces: int, comments: Iterabl
 def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
     """Write a binary PLY: positions, normals, `texture_u`/`texture_v`, and a `TextureFile` comment naming `texture_name`.
 
-    `quality`, where the mesh has it, is a vertex property that MeshLab can show as colours; other readers ignore it.
+    `quality`, where the mesh has it, is a vertex property that MeshLab can show as colours; other readers ignore it. Colours of the
+    vertices are red, green and blue, one byte each.
     The caller writes the texture image, because several PLYs may share one.
     """
     columns = {"x": mesh.vertices[:, 0], "y": mesh.vertices[:, 1], "z": mesh.vertices[:, 2]}
@@ -217,12 +234,16 @@ def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
         columns |= {"texture_u": mesh.uv[:, 0], "texture_v": mesh.uv[:, 1]}
     if mesh.quality is not None:
         columns |= {"quality": mesh.quality}
-    vertex = np.empty(len(mesh.vertices), dtype=[(name, "<f4") for name in columns])
+    types = {name: "<f4" for name in columns}
+    if mesh.colors is not None:
+        columns |= {name: mesh.colors[:, channel] for channel, name in enumerate(COLORS)}
+        types |= {name: "u1" for name in COLORS}
+    vertex = np.empty(len(mesh.vertices), dtype=list(types.items()))
     for name, values in columns.items():
         vertex[name] = values
     face = np.empty(len(mesh.faces), FACE_TYPE)
     face["count"], face["index"] = 3, mesh.faces
-    header = _header(len(vertex), columns, len(face), [f"TextureFile {texture_name}"] if texture_name else [])
+    header = _header(len(vertex), types, len(face), [f"TextureFile {texture_name}"] if texture_name else [])
     with atomic_write(path) as temporary:
         temporary.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
 

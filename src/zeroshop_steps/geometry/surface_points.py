@@ -20,7 +20,7 @@ class SurfacePoints:
     Attributes:
         points: (N, 3) positions.
         normals: (N, 3) unit, outwards.
-        colors: (N, 3) 0..1 in the texture's encoding, or None without a texture.
+        colors: (N, 3) 0..1 in the texture's encoding, or None without a texture and without colours at the vertices.
     """
 
     points: np.ndarray
@@ -41,6 +41,9 @@ def sample_surface_points(mesh: Mesh, count: int, rng: np.random.Generator) -> S
         uv = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.uv[corners])
         blurred = cv2.GaussianBlur(mesh.texture, (0, 0), max(BLUR_SHARE * mesh.texture.shape[1], LEAST_BLUR_PX))
         colors = sample_texture(blurred, uv).astype(np.float64) / 255.0
+    elif mesh.colors is not None:
+        corners = mesh.faces[faces]
+        colors = np.einsum("nc,ncd->nd", _barycentric(points, mesh.vertices[corners]), mesh.colors[corners] / 255.0)
     return SurfacePoints(points, mesh.face_normals()[faces], colors)
 
 

@@ -1,0 +1,125 @@
+"""From registered photos to the best of several generated meshes, in the frame of the cameras."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from zeroshop_steps.geometry.crops import fit_object_sphere
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.networks.devices import check_memory, choose_device
+from zeroshop_steps.networks.pretrained import require_model
+from zeroshop_steps.networks.trellis.conditioning import frame_object
+from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface
+from zeroshop_steps.networks.trellis.generator import Generator, encode_pictures, read_settings
+from zeroshop_steps.networks.trellis.memory import predict_memory
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.surface.training_views import read_camera_set
+from zeroshop_steps.surface.trellis.alignment import PhotoAligner, describe_fit
+from zeroshop_steps.surface.trellis.photo_fit import PhotoFit
+from zeroshop_steps.surface.trellis.view_choice import choose_opposite_views
+
+LEAST_FACES = 500
+"""Of a generated mesh; fewer are dust."""
+LEAST_OVERLAP = 0.5
+"""Of its outlines with the masks, intersection over union; below, the network made another thing."""
+
+Generate = Callable[[int], ColoredSurface]
+
+
+@dataclass(frozen=True)
+class BestGeneration:
+    """The generated mesh that fits the photos best.
+
+    Attributes:
+        mesh: with colours, in the frame of the cameras.
+        seed: of its noise.
+        fit: how it fits.
+        tried: for each seed, its figures for the record.
+    """
+
+    mesh: Mesh
+    seed: int
+    fit: PhotoFit
+    tried: list[dict[str, Any]]
+
+
+def reconstruct(args: argparse.Namespace, files: Mapping[str, tuple[str, ...]]) -> None:
+    """Write the raw mesh and its figures; `files` are those of the networks and of the encoder."""
+    start_s = time.monotonic()
+    if args.generations < 1 or args.steps < 1:
+        raise StepError(f"--generations is {args.generations} and --steps {args.steps}; at least one of each is needed")
+    networks, encoder = require_model(args.networks, files["networks"]), require_model(args.encoder, files["encoder"])
+    device = torch.device(choose_device(args.device))
+    settings = read_settings(networks)
+    settings = replace(settings, sampler=replace(settings.sampler, steps=args.steps, guidance=args.guidance))
+    camera_set, (views, _) = read_camera_set(args.cameras), read_views(args.cameras)
+    needs = predict_memory(settings)
+    check_memory(needs, device)
+    torch.set_num_threads(args.threads)
+    sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
+    chosen = choose_opposite_views(views, sphere.centre)
+    pictures = [frame_object(camera_set.images[view], camera_set.masks[view], settings.image_px) for view in chosen]
+    conditions = encode_pictures(encoder, pictures, device)
+    generator = Generator(networks, settings, device)
+    aligner = PhotoAligner(camera_set.model.cameras, camera_set.images, camera_set.masks)
+    seeds = range(args.seed, args.seed + args.generations)
+    best = choose_generation(lambda seed: generator.generate(conditions, seed), seeds, aligner)
+    write_ply(args.out, best.mesh)
+    facts = {
+        "seconds": round(time.monotonic() - start_s, 2),
+        "vertices": len(best.mesh.vertices),
+        "faces": len(best.mesh.faces),
+        "generated": True,
+        "views": [views[view].camera.name for view in chosen],
+        "seed": best.seed,
+        "generations": best.tried,
+        "registration_from_generated": np.round(best.fit.photos_from_mesh, 7).tolist(),
+        "device": device.type,
+        "predicted_peak_gb": round(needs.peak_bytes / 1e9, 2),
+        "parameters": {"generations": args.generations, "steps": args.steps, "guidance": args.guidance},
+    }
+    write_json(args.out.with_suffix(".json"), facts)
+    print(f"trellis: seed {best.seed} of {len(seeds)}, overlap with the masks {best.fit.overlap:.1%}", file=sys.stderr)
+
+
+def choose_generation(generate: Generate, seeds: Iterable[int], aligner: PhotoAligner) -> BestGeneration:
+    """Generate a mesh for each seed, align it, and keep the one whose outlines and colours fit the photos best.
+
+    Raises:
+        StepError: none is a surface, or none has the outlines of the masks.
+    """
+    best: BestGeneration | None = None
+    tried: list[dict[str, Any]] = []
+    for seed in seeds:
+        start_s = time.monotonic()
+        surface = generate(seed)
+        record: dict[str, Any] = {"seed": seed, "faces": len(surface.faces)}
+        tried.append(record)
+        if len(surface.faces) >= LEAST_FACES:
+            mesh = Mesh(surface.vertices, surface.faces, colors=np.rint(255 * surface.colors).astype(np.uint8))
+            fit = aligner.align(mesh)
+            record |= describe_fit(fit)
+            if best is None or fit.error < best.fit.error:
+                moved = replace(mesh, vertices=transform_points(mesh.vertices, fit.photos_from_mesh))
+                best = BestGeneration(moved, seed, fit, tried)
+        record["seconds"] = round(time.monotonic() - start_s, 2)
+        print(f"trellis: {record}", file=sys.stderr)
+    if best is None:
+        raise StepError(
+            f"Trellis made no surface of these photos with any of {len(tried)} seeds; choose another --seed, or check the masks"
+        )
+    if best.fit.overlap < LEAST_OVERLAP:
+        raise StepError(
+            f"no generated mesh has the outlines of the masks: at best {best.fit.overlap:.0%} of them overlap, {LEAST_OVERLAP:.0%} are"
+            " needed; choose another --seed or more --generations, or a surface method that measures (2dgs)"
+        )
+    return best
