@@ -25,7 +25,7 @@ def frame_object(image: np.ndarray, mask: np.ndarray, size_px: int) -> np.ndarra
     """
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     side = int(max(rows[-1] - rows[0], columns[-1] - columns[0]) * MARGIN)
-    top, left = (int((ends[0] + ends[-1]) / 2 - side // 2) for ends in (rows, columns))
+    top, left = (round((ends[0] + ends[-1]) / 2 - side // 2) for ends in (rows, columns))
     side = max(2 * (side // 2), 2)
     cut = np.zeros((side, side, 4), np.uint8)
     first, last = np.maximum((top, left), 0), np.minimum((top + side, left + side), mask.shape)
