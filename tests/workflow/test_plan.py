@@ -307,7 +307,7 @@ def test_methods_that_cannot_run_are_left_out_with_one_line_and_refused_by_name(
     assert "mast3r cannot run here, it lacks" in named.stdout and "Those that can: colmap, truth, auto." in named.stdout
     for part in ("CC BY-NC-SA 4.0", "https://download.europe.naverlabs.com/", "snakemake resources/weights/MASt3R", "need no weights"):
         assert part in named.stdout
-    assert "Left out of tables: svraster" in named.stdout or "Left out" not in named.stdout
+    assert "Left out of tables: trellis lacks" in named.stdout
 
 
 UNKNOWN = [
