@@ -10,12 +10,13 @@ from zeroshop_steps.bop.models import read_models
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.detect.detector_io import ObjectMask
 from zeroshop_steps.geometry.images import read_image, read_mask
-from zeroshop_steps.methods import DETECTORS, ESTIMATORS, lacks
+from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.recognition import Request
 from zeroshop_steps.robot.recognizers import ObjectDetector, PoseEstimator, make_recognizers
 from zeroshop_steps.runtime.errors import StepError
 
+METHOD = Method("stand_in")
 NAMES = {CARTON: f"obj_{CARTON:06d}", CAN: f"obj_{CAN:06d}"}
 
 
@@ -85,7 +86,7 @@ def test_masks_of_detections_do_not_overlap_and_the_best_of_each_object_stays(st
     left, right = (np.zeros(request_of_all.photo.shape[:2], bool) for _ in range(2))
     left[:, :200], right[:, 150:] = True, True
     found = [ObjectMask(CAN, 0.5, right), ObjectMask(CARTON, 0.9, left), ObjectMask(CARTON, 0.4, ~left), ObjectMask(CAN, 0.1, ~right)]
-    detector = ObjectDetector(Detects(*found), None, store)
+    detector = ObjectDetector(Detects(*found), None, store, METHOD)
     told = detector.recognize(replace(request_of_all, class_names=(), masks=()))
     assert [(one.name, one.confidence, one.box_px) for one in told.objects] == [
         (NAMES[CARTON], 0.9, (0, 0, 200, 240)),
@@ -94,14 +95,14 @@ def test_masks_of_detections_do_not_overlap_and_the_best_of_each_object_stays(st
     assert not (told.objects[0].mask & told.objects[1].mask).any()
     told = detector.recognize(replace(request_of_all, class_names=(NAMES[CAN],), masks=()))
     assert [one.name for one in told.objects] == [NAMES[CAN]], "only what was asked for"
-    assert ObjectDetector(Detects(), None, store).recognize(request_of_all).remarks == (
+    assert ObjectDetector(Detects(), None, store, METHOD).recognize(request_of_all).remarks == (
         "no object was found with a confidence of at least 0.2",
     )
 
 
 def test_models_are_prepared_once_until_they_change(store, request_of_all, monkeypatch):
     method = Detects()
-    detector = ObjectDetector(method, None, store)
+    detector = ObjectDetector(method, None, store, METHOD)
     for _ in range(3):
         detector.recognize(request_of_all)
     assert method.prepared == 1
@@ -110,20 +111,34 @@ def test_models_are_prepared_once_until_they_change(store, request_of_all, monke
     assert method.prepared == 2
 
 
+def test_an_estimator_that_compares_views_gets_them(store, request_of_all, monkeypatch):
+    class Compares(Estimates):
+        def prepare(self, args, models, views_of):
+            self.views = [views_of(number) for number in models]
+            return super().prepare(args, models)
+
+    monkeypatch.setattr(store, "views_of", lambda number: f"views of {number}")
+    method = Compares()
+    PoseEstimator(method, None, store, replace(METHOD, templates=True)).recognize(request_of_all)
+    assert method.views == [f"views of {CARTON}", f"views of {CAN}"]
+
+
 def test_a_pose_that_cannot_be_estimated_is_left_out_with_a_remark(store, request_of_all):
     small = np.zeros_like(request_of_all.masks[0])
     small[0, :3] = True
     method = Estimates()
     asked = replace(request_of_all, masks=(small, request_of_all.masks[1]), confidences={NAMES[CAN]: 0.25})
-    told = PoseEstimator(method, None, store).recognize(asked)
+    told = PoseEstimator(method, None, store, METHOD).recognize(asked)
     assert [one.name for one in told.objects] == [NAMES[CAN]] and method.scores == [1.0, 0.25]
     assert told.remarks == (f"mask 0: no pose of {NAMES[CARTON]} was found; too little of its depth was measured",)
     with pytest.raises(StepError, match="mask 1: no pose of"):
-        PoseEstimator(method, None, store).recognize(replace(asked, masks=(small, small)))
+        PoseEstimator(method, None, store, METHOD).recognize(replace(asked, masks=(small, small)))
 
 
 def test_boxes_stand_for_missing_masks(store, request_of_all):
-    told = PoseEstimator(Estimates(), None, store).recognize(replace(request_of_all, masks=(), boxes_px=((0, 0, 9, 9), (30, 20, 8, 7))))
+    told = PoseEstimator(Estimates(), None, store, METHOD).recognize(
+        replace(request_of_all, masks=(), boxes_px=((0, 0, 9, 9), (30, 20, 8, 7)))
+    )
     assert [one.box_px for one in told.objects] == [(0, 0, 9, 9), (30, 20, 8, 7)] and told.objects[1].mask.sum() == 56
 
 
@@ -141,7 +156,7 @@ def test_boxes_stand_for_missing_masks(store, request_of_all):
 )
 def test_requests_that_cannot_be_answered_are_refused(store, request_of_all, changes, reason):
     with pytest.raises(StepError, match=reason):
-        PoseEstimator(Estimates(), None, store).recognize(replace(request_of_all, **changes))
+        PoseEstimator(Estimates(), None, store, METHOD).recognize(replace(request_of_all, **changes))
 
 
 @pytest.mark.slow

@@ -24,13 +24,15 @@ def robot(environment: dict, *words) -> subprocess.CompletedProcess:
 
 @pytest.fixture(scope="module")
 def servers(roscore, dataset, tmp_path_factory):
-    """The servers of the painted models: their process and their log."""
+    """The servers of the painted models, started by the launch file, and a camera: the process of roslaunch and its log."""
     log = tmp_path_factory.mktemp("servers") / "log"
-    intrinsics = dataset.frames[0].intrinsics
-    command = [sys.executable, "-m", "zeroshop_steps.robot", "--method", "ros1_servers", "--models", dataset.folder / "models"]
-    command += ["--intrinsics", *intrinsics[[0, 1], [0, 1]], *intrinsics[:2, 2]]
+    words = [f"models:={dataset.folder / 'models'}", f"python:={sys.executable}"]
+    environment = roscore | {"ROS_PACKAGE_PATH": str(REPOSITORY / "ros")}
+    camera = subprocess.Popen([sys.executable, REPOSITORY / "tests/helpers/ros1_camera.py", dataset.scene], env=roscore)
     with log.open("w") as file:
-        process = subprocess.Popen(list(map(str, command)), env=roscore, stdout=file, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            ["roslaunch", "zeroshop", "servers.launch", *words], env=environment, stdout=file, stderr=subprocess.STDOUT
+        )
     try:
         end_s = time.monotonic() + START_S
         while "know" not in log.read_text():
@@ -38,8 +40,10 @@ def servers(roscore, dataset, tmp_path_factory):
             time.sleep(0.2)
         yield process, log
     finally:
-        process.terminate()
-        assert process.wait(60) == 0, log.read_text()
+        for one in (process, camera):
+            one.terminate()
+            one.wait(60)
+    assert "[zeroshop_recognition-1] killing on exit" in log.read_text() and "escalating" not in log.read_text(), log.read_text()
 
 
 def test_a_goal_is_detected_and_posed(servers, roscore, dataset, tmp_path):

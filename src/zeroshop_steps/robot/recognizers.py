@@ -18,7 +18,7 @@ from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Requ
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_SCORE = 0.2  # of a detection, as in the thesis (detect/filter_masks.py)
-NO_FILES = {"detect": ("models", "templates", "scenes", "out"), "pose": ("models", "scenes", "targets", "out")}
+FILES = {"detect": ("models", "templates", "scenes", "out"), "pose": ("models", "scenes", "targets", "out")}
 """Arguments of each stage that name files: requests come without."""
 
 
@@ -60,7 +60,9 @@ def make_recognizers(
         for name in _choose(kind, methods, names):
             module = importlib.import_module(f"zeroshop_steps.{methods[name].step}")
             place = f"/object_detector/{name}" if stage == "detect" else f"/pose_estimator/{name}"
-            made[place] = make(module, parse_options(module, stage, options.get(name, ())), store)
+            files = (*FILES[stage], "templates") if stage == "pose" and methods[name].templates else FILES[stage]
+            args = parse_options(module, files, options.get(name, ()))
+            made[place] = make(module, args, store, methods[name])
             unused.discard(name)
     if unused:
         raise StepError(f"options are given for {', '.join(sorted(unused))}, which no server is started for: {', '.join(made)}")
@@ -81,13 +83,13 @@ def _choose(kind: str, methods: dict[str, Method], names: Sequence[str] | None) 
     return list(names)
 
 
-def parse_options(module: Any, stage: str, words: Sequence[str]) -> argparse.Namespace:
-    """The arguments of a method, without its files. Raises StepError where an option is not its own."""
+def parse_options(module: Any, files: Sequence[str], words: Sequence[str]) -> argparse.Namespace:
+    """The arguments of a method, where those in `files` mean nothing. Raises StepError where an option is not its own."""
     parser = argparse.ArgumentParser(prog=module.__name__, exit_on_error=False)
     module.add_arguments(parser)
-    files = [word for name in NO_FILES[stage] for word in (f"--{name}", ".")]
+    places = [word for name in files for word in (f"--{name}", ".")]
     try:
-        args, rest = parser.parse_known_args([*files, *words])
+        args, rest = parser.parse_known_args([*places, *words])
     except argparse.ArgumentError as error:
         raise StepError(f"options of {module.__name__}: {error}") from None
     if rest:
@@ -98,7 +100,7 @@ def parse_options(module: Any, stage: str, words: Sequence[str]) -> argparse.Nam
 class ObjectDetector:
     """A method of the stage `detect`, prepared for the models of a store."""
 
-    def __init__(self, module: Any, args: argparse.Namespace, store: ObjectStore, instances: int = 1) -> None:
+    def __init__(self, module: Any, args: argparse.Namespace, store: ObjectStore, method: Method, instances: int = 1) -> None:
         self.module, self.args, self.store, self.instances = module, args, store, instances
         self._generation = -1
 
@@ -135,15 +137,16 @@ class ObjectDetector:
 class PoseEstimator:
     """A method of the stage `pose`, prepared for the models of a store."""
 
-    def __init__(self, module: Any, args: argparse.Namespace, store: ObjectStore) -> None:
-        self.module, self.args, self.store = module, args, store
+    def __init__(self, module: Any, args: argparse.Namespace, store: ObjectStore, method: Method) -> None:
+        self.module, self.args, self.store, self.method = module, args, store, method
         self._generation = -1
 
     def prepare(self) -> None:
         """Take the models as they are now."""
         self.store.refresh()
         if self._generation != self.store.generation:
-            self._estimate = self.module.prepare(self.args, self.store.models)
+            views = (self.store.views_of,) if self.method.templates else ()
+            self._estimate = self.module.prepare(self.args, self.store.models, *views)
             self._generation = self.store.generation
 
     def recognize(self, request: Request) -> Recognition:
