@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from zeroshop_steps.robot.ros1.camera import GivenCamera, read_camera_info
+from zeroshop_steps.robot.camera import GivenCamera, read_camera_info
 from zeroshop_steps.runtime.errors import StepError
 
 MATRIX = [538.391, 0, 315.307, 0, 538.085, 233.048, 0, 0, 1]

@@ -35,7 +35,7 @@ def servers(roscore, dataset, tmp_path_factory):
         )
     try:
         end_s = time.monotonic() + START_S
-        while "know" not in log.read_text():
+        while "are ready" not in log.read_text():
             assert process.poll() is None and time.monotonic() < end_s, log.read_text()
             time.sleep(0.2)
         yield process, log

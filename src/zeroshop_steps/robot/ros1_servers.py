@@ -6,42 +6,25 @@ results/demo, whose meshes are taken again when the workflow makes them anew. Th
 """
 
 import argparse
-import shlex
-import sys
-from pathlib import Path
 
-from zeroshop_steps.robot.object_store import ObjectStore
-from zeroshop_steps.robot.recognizers import make_recognizers
-from zeroshop_steps.robot.ros1.camera import PARAMETER, GivenCamera, TopicCamera
+from zeroshop_steps.robot.camera import CameraSource, GivenCamera, TopicCamera, add_camera_arguments
+from zeroshop_steps.robot.prepared import add_recognizer_arguments, prepare_recognizers
 from zeroshop_steps.robot.ros1.environment import provide_ros, require_master
 from zeroshop_steps.robot.ros1.messages import load_messages
-from zeroshop_steps.robot.ros1.servers import CameraSource, RecognitionServers
+from zeroshop_steps.robot.ros1.servers import RecognitionServers
 from zeroshop_steps.runtime.errors import StepError
 
 NODE = "zeroshop_recognition"
+PARAMETER = "/cam_info_topic"
+"""By which the grasping pipeline names the topic of its camera (its documentation, "Adding a new estimator")."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_recognizer_arguments(parser)
-    parser.add_argument("--camera-info-topic", help=f"topic of the camera's matrix (default: what the parameter {PARAMETER} names)")
-    parser.add_argument("--intrinsics", type=float, nargs=4, metavar=("FX", "FY", "CX", "CY"), help="of the camera, in place of a topic")
+    add_camera_arguments(parser)
     parser.add_argument(
         "--ros-arguments", nargs="*", default=[], metavar="NAME:=VALUE", help="what roslaunch appends, such as __name:=NODE"
-    )
-
-
-def add_recognizer_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments that say what is recognized, and how."""
-    parser.add_argument("--models", type=Path, required=True, help="folder of models in BOP's layout, or of a dataset's results")
-    parser.add_argument("--nvs", default="2dgs", help="surface method whose meshes are taken from results (default: %(default)s)")
-    parser.add_argument("--objects", nargs="*", default=[], help="names of the models to take (default: all)")
-    parser.add_argument("--detectors", nargs="*", help="methods of the stage detect (default: all whose weights are here)")
-    parser.add_argument("--estimators", nargs="*", help="methods of the stage pose (default: all whose weights are here)")
-    parser.add_argument("--instances", type=int, default=1, help="the most detections of an object in an image (default: %(default)s)")
-    parser.add_argument("--templates", type=Path, help="folder that keeps rendered views of the models between starts")
-    parser.add_argument(
-        "--options", nargs=2, action="append", default=[], metavar=("METHOD", "WORDS"), help="of a method, such as cnos '--device cuda'"
     )
 
 
@@ -52,17 +35,11 @@ def run(args: argparse.Namespace) -> None:
     import rospy
 
     messages = load_messages()
-    store = ObjectStore(args.models, args.nvs, args.objects, args.templates)
-    for reason in store.refused.values():
-        print(f"left out: {reason}", file=sys.stderr)
-    options = {name: shlex.split(words) for name, words in args.options}
-    recognizers = make_recognizers(args.detectors, args.estimators, store, options, args.instances)
-    for recognizer in recognizers.values():
-        recognizer.prepare()
+    recognizers = prepare_recognizers(args)
     rospy.init_node(NODE, argv=["", *args.ros_arguments])
     servers = RecognitionServers(recognizers, find_camera(args), messages)
     origin = "the workspace" if messages.installed else "ZeroShOP's copy"
-    print(f"{', '.join(recognizers)} know {', '.join(store.objects)}; messages of {origin}", flush=True)
+    print(f"{', '.join(recognizers)} are ready; messages of {origin}", flush=True)
     rospy.spin()
     del servers
 
@@ -73,9 +50,13 @@ def find_camera(args: argparse.Namespace) -> CameraSource:
 
     if args.intrinsics:
         return GivenCamera(*args.intrinsics)
+    from sensor_msgs.msg import CameraInfo
+
     topic = args.camera_info_topic or rospy.get_param(PARAMETER, None)
     if not topic:
         raise StepError(
             f"where is the camera matrix? Goals have none. Set the parameter {PARAMETER}, or give --camera-info-topic or --intrinsics"
         )
-    return TopicCamera(topic)
+    camera = TopicCamera(topic)
+    rospy.Subscriber(topic, CameraInfo, camera.take, queue_size=1)
+    return camera

@@ -1,20 +1,12 @@
 """Action servers of ROS 1, one for each recognizer."""
 
 import threading
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
-
+from zeroshop_steps.robot.camera import CameraSource
 from zeroshop_steps.robot.goals import answer_goal
 from zeroshop_steps.robot.recognizers import Recognizer
 from zeroshop_steps.robot.ros1.messages import ActionMessages
-
-
-class CameraSource(Protocol):
-    """Knows the camera of the goals' images."""
-
-    def intrinsics_of(self, width: int, height: int) -> np.ndarray:
-        """(3, 3) K for images of this size."""
 
 
 class RecognitionServers:

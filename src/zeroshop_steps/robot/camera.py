@@ -1,28 +1,31 @@
 """The camera matrix of goals, which have none: from the robot's topic, or given."""
 
+import argparse
 import threading
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from zeroshop_steps.runtime.errors import StepError
 
 WAIT_S = 5.0  # for the first message, when a goal comes before it
-PARAMETER = "/cam_info_topic"
-"""By which the grasping pipeline names the topic of its camera (its documentation, "Adding a new estimator")."""
+
+
+class CameraSource(Protocol):
+    """Knows the camera of the goals' images."""
+
+    def intrinsics_of(self, width: int, height: int) -> np.ndarray:
+        """(3, 3) K for images of this size."""
 
 
 class TopicCamera:
-    """The latest sensor_msgs/CameraInfo of a topic."""
+    """The latest sensor_msgs/CameraInfo of a topic; whoever subscribes calls `take`."""
 
     def __init__(self, topic: str) -> None:
-        import rospy
-        from sensor_msgs.msg import CameraInfo
-
         self.topic, self._latest, self._came = topic, None, threading.Event()
-        self._subscriber = rospy.Subscriber(topic, CameraInfo, self._take, queue_size=1)
 
-    def _take(self, message: Any) -> None:
+    def take(self, message: Any) -> None:
+        """Take a message."""
         self._latest = message
         self._came.set()
 
@@ -42,6 +45,12 @@ class GivenCamera:
     def intrinsics_of(self, width: int, height: int) -> np.ndarray:
         """(3, 3) K, of whatever size."""
         return self._intrinsics
+
+
+def add_camera_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments that say where the camera matrix comes from."""
+    parser.add_argument("--camera-info-topic", help="topic of the camera's matrix")
+    parser.add_argument("--intrinsics", type=float, nargs=4, metavar=("FX", "FY", "CX", "CY"), help="of the camera, in place of a topic")
 
 
 def read_camera_info(message: Any, width: int, height: int) -> np.ndarray:
