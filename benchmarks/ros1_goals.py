@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.bop.scene import read_scene
+from zeroshop_steps.robot.camera import GivenCamera
 from zeroshop_steps.robot.image_messages import write_image
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request, make_frame
 from zeroshop_steps.robot.recognizers import make_recognizers
-from zeroshop_steps.robot.camera import GivenCamera
 from zeroshop_steps.robot.ros1.environment import provide_ros
 from zeroshop_steps.robot.ros1.messages import ActionMessages, load_messages
 from zeroshop_steps.robot.ros1.servers import RecognitionServers

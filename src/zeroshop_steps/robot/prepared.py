@@ -23,8 +23,8 @@ def add_recognizer_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def prepare_recognizers(args: argparse.Namespace) -> dict[str, Recognizer]:
-    """The recognizers by the names of their servers, with models and networks loaded; models that are refused are told.
+def prepare_recognizers(args: argparse.Namespace) -> tuple[ObjectStore, dict[str, Recognizer]]:
+    """The models, and the recognizers by the names of their servers, with models and networks loaded; models that are refused are told.
 
     Raises:
         StepError: there is no usable model, or a method cannot run here.
@@ -38,4 +38,4 @@ def prepare_recognizers(args: argparse.Namespace) -> dict[str, Recognizer]:
         recognizer.prepare()
     store.forget_views()
     print(f"known objects: {', '.join(sorted(store.objects))}", flush=True)
-    return recognizers
+    return store, recognizers

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     import rospy
 
     messages = load_messages()
-    recognizers = prepare_recognizers(args)
+    _, recognizers = prepare_recognizers(args)
     rospy.init_node(NODE, argv=["", *args.ros_arguments])
     servers = RecognitionServers(recognizers, find_camera(args), messages)
     origin = "the workspace" if messages.installed else "ZeroShOP's copy"

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
     import rclpy
     from rclpy.executors import MultiThreadedExecutor
 
-    recognizers = prepare_recognizers(args)
+    _, recognizers = prepare_recognizers(args)
     rclpy.init()
     node = rclpy.create_node(NODE)
     servers = start_servers(node, recognizers, find_camera(args, node))

@@ -6,6 +6,7 @@ from typing import Any
 from zeroshop_steps.runtime.errors import StepError
 
 SERVER_WAIT_S = 10.0  # for a server that is not there yet
+LOOK_S = 0.5  # between looks at the goal itself: the client may not have been told of an answer that came at once
 STATES = ("pending", "active", "preempted", "succeeded", "aborted", "rejected", "preempting", "recalling", "recalled", "lost")
 """By the numbers of actionlib_msgs/GoalStatus."""
 
@@ -27,7 +28,10 @@ def send_goal(server: str, action: Any, goal: Any, timeout_s: float) -> tuple[st
         raise StepError(f"there is no action server {server}; rostopic list names those that run")
     start_s = time.monotonic()
     client.send_goal(goal)
-    if not client.wait_for_result(rospy.Duration.from_sec(timeout_s)):
+    while not client.wait_for_result(rospy.Duration.from_sec(LOOK_S)) and client.gh.get_comm_state() != actionlib.CommState.DONE:
+        if time.monotonic() - start_s < timeout_s:
+            continue
         client.cancel_goal()
         raise StepError(f"{server} has not answered within {timeout_s:g} s; see its log, or give it longer with --timeout-s")
-    return STATES[client.get_state()], client.get_result(), time.monotonic() - start_s
+    seconds = time.monotonic() - start_s
+    return STATES[client.gh.get_terminal_state()], client.get_result(), seconds
