@@ -34,12 +34,26 @@ def published(tmp_path, monkeypatch):
 
 def test_the_table_is_whole_and_names_all_that_methods_need():
     table = read_table()
-    tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.HEIGHTS, methods.SURFACES)
+    tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.HEIGHTS, methods.SURFACES, methods.DETECTORS, methods.ESTIMATORS)
     assert {name for methods_table in tables for method in methods_table.values() for name in method.weights} <= set(table)
     for row in table.values():
-        assert (row.url.startswith("https://") or WheelFile.parse(row.url)) and row.licence and row.purpose and row.without
+        assert (
+            (row.url.removeprefix(weights.BY_HAND).startswith("https://") or WheelFile.parse(row.url))
+            and row.licence
+            and row.purpose
+            and row.without
+        )
         assert row.sha256 is None or len(bytes.fromhex(row.sha256)) == 32
         assert row.size_bytes is None or row.size_bytes > 0
+
+
+def test_a_file_that_only_a_browser_gets_is_asked_for(tmp_path):
+    name = "foundationpose/2023-10-28-18-33-37/model_best.pth"
+    with pytest.raises(StepError, match="cannot be downloaded by this step.*by hand from https://drive.google.com.*put it at"):
+        fetch_weights(name, tmp_path / name)
+    assert not (tmp_path / name).exists()
+    line = methods.refusal("pose estimator", "foundationpose", methods.ESTIMATORS, tmp_path)
+    assert "Take 2023-10-28-18-33-37/model_best.pth (68 MB, licence NVIDIA Source Code License (non-commercial)) by hand from" in line
 
 
 def test_a_download_is_checked_and_found_again(published, tmp_path):

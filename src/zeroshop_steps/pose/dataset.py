@@ -32,8 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="BOP result CSV to write")
 
 
-def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, ObjectModel]], Estimator]) -> None:
-    """Estimate the poses of the targets' detections and write them; `prepare` makes an estimator for these models."""
+def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, ObjectModel]], Estimator], spare: int = SPARE_DETECTIONS) -> None:
+    """Estimate the poses of the targets' detections and write them.
+
+    Args:
+        args: the command line.
+        prepare: makes an estimator for these models.
+        spare: detections of a target that are tried beyond its number of instances; of use where poses are scored.
+    """
     targets = read_targets(args.targets)
     frames = read_target_frames(args.scenes, targets, args.targets, truth_needed=args.detections is None)
     known = list_objects(args.models)
@@ -43,7 +49,7 @@ def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, ObjectM
     if lacking:
         warn(f"{args.models} has no model of the objects {lacking}; their poses are not estimated")
     found = read_detections(args.detections) if args.detections else read_true_masks(frames)
-    found = choose_detections(found, targets, known, SPARE_DETECTIONS if args.detections else 0, args.detections)
+    found = choose_detections(found, targets, known, spare if args.detections else 0, args.detections)
     estimator = prepare(read_models(args.models, {one.object_id for one in found}))
     write_estimates(args.out, estimate_all(found, frames, estimator))
 

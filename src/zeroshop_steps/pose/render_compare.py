@@ -48,7 +48,7 @@ class PoseEstimate:
     points: int
 
 
-METHOD = {"mem_mb": 3000, "runtime_min": 120, "threads": 2}
+METHOD = {"rank": 0, "mem_mb": 3000, "runtime_min": 120, "threads": 2}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,90 @@
+"""The refiner, which says how to move a pose, and the scorer, which ranks poses; parameters have the checkpoints' names and shapes.
+
+Both compare a rendering of the model at a pose with the photo, as (N, 6, H, W) images: colours from 0 to 1, then the camera
+coordinates of the points less those of the pose's centre, in radii of the object; 0 where nothing is there.
+"""
+
+import json
+from pathlib import Path
+from typing import TypeVar
+
+import torch
+from torch import Tensor, nn
+
+from zeroshop_steps.networks.foundationpose.layers import PositionTable, encode_pairs, make_image_encoder, make_pair_encoder
+from zeroshop_steps.networks.foundationpose.settings import FoundationPoseSettings
+from zeroshop_steps.networks.weights import load_strictly
+from zeroshop_steps.runtime.errors import StepError
+
+SIZES = ".settings.json"
+"""Suffix of the file beside weights that tells the sizes of a network of one's own."""
+
+
+class RefineNet(nn.Module):
+    """Says how to move each pose so that its rendering fits the photo (section 3.3 of the paper)."""
+
+    def __init__(self, settings: FoundationPoseSettings | None = None) -> None:
+        super().__init__()
+        settings = settings or FoundationPoseSettings()
+        self.encodeA, self.encodeAB = make_image_encoder(settings), make_pair_encoder(settings)
+        self.pos_embed = PositionTable(settings.tokens, settings.most_tokens)
+        self.trans_head, self.rot_head = (
+            nn.Sequential(
+                nn.TransformerEncoderLayer(settings.tokens, settings.heads, settings.hidden, batch_first=True),
+                nn.Linear(settings.tokens, 3),
+            )
+            for _ in range(2)
+        )
+
+    def forward(self, rendered: Tensor, observed: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 3) translations in radii of the object, and (N, 3) turns before the hyperbolic tangent (`poses.apply_update`)."""
+        tokens = encode_pairs(rendered, observed, self.encodeA, self.encodeAB, self.pos_embed)
+        return self.trans_head(tokens).mean(1), self.rot_head(tokens).mean(1)
+
+
+class ScoreNet(nn.Module):
+    """Scores poses of one object in one photo in view of each other (section 3.4 of the paper)."""
+
+    def __init__(self, settings: FoundationPoseSettings | None = None) -> None:
+        super().__init__()
+        settings = settings or FoundationPoseSettings()
+        self.encoderA, self.encoderAB = make_image_encoder(settings), make_pair_encoder(settings)
+        self.att, self.att_cross = (nn.MultiheadAttention(settings.tokens, settings.heads, batch_first=True) for _ in range(2))
+        self.pos_embed = PositionTable(settings.tokens, settings.most_tokens)
+        self.linear = nn.Linear(settings.tokens, 1)
+
+    def describe(self, rendered: Tensor, observed: Tensor) -> Tensor:
+        """(N, tokens) how each pose fits, on its own: these may be computed a few at a time."""
+        tokens = encode_pairs(rendered, observed, self.encoderA, self.encoderAB, self.pos_embed)
+        return self.att(tokens, tokens, tokens, need_weights=False)[0].mean(1)
+
+    def rank(self, descriptions: Tensor) -> Tensor:
+        """(N,) scores, higher is better, of N poses that are compared with each other."""
+        together = descriptions[None]
+        return self.linear(self.att_cross(together, together, together, need_weights=False)[0]).reshape(-1)
+
+    def forward(self, rendered: Tensor, observed: Tensor) -> Tensor:
+        """(N,) scores of N poses, whose images are (N, image_channels, H, W)."""
+        return self.rank(self.describe(rendered, observed))
+
+
+Network = TypeVar("Network", RefineNet, ScoreNet)
+
+
+def load_network(kind: type[Network], weights: Path, device: torch.device) -> Network:
+    """A network with the weights of a file, ready for inference.
+
+    A JSON file of the same stem beside it, if there is one, says the sizes of a network of one's own.
+
+    Raises:
+        StepError: the weights are damaged, or of another network.
+    """
+    beside = weights.with_suffix(SIZES)
+    try:
+        settings = FoundationPoseSettings(**json.loads(beside.read_text())) if beside.is_file() else FoundationPoseSettings()
+    except (TypeError, ValueError) as error:
+        raise StepError(f"{beside} tells no sizes of FoundationPose's networks ({error}); delete it for the published ones") from None
+    with torch.device("meta"):
+        network = kind(settings)
+    load_strictly(network, weights)
+    return network.eval().requires_grad_(False).to(device)
