@@ -1,8 +1,8 @@
 """What the networks see of a pose: the same square cut out of the photo and of a rendering of the model, colours and points.
 
-Half pixels are kept as the published weights were trained with: a rendering of 160 pixels spans 159 of the 160 parts of the window
-and takes K's origin for a corner of the image; depth takes it for the middle of the first pixel; the photo is sampled with Kornia's
-`warp_perspective` and its `align_corners=False`.
+Half pixels are kept as the published weights know them. A rendering of 160 pixels spans 159 of the 160 parts of the window and takes
+K's origin for a corner of the image; depth takes it for the middle of the first pixel. The photo is sampled as by Kornia 0.7.2's
+`warp_perspective`, which goes from pixels to shares of the image by other rules than back (`_find_source`).
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from torch.nn import functional as F
 
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.rasterization import Fragments, PixelGrid, rasterize
-from zeroshop_steps.networks.foundationpose.settings import CROP_PX
+from zeroshop_steps.networks.foundationpose.settings import CROP_PX, REFINER_MARGIN, SCORER_MARGIN
 
 AMBIENT, DIFFUSE = 0.8, 0.5  # of the light from the camera, as shares of the colour
 PLAIN = 128 / 255  # colour of a model without texture
@@ -23,29 +23,43 @@ NEAREST_MM = 1.0  # depth below which nothing counts as seen, or a pose as in fr
 
 
 @dataclass(frozen=True)
+class CropStyle:
+    """What differs between the crops of the two networks.
+
+    Attributes:
+        margin: sides of the windows at the depth of the object, in its diameters.
+        nearest_mm: depth below which nothing counts as seen.
+        there_and_back: whether depth is cut out, put back into the image and cut out again, each time by the nearest pixel.
+    """
+
+    margin: float
+    nearest_mm: float
+    there_and_back: bool
+
+
+FOR_REFINER = CropStyle(REFINER_MARGIN, NEAREST_MM, there_and_back=False)
+FOR_SCORER = CropStyle(SCORER_MARGIN, 100.0, there_and_back=True)
+
+
+@dataclass(frozen=True)
 class Observation:
     """A photo with depth, on the device.
 
     Attributes:
         colors: (1, 3, H, W) 0 to 1.
-        points: (1, 3, H, W) mm, camera frame, 0 where nothing was measured.
+        depth_mm: (H, W) 0 where nothing was measured.
         intrinsics: (3, 3) BOP's K.
     """
 
     colors: Tensor
-    points: Tensor
+    depth_mm: Tensor
     intrinsics: Tensor
 
     @staticmethod
     def of(photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, device: torch.device) -> "Observation":
         """From a (H, W, 3) uint8 photo and its (H, W) depth."""
-        height, width = depth_mm.shape
-        columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-        slopes = [(columns - intrinsics[0, 2]) / intrinsics[0, 0], (rows - intrinsics[1, 2]) / intrinsics[1, 1], np.ones((height, width))]
-        points = np.stack(slopes) * np.where(depth_mm > NEAREST_MM, depth_mm, 0.0)
         colors = torch.from_numpy(photo.copy()).to(device).permute(2, 0, 1)[None].float() / 255
-        tensor = torch.as_tensor(points, dtype=torch.float32, device=device)[None]
-        return Observation(colors, tensor, torch.as_tensor(intrinsics, dtype=torch.float32, device=device))
+        return Observation(colors, *(torch.as_tensor(values, dtype=torch.float32, device=device) for values in (depth_mm, intrinsics)))
 
 
 @dataclass(frozen=True)
@@ -94,25 +108,17 @@ class CropPairs:
     camera_from_model: Tensor
 
 
-def cut_pairs(seen: Observation, model: DrawnModel, camera_from_model: Tensor, margin: float, nearest_mm: float = NEAREST_MM) -> CropPairs:
-    """Cut out what the networks see.
-
-    Args:
-        seen: the photo.
-        model: what is rendered.
-        camera_from_model: (N, 4, 4) mm.
-        margin: sides of the windows at the depth of the object, in its diameters.
-        nearest_mm: depth below which nothing counts as seen.
-    """
-    corner, side_px = place_windows(camera_from_model, seen.intrinsics, margin * model.diameter_mm)
+def cut_pairs(seen: Observation, model: DrawnModel, camera_from_model: Tensor, style: CropStyle) -> CropPairs:
+    """Cut out what a network sees of (N, 4, 4) poses in mm of a model in a photo."""
+    corner, side_px = place_windows(camera_from_model, seen.intrinsics, style.margin * model.diameter_mm)
     centres = camera_from_model[:, :3, 3, None, None]
 
     def normalize(points: Tensor) -> Tensor:
         relative = (points - centres) / (model.diameter_mm / 2)
-        return torch.where((points[:, 2:] < nearest_mm) | (relative.abs() >= MOST_RADII), 0.0, relative)
+        return torch.where((points[:, 2:] < style.nearest_mm) | (relative.abs() >= MOST_RADII), 0.0, relative)
 
     drawn_colors, drawn_points = render_windows(model, camera_from_model, seen.intrinsics, corner, side_px)
-    colors, points = sample_windows(seen, corner, side_px)
+    colors, points = sample_colors(seen, corner, side_px), sample_points(seen, corner, side_px, style.there_and_back)
     return CropPairs(torch.cat([drawn_colors, normalize(drawn_points)], 1), torch.cat([colors, normalize(points)], 1), camera_from_model)
 
 
@@ -155,15 +161,43 @@ def _look_up_colors(model: DrawnModel, fragments: Fragments) -> Tensor:
     return F.grid_sample(around, grid.flatten(0, 1)[None], align_corners=False)[0].permute(1, 2, 0).unflatten(0, grid.shape[:2])
 
 
-def sample_windows(seen: Observation, corner: Tensor, side_px: Tensor) -> tuple[Tensor, Tensor]:
-    """(N, 3, CROP_PX, CROP_PX) colours, bilinear, and points, those of the nearest pixel, of the photo; 0 outside."""
-    height, width = seen.colors.shape[2:]
-    place = corner[:, None] + torch.arange(CROP_PX, device=corner.device)[:, None] * (side_px / CROP_PX)[:, None]  # (N, CROP_PX, 2)
-    relative = 2 * place / torch.tensor([width - 1.0, height - 1.0], device=corner.device) - 1
+def sample_colors(seen: Observation, corner: Tensor, side_px: Tensor) -> Tensor:
+    """(N, 3, CROP_PX, CROP_PX) colours of the photo in these windows, bilinear, 0 outside."""
+    size_px = _size_of(seen)
+    places = _find_source(_spread(corner, side_px), size_px)
+    relative = (2 * places + 1) / size_px - 1  # of the whole image, -1 to 1
     shape = (len(corner), CROP_PX, CROP_PX)
     grid = torch.stack([relative[:, None, :, 0].expand(shape), relative[:, :, None, 1].expand(shape)], dim=3)
+    return F.grid_sample(seen.colors, grid.flatten(0, 1)[None], align_corners=False)[0].unflatten(1, shape[:2]).transpose(0, 1)
 
-    def sample(image: Tensor, mode: str) -> Tensor:
-        return F.grid_sample(image, grid.flatten(0, 1)[None], mode=mode, align_corners=False)[0].unflatten(1, shape[:2]).transpose(0, 1)
 
-    return sample(seen.colors, "bilinear"), sample(seen.points, "nearest")
+def sample_points(seen: Observation, corner: Tensor, side_px: Tensor, there_and_back: bool) -> Tensor:
+    """(N, 3, CROP_PX, CROP_PX) mm, camera frame: the points of the nearest pixels in these windows, 0 where nothing was measured."""
+    size_px = _size_of(seen)
+    pixels = _find_source(_spread(corner, side_px), size_px).round()  # (N, CROP_PX, 2) column and row
+    source, inside = pixels, (pixels >= 0) & (pixels < size_px)
+    if there_and_back:
+        back = _find_source((pixels - corner[:, None]) * CROP_PX / side_px[:, None], torch.full_like(size_px, CROP_PX)).round()
+        source = _find_source(corner[:, None] + back * side_px[:, None] / CROP_PX, size_px).round()
+        inside = inside & (back >= 0) & (back < CROP_PX) & (source >= 0) & (source < size_px)
+    column, row = source.minimum(size_px - 1).clamp(min=0).long().unbind(2)
+    depth = seen.depth_mm[row[:, :, None], column[:, None]] * (inside[:, :, None, 1] & inside[:, None, :, 0])
+    slopes = (pixels - seen.intrinsics[:2, 2]) / torch.stack([seen.intrinsics[0, 0], seen.intrinsics[1, 1]])
+    return torch.stack([slopes[:, None, :, 0] * depth, slopes[:, :, None, 1] * depth, depth], dim=1)
+
+
+def _size_of(seen: Observation) -> Tensor:
+    """(2,) width and height of the photo in pixels."""
+    height, width = seen.depth_mm.shape
+    return torch.tensor([float(width), float(height)], device=seen.depth_mm.device)
+
+
+def _spread(corner: Tensor, side_px: Tensor) -> Tensor:
+    """(N, CROP_PX, 2) where the columns and rows of crops lie in the photo."""
+    return corner[:, None] + torch.arange(CROP_PX, device=corner.device)[:, None] * side_px[:, None] / CROP_PX
+
+
+def _find_source(place: Tensor, size_px: Tensor) -> Tensor:
+    """The pixel of an image of this size that is read for a place in it: Kornia 0.7.2 takes the middles of the outer pixels for the
+    ends of the image, and PyTorch, which reads it, their edges."""
+    return place * size_px / (size_px - 1) - 0.5

@@ -8,15 +8,13 @@ import torch
 from torch import Tensor
 
 from zeroshop_steps.bop.models import ObjectModel, measure_diameter_mm
-from zeroshop_steps.networks.foundationpose.settings import REFINER_MARGIN, SCORER_MARGIN
-from zeroshop_steps.pose.foundationpose.crops import CropPairs, DrawnModel, Observation, cut_pairs
+from zeroshop_steps.pose.foundationpose.crops import FOR_REFINER, FOR_SCORER, CropPairs, CropStyle, DrawnModel, Observation, cut_pairs
 from zeroshop_steps.pose.foundationpose.depth_filter import filter_depth
 from zeroshop_steps.pose.foundationpose.networks import PairNetworks
 from zeroshop_steps.pose.foundationpose.poses import apply_update
 from zeroshop_steps.pose.foundationpose.start_poses import estimate_centre, make_rotations
 
 LEAST_POINTS = 4  # measured points in a mask; with fewer, no pose is estimated
-SCORER_NEAREST_MM = 100.0  # depth below which the scorer sees nothing, as it was trained
 
 
 class PreparedModel:
@@ -103,16 +101,16 @@ class PoseEstimator:
             poses = torch.cat(
                 [
                     apply_update(pairs.camera_from_model, *self.networks.refine(pairs), model.diameter_mm)
-                    for pairs in self._pairs(seen, model, poses, REFINER_MARGIN)
+                    for pairs in self._pairs(seen, model, poses, FOR_REFINER)
                 ]
             )
         return poses
 
     def _score(self, seen: Observation, model: DrawnModel, poses: Tensor) -> Tensor:
-        return self.networks.score(self._pairs(seen, model, poses, SCORER_MARGIN, SCORER_NEAREST_MM))
+        return self.networks.score(self._pairs(seen, model, poses, FOR_SCORER))
 
-    def _pairs(self, seen: Observation, model: DrawnModel, poses: Tensor, margin: float, *nearest_mm: float) -> Iterator[CropPairs]:
-        return (cut_pairs(seen, model, part, margin, *nearest_mm) for part in poses.split(self.networks.batch))
+    def _pairs(self, seen: Observation, model: DrawnModel, poses: Tensor, style: CropStyle) -> Iterator[CropPairs]:
+        return (cut_pairs(seen, model, part, style) for part in poses.split(self.networks.batch))
 
     def _pose_of(self, poses: Tensor, ready: PreparedModel) -> np.ndarray:
         """(4, 4) the first of these poses, in double precision and with an exact rotation."""
