@@ -37,7 +37,7 @@ def test_the_stages_have_their_methods():
     assert list(methods.SEGMENTATIONS) == ["grounded_sam", "saliency", "support_plane"]
     assert list(methods.DETECTORS) == ["contour", "cnos", "sam6d_ism"]
     assert set(methods.HEIGHTS) == {"known", "marker", "depth_camera", "mast3r", "none"}
-    assert list(methods.ESTIMATORS) == ["render_compare", "foundationpose", "foundationpose_onnx"]
+    assert list(methods.ESTIMATORS) == ["render_compare", "foundationpose", "foundationpose_onnx", "sam6d_pem"]
 
 
 def test_every_method_is_a_step_of_its_stage():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from helpers.fastsam_cases import SMALL, parameters
 from helpers.painted_scene import CAN, CARTON, detect
 from zeroshop_steps import methods
 from zeroshop_steps.bop.detections import decode_mask, read_detections
@@ -12,6 +13,7 @@ from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, crop_masked
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_duplicate_masks, drop_small_masks, measure_stability
 from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.networks.fastsam.model import FastSam
 from zeroshop_steps.runtime.cli import stage_methods
 
 
@@ -24,6 +26,19 @@ def test_the_command_writes_what_random_networks_find(dataset, weights):
     assert all(0.01 < one.score <= 1 and decode_mask(one.mask).shape == (240, 320) for one in found)
     assert detect(dataset, "cnos", *options[:3], "2.0", *options[4:]) == 0
     assert read_detections(dataset.folder / "detections.json") == [], "no mask is that sure"
+
+
+@pytest.mark.slow
+def test_regions_come_from_fastsam_where_it_is_asked_for(dataset, weights, monkeypatch, capsys):
+    assert detect(dataset, "cnos", "--proposals", "fastsam") == 1
+    assert "FastSAM-x.pt are not there" in capsys.readouterr().err
+    small = FastSam(SMALL)
+    small.load_state_dict(parameters({name: tuple(tensor.shape) for name, tensor in small.state_dict().items()}), strict=False)
+    monkeypatch.setattr("zeroshop_steps.detect.proposals.require_weights", lambda name: name)
+    monkeypatch.setattr("zeroshop_steps.detect.proposals.load_fastsam", lambda path: small.eval())
+    assert detect(dataset, "cnos", "--proposals", "fastsam", "--width-px", "160", "--device", "cpu") == 0
+    found = read_detections(dataset.folder / "detections.json")
+    assert found and all(decode_mask(one.mask).shape == (240, 320) for one in found)
 
 
 def test_without_weights_it_says_how_to_get_them(dataset, tmp_path, monkeypatch, capsys):

@@ -67,8 +67,8 @@ def test_a_region_whose_box_is_elsewhere_has_no_geometry():
 @pytest.mark.slow
 def test_objects_and_views_are_found_by_features_made_from_the_truth(dataset):
     """Also the can behind the carton's corner, with half as much noise as signal."""
-    describer = TrueDescriber(noise=0.5)
     models, objects = read_models(dataset.folder / "models", [CARTON, CAN]), {}
+    describer = TrueDescriber(models, noise=0.5)
     for number, model in models.items():
         views = read_templates(dataset.folder / "templates", number)
         describer.learn_views(number, views)

@@ -41,8 +41,8 @@ def folded(shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
     last: dict[str, int] = {}
     lines: dict[str, str] = {}
     for name, shape in shapes.items():
-        stem = re.sub(r"(blocks2?)\.\d+\.", r"\1.*.", name)
-        number = re.search(r"blocks2?\.(\d+)\.", name)
+        stem = re.sub(r"(blocks2?|transformers)\.\d+\.", r"\1.*.", name)
+        number = re.search(r"(?:blocks2?|transformers)\.(\d+)\.", name)
         line = f"{stem} {'x'.join(map(str, shape))}"
         if lines.setdefault(stem, line) != line:
             raise ValueError(f"{name} is not shaped like the others of its kind")
@@ -55,7 +55,7 @@ def unfolded(lines: Iterable[str]) -> dict[str, tuple[int, ...]]:
     shapes = {}
     for line in lines:
         name, _, sides = line.partition(" ")
-        shape = tuple(map(int, sides.split("x")))
+        shape = tuple(map(int, sides.split("x"))) if sides else ()
         found = re.search(r"\.0-(\d+)\.", name)
         for number in range(int(found[1]) + 1) if found else [None]:
             shapes[name if number is None else name.replace(found[0], f".{number}.")] = shape

@@ -36,6 +36,8 @@ def test_the_table_is_whole_and_names_all_that_methods_need():
     table = read_table()
     tables = (methods.REGISTRATIONS, methods.SEGMENTATIONS, methods.HEIGHTS, methods.SURFACES, methods.DETECTORS, methods.ESTIMATORS)
     assert {name for methods_table in tables for method in methods_table.values() for name in method.weights} <= set(table)
+    chosen = [files for one in methods.DETECTORS.values() for choices in one.choices.values() for files in choices.values()]
+    assert {name for files in chosen for name in files} <= set(table)
     for row in table.values():
         assert (
             (row.url.removeprefix(weights.BY_HAND).startswith("https://") or WheelFile.parse(row.url))

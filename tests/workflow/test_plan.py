@@ -249,12 +249,28 @@ def test_the_table_of_the_benchmark_runs_every_detector_and_estimator_on_every_s
 
 
 def test_poses_after_cnos_take_its_sure_masks_alone(snakemake, tmp_path):
-    for name in methods.DETECTORS["cnos"].weights:
+    for name in methods.DETECTORS["cnos"].files:
         (tmp_path / methods.WEIGHTS_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / methods.WEIGHTS_FOLDER / name).touch()
     run = snakemake("-n", "results/demo/bop/render_compare-cnos-models/poses.csv")
     assert run.returncode == 0, run.stdout
     assert planned(run.stdout)["filter_masks"] == 1 and "--detections results/demo/bop/cnos-models/masks.json" in run.stdout
+
+
+def test_poses_by_sam6d_are_planned_where_its_weights_are(snakemake, tmp_path):
+    """With FastSAM's regions, so without the weights of SAM."""
+    chosen = methods.DETECTORS["sam6d_ism"].with_options({"proposals": "fastsam"})
+    for name in (*chosen.files, *methods.ESTIMATORS["sam6d_pem"].files):
+        (tmp_path / methods.WEIGHTS_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / methods.WEIGHTS_FOLDER / name).touch()
+    path = "results/demo/bop/sam6d_pem-sam6d_ism-models/scores.csv"
+    run = snakemake("-n", path, "--config", "detect={sam6d_ism: {proposals: fastsam}}")
+    assert run.returncode == 0, run.stdout
+    jobs = planned(run.stdout)
+    assert jobs["sam6d_ism"] == jobs["estimate_poses"] == jobs["templates"] == 1 and "filter_masks" not in jobs
+    assert "--proposals fastsam" in run.stdout and "--templates results/demo/bop/templates/models/42" in run.stdout
+    refused = snakemake("-n", path)
+    assert refused.returncode != 0 and "sam-vit-huge/model.safetensors" in refused.stdout
 
 
 def test_every_cell_of_the_matrix_has_a_path(snakemake):

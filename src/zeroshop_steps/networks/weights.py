@@ -140,7 +140,7 @@ def fetch_weights(name: str, path: Path) -> None:
     """Download a file of weights to `path` and check it.
 
     Raises:
-        StepError: no network, no disk space, or not the file that the table describes.
+        StepError: no network, no disk space, not the file that the table describes, or one that only a browser can fetch.
     """
     row = look_up_weights(name)
     if row.url.startswith(BY_HAND):
@@ -153,7 +153,12 @@ def fetch_weights(name: str, path: Path) -> None:
     _check_size(row, path)
 
 
-def load_strictly(module: "torch.nn.Module", path: Path, adapt: "Callable[[Tensors], Tensors]" = dict) -> None:
+def load_strictly(
+    module: "torch.nn.Module",
+    path: Path,
+    adapt: "Callable[[Tensors], Tensors]" = dict,
+    read: "Callable[[Path], Tensors] | None" = None,
+) -> None:
     """Give `module` the parameters and buffers in a checkpoint: all of them, and none besides.
 
     The module may be on the meta device; it then takes the tensors as they are in the file, which is mapped, not read.
@@ -162,11 +167,12 @@ def load_strictly(module: "torch.nn.Module", path: Path, adapt: "Callable[[Tenso
         module: the network.
         path: .safetensors, or PyTorch's own format: the tensors by name, alone or under the key "model".
         adapt: gives the published tensors the module's names, and adds those that it computes.
+        read: reads a file of another format; `read_checkpoint` by default.
 
     Raises:
         StepError: a damaged file, or names and shapes that are not the network's; it names them.
     """
-    state = adapt(read_checkpoint(path))
+    state = adapt((read or read_checkpoint)(path))
     expected = module.state_dict()
     missing = [name for name in expected if name not in state]
     extra = [name for name in state if name not in expected]

@@ -1,8 +1,8 @@
 """CNOS (Nguyen et al., CNOS: A Strong Baseline for CAD-based Novel Object Segmentation, ICCVW 2023): SAM proposes, DINOv2 names.
 
-Segment Anything proposes regions from a grid of points. DINOv2's class token of each masked region is compared with those of 42
-views of every model, and the mean of the five nearest is the score. Uses colour only. Needs the folders sam-vit-huge and
-dinov2-large below resources/weights; `contour` needs no weights. Writes BOP's COCO JSON.
+Segment Anything proposes regions from a grid of points, or FastSAM in one pass. DINOv2's class token of each masked region is compared
+with those of 42 views of every model, and the mean of the five nearest is the score. Uses colour only. Needs dinov2-large, and
+sam-vit-huge or FastSAM-x.pt, below resources/weights; `contour` needs no weights. Writes BOP's COCO JSON.
 """
 
 import argparse
@@ -35,12 +35,8 @@ MOST_IOU = 0.25  # of the boxes of two detections of one object; with more, the 
 
 METHOD = {
     "rank": 1,
-    "weights": (
-        "sam-vit-huge/model.safetensors",
-        "sam-vit-huge/config.json",
-        "dinov2-large/model.safetensors",
-        "dinov2-large/config.json",
-    ),
+    "weights": ("dinov2-large/model.safetensors", "dinov2-large/config.json"),
+    "choices": {"proposals": {"sam": ("sam-vit-huge/model.safetensors", "sam-vit-huge/config.json"), "fastsam": ("FastSAM-x.pt",)}},
     "mem_mb": 12000,
     "runtime_min": 240,
     "masks": "masks.json",

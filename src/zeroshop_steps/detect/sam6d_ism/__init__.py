@@ -47,12 +47,8 @@ MODEL_POINTS = 2048  # whose box is compared with that of the region
 METHOD = {
     "title": "SAM-6D ISM",
     "rank": 2,
-    "weights": (
-        "sam-vit-huge/model.safetensors",
-        "sam-vit-huge/config.json",
-        "dinov2-large/model.safetensors",
-        "dinov2-large/config.json",
-    ),
+    "weights": ("dinov2-large/model.safetensors", "dinov2-large/config.json"),
+    "choices": {"proposals": {"sam": ("sam-vit-huge/model.safetensors", "sam-vit-huge/config.json"), "fastsam": ("FastSAM-x.pt",)}},
     "mem_mb": 12000,
     "runtime_min": 240,
 }

@@ -1,0 +1,241 @@
+"""The network: a backbone, a pyramid of three sizes, and heads for boxes, likelihoods and masks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from zeroshop_steps.networks.fastsam.checkpoint import read_pickled_modules
+from zeroshop_steps.networks.weights import load_strictly
+
+NAME = "FastSAM-x.pt"
+STRIDES = (8, 16, 32)  # of the three sizes, in pixels
+BINS = 16  # in which the distance of a side of a box from its cell is told, in strides
+PROTOTYPES = 32  # of masks, which a box mixes
+NORM_EPSILON = 1e-3
+
+
+@dataclass(frozen=True)
+class FastSamSettings:
+    """Sizes of the network; by default those of the published one.
+
+    Attributes:
+        width: factor of all channels.
+        depth: factor of the numbers of repeated units.
+        most_channels: before the factor.
+    """
+
+    width: float = 1.25
+    depth: float = 1.0
+    most_channels: int = 512
+
+    def channels(self, count: int) -> int:
+        """Of a layer that has so many at a width of 1: a multiple of eight."""
+        return int(-(-min(count, self.most_channels) * self.width // 8) * 8)
+
+    def repeats(self, count: int) -> int:
+        """Of a unit that is repeated so often at a depth of 1."""
+        return max(round(count * self.depth), 1)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """N boxes of an image.
+
+    Attributes:
+        boxes: (N, 4) left, top, right, bottom in pixels.
+        likelihoods: (N,) 0..1, of showing one thing.
+        mixtures: (N, PROTOTYPES) of the prototypes.
+        prototypes: (PROTOTYPES, height / 4, width / 4).
+    """
+
+    boxes: Tensor
+    likelihoods: Tensor
+    mixtures: Tensor
+    prototypes: Tensor
+
+
+class Convolution(nn.Module):
+    """A convolution, normalised, and SiLU."""
+
+    def __init__(self, channels: int, out: int, kernel: int = 1, stride: int = 1) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(channels, out, kernel, stride, kernel // 2, bias=False)
+        self.bn = nn.BatchNorm2d(out, eps=NORM_EPSILON)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.silu(self.bn(self.conv(x)))
+
+
+class Bottleneck(nn.Module):
+    """Two convolutions, added to what was there where there is a shortcut."""
+
+    def __init__(self, channels: int, shortcut: bool) -> None:
+        super().__init__()
+        self.cv1 = Convolution(channels, channels, 3)
+        self.cv2 = Convolution(channels, channels, 3)
+        self._shortcut = shortcut
+
+    def forward(self, x: Tensor) -> Tensor:
+        changed = self.cv2(self.cv1(x))
+        return x + changed if self._shortcut else changed
+
+
+class SplitStage(nn.Module):
+    """Half of the channels go through bottlenecks one after the other; all that comes up on the way is put together (C2f)."""
+
+    def __init__(self, channels: int, out: int, repeats: int, shortcut: bool) -> None:
+        super().__init__()
+        half = out // 2
+        self.cv1 = Convolution(channels, 2 * half)
+        self.cv2 = Convolution((2 + repeats) * half, out)
+        self.m = nn.ModuleList(Bottleneck(half, shortcut) for _ in range(repeats))
+
+    def forward(self, x: Tensor) -> Tensor:
+        parts = list(self.cv1(x).chunk(2, 1))
+        for unit in self.m:
+            parts.append(unit(parts[-1]))
+        return self.cv2(torch.cat(parts, 1))
+
+
+class SpatialPyramid(nn.Module):
+    """Maxima over ever larger windows, put together (SPPF)."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.cv1 = Convolution(channels, channels // 2)
+        self.cv2 = Convolution(channels // 2 * 4, channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        parts = [self.cv1(x)]
+        for _ in range(3):
+            parts.append(F.max_pool2d(parts[-1], 5, 1, 2))
+        return self.cv2(torch.cat(parts, 1))
+
+
+class Prototypes(nn.Module):
+    """Masks that boxes mix, at twice the resolution of the finest size."""
+
+    def __init__(self, channels: int, between: int) -> None:
+        super().__init__()
+        self.cv1 = Convolution(channels, between, 3)
+        self.upsample = nn.ConvTranspose2d(between, between, 2, 2)
+        self.cv2 = Convolution(between, between, 3)
+        self.cv3 = Convolution(between, PROTOTYPES)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.cv3(self.cv2(self.upsample(self.cv1(x))))
+
+
+class ExpectedDistance(nn.Module):
+    """The expectation of a distance over its bins, of (B, 4 BINS, N) logits as (B, 4, N)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(BINS, 1, 1, bias=False)
+
+    def forward(self, logits: Tensor) -> Tensor:
+        return self.conv(logits.unflatten(1, (4, BINS)).transpose(1, 2).softmax(1))[:, 0]
+
+
+class Head(nn.Module):
+    """Boxes, likelihoods and mixtures of masks, of every cell of three sizes."""
+
+    def __init__(self, sizes: Sequence[int], settings: FastSamSettings) -> None:
+        super().__init__()
+
+        def branch(channels: int, between: int, out: int) -> nn.Sequential:
+            return nn.Sequential(Convolution(channels, between, 3), Convolution(between, between, 3), nn.Conv2d(between, out, 1))
+
+        self.cv2 = nn.ModuleList(branch(size, max(sizes[0] // 4, 4 * BINS), 4 * BINS) for size in sizes)
+        self.cv3 = nn.ModuleList(branch(size, sizes[0], 1) for size in sizes)
+        self.dfl = ExpectedDistance()
+        self.proto = Prototypes(sizes[0], settings.channels(256))
+        self.cv4 = nn.ModuleList(branch(size, max(sizes[0] // 4, PROTOTYPES), PROTOTYPES) for size in sizes)
+
+    def forward(self, pyramid: Sequence[Tensor]) -> list[Candidates]:
+        """Of each image of (B, C, h, w) layers, the finest first."""
+        distances = self.dfl(_join(self.cv2, pyramid))
+        likelihoods, mixtures = _join(self.cv3, pyramid).sigmoid()[:, 0], _join(self.cv4, pyramid).transpose(1, 2)
+        centres, strides = locate_cells(pyramid)
+        boxes = torch.cat([centres - distances[:, :2], centres + distances[:, 2:]], 1) * strides
+        parts = boxes.transpose(1, 2), likelihoods, mixtures, self.proto(pyramid[0])
+        return [Candidates(*one) for one in zip(*parts, strict=True)]
+
+
+class FastSam(nn.Module):
+    """The whole network. Its layers are numbered as in the checkpoint, where some numbers are of layers without parameters."""
+
+    def __init__(self, settings: FastSamSettings | None = None) -> None:
+        super().__init__()
+        settings = settings or FastSamSettings()
+        widths = [settings.channels(count) for count in (64, 128, 256, 512, 1024)]
+        few, many = settings.repeats(3), settings.repeats(6)
+        layers: dict[str, nn.Module] = {
+            "0": Convolution(3, widths[0], 3, 2),
+            "1": Convolution(widths[0], widths[1], 3, 2),
+            "2": SplitStage(widths[1], widths[1], few, True),
+            "3": Convolution(widths[1], widths[2], 3, 2),
+            "4": SplitStage(widths[2], widths[2], many, True),
+            "5": Convolution(widths[2], widths[3], 3, 2),
+            "6": SplitStage(widths[3], widths[3], many, True),
+            "7": Convolution(widths[3], widths[4], 3, 2),
+            "8": SplitStage(widths[4], widths[4], few, True),
+            "9": SpatialPyramid(widths[4]),
+            "12": SplitStage(widths[4] + widths[3], widths[3], few, False),
+            "15": SplitStage(widths[3] + widths[2], widths[2], few, False),
+            "16": Convolution(widths[2], widths[2], 3, 2),
+            "18": SplitStage(widths[2] + widths[3], widths[3], few, False),
+            "19": Convolution(widths[3], widths[3], 3, 2),
+            "21": SplitStage(widths[3] + widths[4], widths[4], few, False),
+            "22": Head((widths[2], widths[3], widths[4]), settings),
+        }
+        self.model = nn.ModuleDict(layers)
+
+    def forward(self, images: Tensor) -> list[Candidates]:
+        """(B, 3, height, width) RGB images, 0..1, whose sides are multiples of 32, to the candidates of each."""
+        layers = self.model
+        fine = _run(layers, ("0", "1", "2", "3", "4"), images)
+        middle = _run(layers, ("5", "6"), fine)
+        coarse = _run(layers, ("7", "8", "9"), middle)
+        middle = layers["12"](torch.cat([_enlarge(coarse), middle], 1))
+        fine = layers["15"](torch.cat([_enlarge(middle), fine], 1))
+        middle = layers["18"](torch.cat([layers["16"](fine), middle], 1))
+        coarse = layers["21"](torch.cat([layers["19"](middle), coarse], 1))
+        found: list[Candidates] = layers["22"]([fine, middle, coarse])
+        return found
+
+
+def locate_cells(pyramid: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+    """(2, N) centres of all cells, x and y in strides, and (N,) strides."""
+    centres, strides = [], []
+    for layer, stride in zip(pyramid, STRIDES, strict=True):
+        y, x = torch.meshgrid(*(torch.arange(side, device=layer.device) + 0.5 for side in layer.shape[2:]), indexing="ij")
+        centres.append(torch.stack([x.flatten(), y.flatten()]))
+        strides.append(torch.full_like(centres[-1][0], stride))
+    return torch.cat(centres, 1), torch.cat(strides)
+
+
+def load_fastsam(path: Path, settings: FastSamSettings | None = None) -> FastSam:
+    """The network with the weights in `path`. Raises StepError if they are damaged or of another network."""
+    network = FastSam(settings)
+    load_strictly(network, path, read=read_pickled_modules)
+    return network.eval().requires_grad_(False)
+
+
+def _join(branches: nn.ModuleList, pyramid: Sequence[Tensor]) -> Tensor:
+    """(B, C, N) of all cells of all sizes."""
+    return torch.cat([branch(layer).flatten(2) for branch, layer in zip(branches, pyramid, strict=True)], 2)
+
+
+def _run(layers: nn.ModuleDict, names: Sequence[str], x: Tensor) -> Tensor:
+    for name in names:
+        x = layers[name](x)
+    return x
+
+
+def _enlarge(x: Tensor) -> Tensor:
+    return F.interpolate(x, scale_factor=2, mode="nearest")
