@@ -6,7 +6,10 @@ measured: images of 64 x 48 px, now and then a new client, as the grasping pipel
 """
 
 import argparse
+import ctypes
+import gc
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -30,6 +33,7 @@ from zeroshop_steps.robot.ros1.servers import RecognitionServers
 WIDTH, HEIGHT = 64, 48
 STAND_IN, REAL = "/pose_estimator/stand_in", "/pose_estimator/render_compare"
 BAD = 5  # every so many goals
+FORGET_S = 7.0  # until actionlib has forgotten goals that were answered
 WARM_UP = 20  # goals before the first measurement, in which buffers and caches grow
 
 
@@ -58,11 +62,19 @@ def serve(args: argparse.Namespace) -> None:
         intrinsics, recognizers = np.array([[60.0, 0, WIDTH / 2], [0, 60, HEIGHT / 2], [0, 0, 1]]), {STAND_IN: StandIn()}
     for recognizer in recognizers.values():
         recognizer.prepare()
+    signal.signal(signal.SIGUSR1, lambda number, frame: print(tell_blocks(), flush=True))
     rospy.init_node("servers", argv=[""])
     camera = GivenCamera(*intrinsics[[0, 1], [0, 1]], *intrinsics[:2, 2])
     servers = RecognitionServers(recognizers, camera, load_messages())
     rospy.spin()
     del servers
+
+
+def tell_blocks() -> int:
+    """How many blocks of memory Python's objects have; memory that the C library keeps for later goes back to the system."""
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
+    return sys.getallocatedblocks()
 
 
 def first_frame(scene: Path) -> Any:
@@ -101,7 +113,7 @@ def held_by(pid: int) -> dict[str, float]:
     return {"MB": int(status["VmRSS"].split()[0]) / 1024, "threads": int(status["Threads"]), "files": files, "cpu_s": cpu_s}
 
 
-def send(args: argparse.Namespace, pid: int) -> None:
+def send(args: argparse.Namespace, server: subprocess.Popen) -> None:
     """Send the goals and print what the server holds on the way."""
     provide_ros()
     import actionlib
@@ -114,10 +126,13 @@ def send(args: argparse.Namespace, pid: int) -> None:
     for index in range(-args.warm_up, args.goals + 1):
         if client is None or index % args.new_client == 0:
             client = actionlib.SimpleActionClient(REAL if args.models else STAND_IN, messages.action)
-            assert client.wait_for_server(rospy.Duration(60))
+            assert client.wait_for_server(rospy.Duration(600))
         if index >= 0 and index % max(args.goals // 4, 1) == 0:
-            held = held_by(pid)
-            print(f"after {index} goals: " + ", ".join(f"{value:.1f} {name}" for name, value in held.items()), flush=True)
+            time.sleep(FORGET_S)
+            server.send_signal(signal.SIGUSR1)
+            blocks = server.stdout.readline().strip()
+            held = held_by(server.pid)
+            print(f"after {index} goals: {blocks} blocks, " + ", ".join(f"{value:.1f} {name}" for name, value in held.items()), flush=True)
         if index == args.goals:
             break
         is_bad = index % BAD == 0
@@ -153,9 +168,11 @@ def main() -> None:
 
         while not rosgraph.is_master_online():
             time.sleep(0.2)
-        server = subprocess.Popen([sys.executable, __file__, "--serve", *sys.argv[1:]], stderr=subprocess.DEVNULL)
+        server = subprocess.Popen(
+            [sys.executable, __file__, "--serve", *sys.argv[1:]], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
         try:
-            send(args, server.pid)
+            send(args, server)
         finally:
             for process in (server, core):
                 process.terminate()

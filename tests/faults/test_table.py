@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from faults import cameras, heights, machine, models, photos, plans, poses
+from faults import bags, cameras, heights, machine, models, photos, plans, poses
 from helpers.faults import CLEAR, Fault, judge
 
-ROOMS = (cameras, heights, machine, models, photos, plans, poses)
+ROOMS = (bags, cameras, heights, machine, models, photos, plans, poses)
 QUICK = {plans: 4}
 """How many of a part's faults every check runs, where each takes half a second and more."""
 

@@ -35,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Recognize in every image that is taken."""
+    if args.every < 1:
+        raise StepError(f"--every is {args.every}; expected 1 or more: every image, every second one, and so on")
     requests = read_requests(args.bag, args.rgb_topic, args.depth_topic, args.camera_info_topic)
     taken = list(itertools.islice(requests, 0, None, args.every))
     if not taken:
