@@ -62,8 +62,12 @@ def run(args: argparse.Namespace) -> None:
     models = read_models(args.models, list_objects(args.models))
     with atomic_directory(args.out) as folder:
         for model in track(models.values(), "templates", len(models)):
-            views = render_templates(model, args.views, args.side_px)
-            np.savez(folder / f"obj_{model.object_id:06d}.npz", **vars(views))
+            save_templates(folder, model, args.views, args.side_px)
+
+
+def save_templates(folder: Path, model: ObjectModel, views: int, side_px: int) -> None:
+    """Render one model from `views` directions, 42 or 642, and write its file, which `read_templates` reads."""
+    np.savez(folder / f"obj_{model.object_id:06d}.npz", **vars(render_templates(model, views, side_px)))
 
 
 def render_templates(model: ObjectModel, views: int, side_px: int) -> Templates:

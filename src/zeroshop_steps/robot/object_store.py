@@ -5,6 +5,7 @@ results/demo, whose objects have OBJECT/2dgs.ply and OBJECT/2dgs.json.
 """
 
 import hashlib
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.models import ObjectModel, check_diameter_mm, list_objects, model_path, read_models, read_models_info
-from zeroshop_steps.detect.templates import Templates, render_templates
+from zeroshop_steps.detect.templates import Templates, read_templates, save_templates
 from zeroshop_steps.geometry.meshes import find_texture, read_ply
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.runtime.files import atomic_write, read_json
+from zeroshop_steps.runtime.files import atomic_directory, read_json
 
 VIEWS, SIDE_PX = 42, 224  # of the templates, as the workflow makes them
 
@@ -75,13 +76,14 @@ class ObjectStore:
         Raises:
             StepError: there is no model, or none of a name.
         """
-        self.folder, self.nvs, self.wanted, self.templates = Path(folder), nvs, tuple(objects), templates
+        self.folder, self.nvs, self.wanted = Path(folder), nvs, tuple(objects)
+        self._own_templates = tempfile.TemporaryDirectory(prefix="views.")
+        self.templates = templates or Path(self._own_templates.name)
         self.objects: dict[str, StoredObject] = {}
         self.refused: dict[str, str] = {}
         self.generation = 0
         self._signatures: dict[str, tuple] = {}
         self._numbers: dict[str, int] = {}
-        self._views: dict[str, Templates] = {}
         self.refresh()
         missing = [name for name in self.wanted if name not in self.objects and name not in self.refused]
         if missing or not self.objects:
@@ -120,26 +122,13 @@ class ObjectStore:
         return {stored.model.object_id: stored.model for stored in sorted(self.objects.values(), key=lambda one: one.model.object_id)}
 
     def views_of(self, object_id: int) -> Templates:
-        """The rendered views of a model, made once for each version of it."""
+        """The rendered views of a model, made once for each version of it. They are read from the disk: each has 15 MB."""
         stored = self.objects[self.name_of(object_id)]
-        if stored.version not in self._views:
-            self._views[stored.version] = self._load_views(stored)
-        return self._views[stored.version]
-
-    def forget_views(self) -> None:
-        """Free the memory of the views, once detectors have described them."""
-        self._views.clear()
-
-    def _load_views(self, stored: StoredObject) -> Templates:
-        path = self.templates / f"{stored.name}-{stored.version}.npz" if self.templates else None
-        if path is not None and path.is_file():
-            with np.load(path) as content:
-                return Templates(**content)
-        views = render_templates(stored.model, VIEWS, SIDE_PX)
-        if path is not None:
-            with atomic_write(path) as temporary:
-                np.savez(temporary, **vars(views))
-        return views
+        folder = self.templates / f"{stored.name}-{stored.version}"
+        if not folder.is_dir():
+            with atomic_directory(folder) as part:
+                save_templates(part, stored.model, VIEWS, SIDE_PX)
+        return read_templates(folder, object_id)
 
     def _told(self) -> str:
         known = ", ".join(sorted(self.objects)) or f"none; expected models_info.json or OBJECT/{self.nvs}.ply in {self.folder}"

@@ -36,6 +36,5 @@ def prepare_recognizers(args: argparse.Namespace) -> tuple[ObjectStore, dict[str
     recognizers = make_recognizers(args.detectors, args.estimators, store, options, args.instances)
     for recognizer in recognizers.values():
         recognizer.prepare()
-    store.forget_views()
     print(f"known objects: {', '.join(sorted(store.objects))}", flush=True)
     return store, recognizers
