@@ -21,6 +21,7 @@ ROOMS = [
     "height",
     "finish",
     "evaluate",
+    "assets",
     "grasp",
     "detect",
     "pose",

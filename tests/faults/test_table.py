@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from faults import bags, cameras, heights, machine, models, photos, plans, poses
+from faults import bags, cameras, heights, machine, models, photos, plans, poses, robots
 from helpers.faults import CLEAR, Fault, judge
 
-ROOMS = (bags, cameras, heights, machine, models, photos, plans, poses)
+ROOMS = (bags, cameras, heights, machine, models, photos, plans, poses, robots)
 QUICK = {plans: 4}
 """How many of a part's faults every check runs, where each takes half a second and more."""
 

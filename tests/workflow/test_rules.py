@@ -160,6 +160,13 @@ def test_the_lock_pins_every_dependency_and_names_no_place():
     assert set(declared) <= set(locked()), "lock the new dependency: pip freeze in a clean environment"
 
 
+def test_the_readers_are_locked_apart():
+    text = (REPOSITORY / "requirements-readers.lock").read_text()
+    names = {re.sub("[_.]", "-", line.split("==")[0]).lower() for line in text.splitlines() if not line.startswith("#")}
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    assert set(project["optional-dependencies"]["readers"]) <= names and not names & set(locked())
+
+
 def test_the_conda_environment_has_the_locked_versions():
     environment = yaml.safe_load((REPOSITORY / "workflow" / "envs" / "zeroshop.yaml").read_text())
     pins = dict(pin.split("==") for pin in environment["dependencies"][-1]["pip"])

@@ -123,7 +123,7 @@ def read_objects(
         given_heights: those of them that need a height_m.
 
     Returns:
-        rows by (dataset, object), in the table's order. `height_m` is a float or None; a column that is not there is empty.
+        rows by (dataset, object), in the table's order. `height_m` and `mass_kg` are floats or None; a column that is not there is empty.
 
     Raises:
         StepError: names the table, the line and the column.
@@ -155,7 +155,7 @@ def read_objects(
             )
         cells = [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells))
         row: Row = dict.fromkeys(schema["properties"], "") | dict(zip(columns, cells, strict=True))
-        row["height_m"] = _number(row["height_m"]) if row["height_m"] else None
+        row |= {name: _number(row[name]) if row[name] else None for name in ("height_m", "mass_kg")}
         faults = _faults(row, schema)
         if faults:
             raise StepError(f"{table}, line {number}: " + "; ".join(faults))
