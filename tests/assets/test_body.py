@@ -39,6 +39,18 @@ def test_a_hollow_is_left_open_by_the_parts():
         assert not hull.contains(inside).any() and hull.is_convex and hull.volume > 0 and len(part.vertices) <= 64
 
 
+def test_a_part_without_volume_is_left_out():
+    box = trimesh.creation.box((0.06, 0.04, 0.02))
+    flat = trimesh.creation.box((0.06, 0.04, 1e-12))
+
+    class Library:
+        Mesh = staticmethod(lambda vertices, faces: None)
+        run_coacd = staticmethod(lambda mesh, **options: [(np.asarray(shape.vertices), None) for shape in (flat, box)])
+
+    parts = split_convex(Mesh(np.asarray(box.vertices), np.asarray(box.faces, np.int64)), 0.05, 24, seed=0, load=lambda: Library)
+    assert len(parts) == 1 and np.isclose(np.ptp(parts[0].vertices, axis=0)[2], 0.02)
+
+
 def test_the_same_mesh_gives_the_same_bytes(tmp_path):
     mesh = write_product(tmp_path / "2dgs.ply", make_box())
     for name in ("one", "two"):

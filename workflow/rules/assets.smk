@@ -105,10 +105,12 @@ rule usd:
     resources:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(5),
+    params:
+        options=step_options({"date": config["assets"]["date"]}),
     message:
         "Writing {output.usd}"
     shell:
-        "python -m zeroshop_steps.assets --method usd --body {input.body} --out {output.usd} > {log} 2>&1"
+        "python -m zeroshop_steps.assets --method usd --body {input.body} {params.options} --out {output.usd} > {log} 2>&1"
 
 
 rule foundationpose:

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--density-kg-m3", type=float, help="a usual density, where the mass was not measured")
     parser.add_argument("--density-factor", type=float, default=2.2, help="the density is right within this factor (68 %%)")
     parser.add_argument("--friction", type=float, default=0.5, help="coefficient of sliding friction")
-    parser.add_argument("--concavity", type=float, default=0.03, help="that convex parts may keep, as a share of the object's size")
+    parser.add_argument("--concavity", type=float, default=0.08, help="that convex parts may keep, as a share of the object's size")
     parser.add_argument("--most-parts", type=int, default=24, help="the largest number of convex parts")
     parser.add_argument("--seed", type=int, default=0, help="seed of the convex decomposition")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")

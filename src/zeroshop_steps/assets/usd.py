@@ -19,6 +19,9 @@ from zeroshop_steps.runtime.files import atomic_write, scratch_directory
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--body", type=Path, required=True, help="the body's folder, beside --out")
+    parser.add_argument(
+        "--date", help="day of creation for the metadata, such as 2026-11-24; without it, the file depends on the body alone"
+    )
     parser.add_argument("--out", type=Path, required=True, help="e.g. results/demo/mug/2dgs.usda, or .usdz")
 
 
@@ -28,18 +31,18 @@ def run(args: argparse.Namespace) -> None:
     if args.out.suffix == ".usda":
         folder = require_beside(body, args.out)
         with atomic_write(args.out) as temporary:
-            write_stage(pxr, body, temporary, f"./{folder}/{TEXTURE}")
+            write_stage(pxr, body, temporary, f"./{folder}/{TEXTURE}", args.date)
     elif args.out.suffix == ".usdz":
-        write_package(pxr, body, args.out)
+        write_package(pxr, body, args.out, args.date)
     else:
         raise StepError(f"{args.out} ends in {args.out.suffix or 'nothing'}; expected .usda or .usdz")
 
 
-def write_package(pxr: Any, body: Body, out: Path) -> None:
+def write_package(pxr: Any, body: Body, out: Path, date: str | None) -> None:
     """Write a usdz: an archive of a binary stage and its texture."""
     with scratch_directory(out, "usdz") as folder:
         stage = folder / f"{out.stem}.usdc"
-        write_stage(pxr, body, stage, f"./{TEXTURE}")
+        write_stage(pxr, body, stage, f"./{TEXTURE}", date)
         if (body.folder / TEXTURE).is_file():
             shutil.copyfile(body.folder / TEXTURE, folder / TEXTURE)
         packed = folder / out.name

@@ -23,8 +23,13 @@ def load_pxr() -> Any:
     return SimpleNamespace(**{module.__name__.rpartition(".")[2]: module for module in modules})
 
 
-def write_stage(pxr: Any, body: Body, path: Path, texture: str) -> None:
-    """Write a stage to `path`, text or binary by its suffix; `texture` is the path that its material names."""
+def write_stage(pxr: Any, body: Body, path: Path, texture: str, date: str | None = None) -> None:
+    """Write a stage to `path`, text or binary by its suffix.
+
+    Args:
+        texture: the path that its material names.
+        date: of creation, for the metadata.
+    """
     stage = pxr.Usd.Stage.CreateInMemory()
     pxr.UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     pxr.UsdGeom.SetStageUpAxis(stage, pxr.UsdGeom.Tokens.z)
@@ -33,7 +38,8 @@ def write_stage(pxr: Any, body: Body, path: Path, texture: str) -> None:
     stage.SetDefaultPrim(root.GetPrim())
     pxr.Usd.ModelAPI(root).SetKind(pxr.Kind.Tokens.component)
     pxr.UsdSemantics.LabelsAPI.Apply(root.GetPrim(), "class").CreateLabelsAttr([body.name])
-    stage.GetRootLayer().customLayerData = {"SimReady_Metadata": _metadata(body)}
+    metadata = _describe(body) | ({"usd_date_generated": date} if date else {})
+    stage.GetRootLayer().customLayerData = {**metadata, "SimReady_Metadata": metadata}
     _add_physics(pxr, root.GetPrim(), body)
     place = str(root.GetPath())
     pxr.UsdGeom.Scope.Define(stage, f"{place}/Looks")
@@ -70,8 +76,8 @@ def principal_axes(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return moments, axes
 
 
-def _metadata(body: Body) -> dict[str, Any]:
-    """What catalogues of assets ask for; no date, so that the same body gives the same bytes."""
+def _describe(body: Body) -> dict[str, Any]:
+    """What catalogues of assets ask for."""
     facts = ("mass_source", "mass_factor", "scale", "scale_source", "frame")
     return {
         "asset_name": body.name,

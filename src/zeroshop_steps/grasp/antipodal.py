@@ -23,12 +23,13 @@ from zeroshop_steps.grasp.clearance import check_object, check_table
 from zeroshop_steps.grasp.contacts import ContactPairs, find_contact_pairs
 from zeroshop_steps.grasp.grasps import Grasp, write_grasps
 from zeroshop_steps.grasp.gripper import GRIPPERS, Gripper, find_gripper
-from zeroshop_steps.grasp.ranking import Candidates, balance_of, choose_spread, combine, fit_of, make_candidates
+from zeroshop_steps.grasp.ranking import APPROACHES, Candidates, balance_of, choose_spread, combine, fit_of, make_candidates
 from zeroshop_steps.grasp.surface import make_grasp_surface
 from zeroshop_steps.runtime.errors import StepError, warn
 
 OPENED_BESIDE_M = 0.015  # beyond the contact on each side, what the gripper is opened by before it comes, where it can
 LEAST_BESIDE_M = 0.004  # and at least: a pose is no better known
+SHALLOWEST_M = 0.005  # of a contact from the fingertips
 OBJECT_MARGIN_M, TABLE_MARGIN_M = 0.002, 0.004
 LEAST_SHIFT_M = 0.004  # by which contacts are shifted to see whether a grasp is robust; more where the height is uncertain
 MOST_PAIRS = 1200  # of contacts that the gripper is tried at, from all directions; the best ones
@@ -98,12 +99,9 @@ def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, nam
     balance = balance_of(pairs, solid.centre)
     best = np.argsort(-combine({"friction": pairs.friction, "robustness": pairs.robustness, "balance": balance}), kind="stable")
     pairs = pairs.at(best[:MOST_PAIRS])
-    candidates = make_candidates(pairs, gripper)
-    openings = np.minimum(pairs.width + 2 * OPENED_BESIDE_M, gripper.max_opening_m)[candidates.pair]
-    above = check_table(placements, candidates.object_from_gripper, openings, gripper, TABLE_MARGIN_M)
-    kept = np.flatnonzero(above.any(1))
-    _require(len(kept), name, gripper, pairs)
-    candidates, openings, above = Candidates(candidates.object_from_gripper[kept], candidates.pair[kept]), openings[kept], above[kept]
+    candidates, above = _above_table(pairs, placements, gripper)
+    _require(len(above), name, gripper, pairs)
+    openings = opening_for(pairs.width, gripper)[candidates.pair]
     widths = pairs.width[candidates.pair]
     pads = check_object(surface.points, candidates.object_from_gripper, widths, openings, gripper, OBJECT_MARGIN_M)
     measures = {
@@ -116,7 +114,7 @@ def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, nam
     free = np.flatnonzero(pads.free)
     _require(len(free), name, gripper, pairs)
     scores = combine(measures)
-    chosen = free[choose_spread(candidates.object_from_gripper[free], gripper.tcp_m, scores[free], options.count)]
+    chosen = free[choose_spread(candidates.object_from_gripper[free], gripper.tcp_m, scores[free], options.count, above[free])]
     found = [
         Grasp(
             candidates.object_from_gripper[number], float(widths[number]), float(scores[number]),
@@ -136,6 +134,26 @@ def _require(left: int, name: str, gripper: Gripper, pairs: ContactPairs) -> Non
             f" {1000 * (gripper.max_opening_m - 2 * LEAST_BESIDE_M):.0f} mm apart, and the open gripper has no room at any."
             " Take a gripper that opens wider, or check the mesh's size"
         )
+
+
+def opening_for(widths_m: np.ndarray, gripper: Gripper) -> np.ndarray:
+    """(N,) between the pads on the approach to (N,) contacts so far apart."""
+    return np.minimum(widths_m + 2 * OPENED_BESIDE_M, gripper.max_opening_m)
+
+
+def _above_table(pairs: ContactPairs, placements: Sequence[Placement], gripper: Gripper) -> tuple[Candidates, np.ndarray]:
+    """The candidates that keep clear of the table in a placement, and (N, S) bool, in which of S.
+
+    Where the fingertips would reach below a thin object, the gripper stays back, so that the contacts are near the tips.
+    """
+    openings = np.tile(opening_for(pairs.width, gripper), APPROACHES)
+    deep = make_candidates(pairs, gripper)
+    shallow = make_candidates(pairs, gripper, gripper.pad_length_m / 2 - SHALLOWEST_M)
+    above = check_table(placements, deep.object_from_gripper, openings, gripper, TABLE_MARGIN_M)
+    beyond = check_table(placements, shallow.object_from_gripper, openings, gripper, TABLE_MARGIN_M) & ~above
+    kept, added = np.flatnonzero(above.any(1)), np.flatnonzero(beyond.any(1))
+    poses = np.concatenate([deep.object_from_gripper[kept], shallow.object_from_gripper[added]])
+    return Candidates(poses, np.concatenate([deep.pair[kept], shallow.pair[added]])), np.concatenate([above[kept], beyond[added]])
 
 
 def describe(metric: MetricMesh, gripper: Gripper, options: GraspOptions, placements: Sequence[Placement]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from zeroshop_steps.report.site.pictures import fit_width, write_webp
 from zeroshop_steps.report.site.results_index import Cell, Run
 from zeroshop_steps.report.site.viewer_meshes import compute_truth_from_object, read_object_frame
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import read_failure
 
 TILE_PX, SHEET_COLUMNS, VIEW_PX = 190, 5, 300
 MOST_PHOTOS = 40  # on a sheet
@@ -98,6 +99,10 @@ def write_views(cell: Cell, run: Run, folder: Path) -> dict[str, str]:
     if mesh.texture is not None:
         names["atlas"] = f"atlas-{cell.key}.webp"
         write_webp(folder / names["atlas"], fit_width(mesh.texture, 2 * VIEW_PX))
+    grasps = cell.folder / "grasps.png"
+    if grasps.is_file() and not read_failure(grasps):
+        names["grasps"] = f"grasps-{cell.key}.webp"
+        write_webp(folder / names["grasps"], read_image(grasps))
     return names
 
 
