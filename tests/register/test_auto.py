@@ -53,7 +53,8 @@ def test_where_all_fail_both_reasons_are_told_and_nothing_is_left(out):
     assert not list(out.iterdir())
 
 
-def test_without_weights_the_reason_says_how_to_get_them(blank_capture, tmp_path):
+def test_without_weights_the_reason_says_how_to_get_them(blank_capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(auto.outlines, "register", lambda image_set, folder, options: fail(0)(folder))
     parser = argparse.ArgumentParser()
     auto.add_arguments(parser)
     words = ["--capture", blank_capture, "--scene", "su_l", "--out", tmp_path / "cameras", "--weights", tmp_path / "nowhere"]

@@ -1,8 +1,11 @@
-"""Register by SIFT (colmap); where that fails, by learned features (aliked), if their weights are there. The record says which, and why.
+"""Register by SIFT (colmap); where that fails, by learned features (aliked), if their weights are there; then by outlines alone.
+
+The record says which gave the cameras, and why the others did not.
 
 Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives. Learned features are tried only with masks, which
 check their cameras: on whole photos of plain tables they match other sides and other things too readily. Photos without masks get them
-by a salient-object network, if one is named; then SIFT's cameras, too, are checked by such masks where few points hold them.
+by a salient-object network, if one is named; then SIFT's cameras, too, are checked by such masks where few points hold them. Outlines
+alone are tried with given masks only: a network's are too rough for them.
 """
 
 import argparse
@@ -15,7 +18,7 @@ import pycolmap
 
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
-from zeroshop_steps.register import aliked, colmap, found_masks
+from zeroshop_steps.register import aliked, colmap, found_masks, outlines
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
 from zeroshop_steps.register.structure import add_matching_arguments
@@ -62,6 +65,9 @@ def run(args: argparse.Namespace) -> None:
                 return aliked.register(masked, folder, learned, prepare) | {"masks_by": network.path.name}
 
         attempts["aliked"] = register_object
+    if image_set.masks is not None:
+        scene = colmap.read_options(args)
+        attempts["outlines"] = lambda folder: outlines.register(image_set, folder, outlines.OutlineOptions(scene.sift, scene.structure))
     write_registration(args.out, lambda folder: register(folder, attempts, _advise(there, has_masks)))
 
 

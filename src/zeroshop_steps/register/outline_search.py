@@ -1,0 +1,177 @@
+"""Find the cameras of an object without features, by its outlines alone.
+
+Upright cameras are laid to each other one by one: at each azimuth and elevation of a grid, a view is shifted so that its tangents fit
+those of the views before it, and the ways in which all rays through the rims pass through all masks are kept (a beam search).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.register.image_set import REFERENCE_PX
+from zeroshop_steps.register.outline_coherence import FARTHEST_PX, measure_misses, pose_views, try_places
+from zeroshop_steps.register.outline_rays import make_outline_distance
+from zeroshop_steps.register.outline_tangents import SIZE, Outlines, adjust_by_tangents, measure_prior
+from zeroshop_steps.register.silhouette_coherence import choose_rim_pixels
+
+SMALL_PX = 250  # longer side of the masks' copies
+CORNERS, RIMS = 48, 24  # of an outline
+GRID_DEG, LOWEST_DEG, HIGHEST_DEG = 15, 5, 65
+BEAM = ((3, 240), (4, 240), (5, 120), (6, 40), (8, 12), (12, 6))  # ways that are kept, from so many views on
+BRANCHES = 6  # places of a view that are followed in each way
+SAME_DEG = 8.0  # ways whose views all look from as nearly one direction are one
+EVERY = 2  # of the rims' points that are looked at while views are laid
+WIDE, USUAL_TOLERANCE, NARROW = 0.15, 0.05, 0.02
+FINE_GRID_DEG, ALTERNATIVES = 10, 8  # places that are looked at for another one of a view, and those of them that are followed
+FOCAL_FROM = 6  # views that say the focal length
+
+
+@dataclass
+class Way:
+    """One way in which some views may be placed."""
+
+    views: np.ndarray
+    log_focal: float
+    cost: float = 0.0
+
+    def make_poses(self, outlines: Outlines) -> np.ndarray:
+        """(N, 4, 4) camera_from_world of all views."""
+        rows = pose_views(self.views, self.log_focal, np.arange(len(self.views)), outlines)
+        poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:12]
+        return poses
+
+
+def prepare_outlines(masks: Sequence[np.ndarray], focal_px: np.ndarray) -> Outlines:
+    """The outlines of N masks, (H, W) bool, whose principal points are the images' centres, with (N,) guesses of their focal lengths."""
+    count = len(masks)
+    corners, counts, middle = np.zeros((count, CORNERS, 2)), np.zeros(count, np.int64), np.zeros((count, 2))
+    rims, sizes, distances, scales, principals = np.zeros((count, RIMS, 2)), [], [], np.zeros(count), np.zeros((count, 2))
+    for number, mask in enumerate(masks):
+        height, width = mask.shape
+        centre = np.array([width, height]) / 2
+        hull = (_find_hull(mask) - centre) / focal_px[number]
+        corners[number, : len(hull)], counts[number] = hull, len(hull)
+        middle[number] = (hull.min(0) + hull.max(0)) / 2
+        sizes.append(np.linalg.norm(hull - middle[number], axis=1).max())
+        chosen = choose_rim_pixels(mask, RIMS)
+        rims[number] = (chosen[np.linspace(0, len(chosen) - 1, RIMS).round().astype(int)] - centre) / focal_px[number]
+        shrink = SMALL_PX / max(width, height)
+        small = cv2.resize(make_outline_distance(mask), None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+        distances.append(small * REFERENCE_PX / max(width, height))
+        scales[number] = focal_px[number] * shrink
+        principals[number] = centre * [small.shape[1] / width, small.shape[0] / height]
+    shape = np.max([distance.shape for distance in distances], axis=0)
+    padded = [np.pad(d, [(0, shape[0] - d.shape[0]), (0, shape[1] - d.shape[1])], mode="edge") for d in distances]
+    return Outlines(corners, counts, middle, float(np.median(sizes)), rims, np.array(padded, np.float32), scales, principals)
+
+
+def search(outlines: Outlines, order: Sequence[int]) -> list[Way]:
+    """The likeliest ways in which all views may be placed, the best first.
+
+    Args:
+        outlines: of N views.
+        order: in which they are placed.
+    """
+    azimuths, elevations = np.radians(np.arange(0, 360, GRID_DEG)), np.radians(np.arange(LOWEST_DEG, HIGHEST_DEG + 1, GRID_DEG))
+    places = np.array([[azimuth, elevation] for elevation in elevations for azimuth in azimuths])
+    ways = []
+    for elevation in elevations:
+        first = Way(np.zeros((len(order), SIZE)), 0.0)
+        first.views[order[0], 1] = elevation
+        _, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY)
+        for view in laid:
+            ways.append(Way(first.views.copy(), 0.0))
+            ways[-1].views[order[1]] = view
+    for placed in range(2, len(order)):
+        ways = _add_view(ways, np.array(order[: placed + 1]), places, outlines)
+    return ways
+
+
+def _add_view(ways: list[Way], placed: np.ndarray, places: np.ndarray, outlines: Outlines) -> list[Way]:
+    """All ways with one view more, the last of `placed`."""
+    number, found = placed[-1], []
+    for way in ways:
+        costs, laid = try_places(number, places, way.views, way.log_focal, placed[:-1], outlines, EVERY)
+        for place in np.argsort(costs, kind="stable")[:BRANCHES]:
+            views = way.views.copy()
+            views[number] = laid[place]
+            found.append(Way(views, way.log_focal, costs[place] + way.cost))
+    width = next(width for least, width in reversed(BEAM) if len(placed) >= least)
+    found = sorted(found, key=lambda way: way.cost)[: BRANCHES * width]
+    every = np.ones(len(placed), bool)
+    for way in found:
+        for tolerance, rounds in ((WIDE, 4), (USUAL_TOLERANCE, 6)):
+            free_focal = len(placed) >= FOCAL_FROM
+            way.views, way.log_focal, _ = adjust_by_tangents(
+                way.views, way.log_focal, placed, outlines, tolerance, rounds, free_focal, every
+            )
+        misses = measure_misses(way.views, way.log_focal, placed, outlines, EVERY)
+        way.cost = float(misses.mean() + 0.3 * np.mean([measure_prior(way.views[n], outlines.size) for n in placed]))
+    return keep_distinct(sorted(found, key=lambda way: way.cost), placed, width)
+
+
+def keep_distinct(ways: list[Way], placed: np.ndarray, width: int) -> list[Way]:
+    """The first `width` ways that differ from those before them."""
+    kept: list[Way] = []
+    looks: list[np.ndarray] = []
+    for way in ways:
+        look = compute_looks(way.views[placed], way.views[placed[0], 0])
+        if all(np.degrees(np.arccos(np.clip((look * other).sum(1), -1, 1))).max() > SAME_DEG for other in looks):
+            kept.append(way)
+            looks.append(look)
+        if len(kept) == width:
+            break
+    return kept
+
+
+def count_differing(one: Way, other: Way) -> int:
+    """How many views look from other directions in two ways, turned onto each other as most views say."""
+    turn = np.angle(np.exp(1j * (other.views[:, 0] - one.views[:, 0])))
+    cosines = [(compute_looks(one.views, 0.0) * compute_looks(other.views, angle)).sum(1) for angle in turn]
+    return int(min((np.degrees(np.arccos(np.clip(row, -1, 1))) > SAME_DEG).sum() for row in cosines))
+
+
+def compute_looks(views: np.ndarray, zero: float) -> np.ndarray:
+    """(K, 3) directions from the object to views, turned by an azimuth."""
+    azimuth, elevation = views[:, 0] - zero, views[:, 1]
+    return np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], 1)
+
+
+def _find_hull(mask: np.ndarray) -> np.ndarray:
+    """(V, 2) corners of the convex hull, in pixels."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    hull, tolerance_px = cv2.convexHull(np.concatenate(contours)), 0.4
+    while True:
+        corners: np.ndarray = cv2.approxPolyDP(hull, tolerance_px, True).reshape(-1, 2) + 0.5
+        if len(corners) <= CORNERS:
+            return corners
+        tolerance_px *= 1.3
+
+
+def find_alternatives(way: Way, outlines: Outlines) -> np.ndarray:
+    """(N,) by how much rays miss where a view is placed elsewhere, at the best place that is not its own; px per 1000 px.
+
+    Small where outlines do not say from where a view was taken: of a bowl from anywhere around it, of a box from either side.
+    """
+    count = len(outlines.counts)
+    azimuths, elevations = np.radians(np.arange(0, 360, FINE_GRID_DEG)), np.radians(np.arange(-FINE_GRID_DEG, 90, FINE_GRID_DEG))
+    places = np.array([[azimuth, elevation] for elevation in elevations for azimuth in azimuths])
+    placed, least = np.arange(count), np.full(count, FARTHEST_PX)
+    base = measure_misses(way.views, way.log_focal, placed, outlines, 1)
+    for number in range(count):
+        others, own = np.delete(placed, number), compute_looks(way.views[number][None], 0.0)
+        costs, laid = try_places(number, places, way.views, way.log_focal, others, outlines, EVERY)
+        elsewhere = (compute_looks(laid, 0.0) @ own[0]) < np.cos(np.radians(SAME_DEG + FINE_GRID_DEG / 2))
+        for place in [place for place in np.argsort(costs, kind="stable") if elsewhere[place]][:ALTERNATIVES]:
+            views = way.views.copy()
+            views[number] = laid[place]
+            for tolerance in (USUAL_TOLERANCE, NARROW):
+                views, _, _ = adjust_by_tangents(views, way.log_focal, placed, outlines, tolerance, 6, False, placed == number)
+            if compute_looks(views[number][None], 0.0)[0] @ own[0] > np.cos(np.radians(SAME_DEG)):
+                continue  # it came home
+            misses = measure_misses(views, way.log_focal, placed, outlines, 1)
+            least[number] = min(least[number], max(misses[number], float(np.maximum(misses - base, 0).sum() - misses[number])))
+    return least

@@ -1,0 +1,300 @@
+"""Cameras from the outlines of an object alone, view by view: epipolar tangents, and how far rays miss.
+
+Two cameras and a plane through both that touches the object: it touches the outline in either picture (frontier points; Cipolla,
+Astrom and Giblin, Motion from the Frontier of Curved Surfaces, ICCV 1995). So each pair of views gives two equations for their poses,
+one on either side of the object. They are quick to measure, but many wrong poses fulfil them, too: `outline_coherence` tells.
+
+A view is six numbers: azimuth and elevation of its axis, roll, where the object's centre lies beside the middle of its mask (two
+tangents of angles), and the logarithm of the distance. The unit is the usual distance, the origin the object's centre, z up.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+SIZE = 6  # numbers of a view
+USUAL = np.array([np.inf, np.inf, 0.05, 0.2, 0.2, 0.12])
+"""What views usually differ by from upright ones at one distance: radians, shares of the object's radius, and a logarithm."""
+USUAL_FOCAL = 0.25  # of the logarithm of the focal length, from what was guessed
+PRIOR = 0.02  # weight of these, against that of a pair
+NO_TANGENT = 0.1  # cost of a pair whose line of centres passes through the object: its outlines have no tangents in common
+NEAREST, LEAST_COSINE = 0.22, 0.05  # of that line to the object's centre, in distances; of rays to the plane through it and the centre
+STEPS = np.array([1e-3, 1e-3, 1e-3, 2e-4, 2e-4, 1e-3])  # for derivatives
+FOCAL_STEP = 1e-3
+TRIALS, CONVERGED = 6, 1e-3
+
+
+class Outlines(NamedTuple):
+    """The outlines of N views, in units of the focal length that was guessed.
+
+    Attributes:
+        corners: (N, V, 2) corners of their convex hulls, relative to the principal point.
+        counts: (N,) how many each has.
+        middle: (N, 2) of the masks' bounding boxes.
+        size: radius of the object, as seen from the usual distance.
+        rims: (N, M, 2) points on the rims, spread evenly.
+        distance: (N, H, W) float32 signed distances to the rims, px per 1000 px of the image, positive inside; of small copies.
+        scale: (N,) pixels of the small copy per unit; principal: (N, 2) its principal point, in these pixels.
+    """
+
+    corners: np.ndarray
+    counts: np.ndarray
+    middle: np.ndarray
+    size: float
+    rims: np.ndarray
+    distance: np.ndarray
+    scale: np.ndarray
+    principal: np.ndarray
+
+
+@numba.njit(cache=True)
+def pose_view(view, log_focal, middle, pose):
+    """Fill (15,) `pose`: rotation (9) and translation (3) of camera_from_world, and the centre (3)."""
+    ca, sa, ce, se = np.cos(view[0]), np.sin(view[0]), np.cos(view[1]), np.sin(view[1])
+    cr, sr = np.cos(view[2]), np.sin(view[2])
+    right, down, ahead = (-sa, ca, 0.0), (se * ca, se * sa, -ce), (-ce * ca, -ce * sa, -se)
+    for k in range(3):
+        pose[k] = cr * right[k] + sr * down[k]
+        pose[3 + k] = -sr * right[k] + cr * down[k]
+        pose[6 + k] = ahead[k]
+    distance, narrower = np.exp(view[5]), np.exp(-log_focal)
+    pose[9] = (middle[0] * narrower + view[3]) * distance
+    pose[10] = (middle[1] * narrower + view[4]) * distance
+    pose[11] = distance
+    for k in range(3):
+        pose[12 + k] = -(pose[k] * pose[9] + pose[3 + k] * pose[10] + pose[6 + k] * pose[11])
+
+
+@numba.njit(cache=True, fastmath=True)
+def compare_tangents(pose, corners, count, other_pose, other_corners, other_count, narrower, found):
+    """Where the two planes through both centres that touch the other outline lie in this picture, beside its own outline.
+
+    Fills (2, 4) `found`, for either side: by how much the outline reaches beyond the plane, the plane's normal (2), and how far the
+    outline reaches along it. Returns whether there are such planes.
+    """
+    b0, b1, b2 = other_pose[12] - pose[12], other_pose[13] - pose[13], other_pose[14] - pose[14]
+    length = np.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
+    if length < 1e-3:
+        return False
+    b0, b1, b2 = b0 / length, b1 / length, b2 / length
+    along = pose[12] * b0 + pose[13] * b1 + pose[14] * b2
+    p0, p1, p2 = along * b0 - pose[12], along * b1 - pose[13], along * b2 - pose[14]
+    length = np.sqrt(p0 * p0 + p1 * p1 + p2 * p2)
+    if length < NEAREST:
+        return False
+    p0, p1, p2 = p0 / length, p1 / length, p2 / length
+    q0, q1, q2 = b1 * p2 - b2 * p1, b2 * p0 - b0 * p2, b0 * p1 - b1 * p0
+    r = other_pose
+    a0, a1, a2 = r[0] * p0 + r[1] * p1 + r[2] * p2, r[3] * p0 + r[4] * p1 + r[5] * p2, r[6] * p0 + r[7] * p1 + r[8] * p2
+    e0, e1, e2 = r[0] * q0 + r[1] * q1 + r[2] * q2, r[3] * q0 + r[4] * q1 + r[5] * q2, r[6] * q0 + r[7] * q1 + r[8] * q2
+    high, low = -1e9, 1e9
+    for v in range(other_count):
+        x, y = other_corners[v, 0] * narrower, other_corners[v, 1] * narrower
+        cosine = a0 * x + a1 * y + a2
+        if cosine < LEAST_COSINE:
+            return False
+        slope = (e0 * x + e1 * y + e2) / cosine
+        high, low = max(high, slope), min(low, slope)
+    r = pose
+    a0, a1, a2 = r[0] * p0 + r[1] * p1 + r[2] * p2, r[3] * p0 + r[4] * p1 + r[5] * p2, r[6] * p0 + r[7] * p1 + r[8] * p2
+    e0, e1, e2 = r[0] * q0 + r[1] * q1 + r[2] * q2, r[3] * q0 + r[4] * q1 + r[5] * q2, r[6] * q0 + r[7] * q1 + r[8] * q2
+    for side in range(2):
+        if side == 0:
+            m0, m1, m2 = e0 - high * a0, e1 - high * a1, e2 - high * a2
+        else:
+            m0, m1, m2 = low * a0 - e0, low * a1 - e1, low * a2 - e2
+        length = np.sqrt(m0 * m0 + m1 * m1)
+        if length < 1e-6:
+            return False
+        m0, m1, m2 = m0 / length, m1 / length, m2 / length
+        reach = -1e9
+        for v in range(count):
+            reach = max(reach, m0 * corners[v, 0] + m1 * corners[v, 1])
+        reach *= narrower
+        found[side, 0], found[side, 1], found[side, 2], found[side, 3] = reach + m2, m0, m1, reach
+    return True
+
+
+@numba.njit(cache=True)
+def _add_prior(view, size, weight, hessian, gradient, start):
+    cost = 0.0
+    for a in range(2, 6):
+        usual = USUAL[a] * (size if 3 <= a < 5 else 1.0)
+        cost += weight * (view[a] / usual) ** 2
+        hessian[start + a, start + a] += weight / usual**2
+        gradient[start + a] += weight * view[a] / usual**2
+    return cost
+
+
+@numba.njit(cache=True)
+def measure_prior(view, size):
+    """By how many times what is usual a view differs from an upright one at the usual distance: the sum of squares."""
+    total = 0.0
+    for a in range(2, 6):
+        total += (view[a] / (USUAL[a] * (size if 3 <= a < 5 else 1.0))) ** 2
+    return total
+
+
+@numba.njit(cache=True)
+def shift_view(view, log_focal, number, placed, poses, outlines, tolerance, pose, found):
+    """Move a view beside and along its axis, in place, by one step towards fitting the tangents; returns the cost before it."""
+    narrower = np.exp(-log_focal)
+    pose_view(view, log_focal, outlines.middle[number], pose)
+    a00 = a01 = a02 = a11 = a12 = a22 = g0 = g1 = g2 = cost = 0.0
+    unit = 1.0 / (outlines.size * tolerance)
+    for other in placed:
+        if not compare_tangents(
+            pose, outlines.corners[number], outlines.counts[number], poses[other], outlines.corners[other], outlines.counts[other],
+            narrower, found,
+        ):  # fmt: skip
+            cost += 2 * NO_TANGENT
+            continue
+        for side in range(2):
+            r = found[side, 0] * unit
+            w = 1.0 / (1.0 + r * r) ** 2
+            j0, j1, j2 = -found[side, 1] * unit, -found[side, 2] * unit, found[side, 3] * unit
+            a00 += w * j0 * j0
+            a01 += w * j0 * j1
+            a02 += w * j0 * j2
+            a11 += w * j1 * j1
+            a12 += w * j1 * j2
+            a22 += w * j2 * j2
+            g0 += w * j0 * r
+            g1 += w * j1 * r
+            g2 += w * j2 * r
+            cost += r * r / (1.0 + r * r)
+    weight = PRIOR * len(placed)
+    aside, away = weight / (USUAL[3] * outlines.size) ** 2, weight / USUAL[5] ** 2
+    g0, g1, g2 = g0 + aside * view[3], g1 + aside * view[4], g2 + away * view[5]
+    a00, a11, a22 = a00 + aside, a11 + aside, a22 + away
+    # Cramer's rule.
+    c0, c1, c2 = a11 * a22 - a12 * a12, a02 * a12 - a01 * a22, a01 * a12 - a02 * a11
+    determinant = a00 * c0 + a01 * c1 + a02 * c2
+    view[3] -= (c0 * g0 + c1 * g1 + c2 * g2) / determinant
+    view[4] -= (c1 * g0 + (a00 * a22 - a02 * a02) * g1 + (a01 * a02 - a00 * a12) * g2) / determinant
+    view[5] -= (c2 * g0 + (a01 * a02 - a00 * a12) * g1 + (a00 * a11 - a01 * a01) * g2) / determinant
+    return cost
+
+
+@numba.njit(cache=True)
+def _measure_tangents(views, log_focal, placed, outlines, tolerance):
+    poses, found = np.zeros((len(outlines.counts), 15)), np.empty((2, 4))
+    for number in placed:
+        pose_view(views[number], log_focal, outlines.middle[number], poses[number])
+    narrower, unit = np.exp(-log_focal), 1.0 / (outlines.size * tolerance)
+    cost = PRIOR * (log_focal / USUAL_FOCAL) ** 2 * len(placed)
+    for one in placed:
+        cost += PRIOR * (len(placed) - 1) * measure_prior(views[one], outlines.size)
+        for other in placed:
+            if one == other:
+                continue
+            if compare_tangents(
+                poses[one], outlines.corners[one], outlines.counts[one], poses[other], outlines.corners[other], outlines.counts[other],
+                narrower, found,
+            ):  # fmt: skip
+                for side in range(2):
+                    r = found[side, 0] * unit
+                    cost += r * r / (1.0 + r * r)
+            else:
+                cost += 2 * NO_TANGENT
+    return cost
+
+
+@numba.njit(cache=True)
+def _linearize_tangents(views, log_focal, placed, outlines, tolerance):
+    """Gauss and Newton's approximation: (6 K + 1, 6 K + 1) matrix and (6 K + 1,) gradient."""
+    count, last = len(placed), SIZE * len(placed)
+    hessian, gradient = np.zeros((last + 1, last + 1)), np.zeros(last + 1)
+    moved, changed = np.zeros((count, SIZE + 2, 15)), np.zeros(SIZE)
+    for k in range(count):
+        number = placed[k]
+        pose_view(views[number], log_focal, outlines.middle[number], moved[k, 0])
+        for a in range(SIZE):
+            changed[:] = views[number]
+            changed[a] += STEPS[a]
+            pose_view(changed, log_focal, outlines.middle[number], moved[k, 1 + a])
+        pose_view(views[number], log_focal + FOCAL_STEP, outlines.middle[number], moved[k, SIZE + 1])
+        _add_prior(views[number], outlines.size, PRIOR * (count - 1), hessian, gradient, SIZE * k)
+    hessian[last, last] += PRIOR * count / USUAL_FOCAL**2
+    gradient[last] += PRIOR * count * log_focal / USUAL_FOCAL**2
+    here, there, jacobian, columns = np.empty((2, 4)), np.empty((2, 4)), np.empty((2, 13)), np.empty(13, np.int64)
+    narrower, unit = np.exp(-log_focal), 1.0 / (outlines.size * tolerance)
+    for i in range(count):
+        one = placed[i]
+        for j in range(count):
+            other = placed[j]
+            if i == j or not compare_tangents(
+                moved[i, 0], outlines.corners[one], outlines.counts[one], moved[j, 0], outlines.corners[other], outlines.counts[other],
+                narrower, here,
+            ):  # fmt: skip
+                continue
+            good = True
+            for a in range(13):
+                first = 1 + a if a < SIZE else (SIZE + 1 if a == 12 else 0)
+                second = a - 5 if SIZE <= a < 12 else (SIZE + 1 if a == 12 else 0)
+                step = FOCAL_STEP if a == 12 else STEPS[a % SIZE]
+                columns[a] = last if a == 12 else (SIZE * i + a if a < SIZE else SIZE * j + a - SIZE)
+                good = good and compare_tangents(
+                    moved[i, first], outlines.corners[one], outlines.counts[one], moved[j, second], outlines.corners[other],
+                    outlines.counts[other], narrower * np.exp(-FOCAL_STEP) if a == 12 else narrower, there,
+                )  # fmt: skip
+                for side in range(2):
+                    jacobian[side, a] = (there[side, 0] - here[side, 0]) / step * unit
+            if not good:
+                continue
+            for side in range(2):
+                r = here[side, 0] * unit
+                w = 1.0 / (1.0 + r * r) ** 2
+                for a in range(13):
+                    gradient[columns[a]] += w * jacobian[side, a] * r
+                    for b in range(13):
+                        hessian[columns[a], columns[b]] += w * jacobian[side, a] * jacobian[side, b]
+    return hessian, gradient
+
+
+@numba.njit(cache=True)
+def adjust_by_tangents(views, log_focal, placed, outlines, tolerance, rounds, free_focal, free):
+    """Levenberg and Marquardt's method on the tangents of all pairs of views, under Geman and McClure's loss.
+
+    Args:
+        views: (N, 6).
+        log_focal: logarithm of the factor of the focal length that was guessed.
+        placed: (K,) numbers of the views that count.
+        tolerance: scale of the loss, in radii of the object.
+        rounds: at most.
+        free_focal: whether the focal length is adjusted, too.
+        free: (K,) bool, which of the views are.
+
+    Returns:
+        The views, the focal length and the cost.
+    """
+    views, damping, size = views.copy(), 1e-3, SIZE * len(placed) + 1
+    cost = _measure_tangents(views, log_focal, placed, outlines, tolerance)
+    for _ in range(rounds):
+        hessian, gradient = _linearize_tangents(views, log_focal, placed, outlines, tolerance)
+        for a in range(size):
+            if (a == size - 1 and not free_focal) or (a < size - 1 and not free[a // SIZE]):
+                hessian[a, :] = 0.0
+                hessian[:, a] = 0.0
+                hessian[a, a], gradient[a] = 1.0, 0.0
+        mean, done = np.trace(hessian) / size, True
+        for _ in range(TRIALS):
+            damped = hessian.copy()
+            for a in range(size):
+                damped[a, a] += damping * hessian[a, a] + 1e-7 * mean
+            step = np.linalg.solve(damped, gradient)
+            trial = views.copy()
+            for k in range(len(placed)):
+                trial[placed[k]] -= step[SIZE * k : SIZE * k + SIZE]
+            reached = np.inf
+            if np.abs(step).max() < 1.0:
+                reached = _measure_tangents(trial, log_focal - step[size - 1], placed, outlines, tolerance)
+            if reached < cost:
+                done = cost - reached < CONVERGED * cost
+                views, log_focal, cost, damping = trial, log_focal - step[size - 1], reached, max(damping / 5, 1e-7)
+                break
+            damping *= 5
+        if done:
+            break
+    return views, log_focal, cost

@@ -1,0 +1,192 @@
+"""Register an object by its outlines alone, where it has too few features: the last attempt of `auto`.
+
+Masks must be exact and whole. All views are placed by a beam search (`outline_search`), adjusted by all outlines, and judged: the rays
+must meet all masks, and no view may fit anywhere else. So objects of revolution, and others whose outlines say no side, are refused.
+SIFT's matches on the object, triangulated from these cameras, then hold them, too, and may contradict them.
+"""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.geometry.cameras import Camera, to_rigid
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.register.image_set import ImageSet, read_masks
+from zeroshop_steps.register.lenses import import_images
+from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
+from zeroshop_steps.register.neighbour_agreement import check_neighbours
+from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_search import Way, count_differing, find_alternatives, prepare_outlines, search
+from zeroshop_steps.register.outline_tangents import SIZE, Outlines
+from zeroshop_steps.register.pair_support import count_pair_support
+from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model
+from zeroshop_steps.register.sift import SiftOptions, extract_features, match_features
+from zeroshop_steps.register.structure import Stopwatch, StructureOptions
+from zeroshop_steps.register.truth import triangulate_points
+from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.runtime.files import scratch_directory
+
+ORDERS = 2  # in which views are placed, one after the other: an order that begins with views that say little may fail
+LIKELY_PX = 2.0  # of a way that is adjusted: how far rays miss in the mean, coarsely
+FINE_MISS_PX, WRONG_MISS_PX = 0.3, 0.6
+"""After adjusting, in the mean of all rays, and of those of any view, per 1000 px of the image. Right cameras with exact masks: 0.05."""
+ELSEWHERE_PX = 1.5
+"""A view that misses by less elsewhere could stand there, too."""
+FEW_MATCHES, MOST_CONTRADICTING = 60, 0.5
+"""Of the pictures' verified matches, so many, or this share, may contradict the cameras: plain surfaces match in wrong places, too."""
+RIVAL_PX, RIVAL_VIEWS = 0.3, 3  # a way that misses by hardly more, and places so many views elsewhere, is another
+SURFACE = "put the object on a strongly textured surface"
+UPRIGHT = "the cameras were taken to be held upright, above the object's middle, and at about one distance"
+
+
+@dataclass(frozen=True)
+class OutlineOptions:
+    """Parameters: of the features that are triangulated at last, and what the result must fulfil."""
+
+    sift: SiftOptions = field(default_factory=SiftOptions)
+    structure: StructureOptions = field(default_factory=StructureOptions)
+
+
+def register(image_set: ImageSet, out: Path, options: OutlineOptions) -> dict[str, Any]:
+    """Estimate cameras and write images/, sparse/ and masks/ to `out`; returns the record.
+
+    Raises:
+        RegistrationFailed: outlines are cut off, do not fit together, or fit in several ways; or matches contradict the cameras.
+        StepError: there are no masks.
+    """
+    stopwatch = Stopwatch()
+    count = len(image_set.images)
+    figures: dict[str, Any] = {"method": "outlines", "images": count, "registered": 0, "seconds": stopwatch.seconds}
+    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
+    by_name = read_masks(image_set)
+    masks = [by_name[name] for name in image_set.names]
+    cut = [image_set.shown[name] for name, mask in by_name.items() if _is_cut(mask)]
+    if cut:
+        raise RegistrationFailed(f"outlines cannot place the photos: the object is cut off in {len(cut)}, such as {cut[0]}", figures)
+    if count < options.structure.min_images:
+        raise RegistrationFailed(f"outlines cannot place {count} photos: at least {options.structure.min_images} are needed", figures)
+    with scratch_directory(out, "outlines") as scratch:
+        focal_px = _guess_focal_px(scratch / "lenses.db", image_set, options.sift.focal_px)
+        outlines = prepare_outlines(masks, focal_px)
+        cameras = _find_cameras(image_set, by_name, outlines, focal_px, options.structure.seed, figures, stopwatch)
+        database = scratch / "database.db"
+        known = {Path(camera.name).stem: _make_lens(camera) for camera in cameras}
+        extract_features(database, image_set, options.sift, scratch / "masks", known)
+        match_features(database, options.sift)
+        poses = {Path(camera.name).stem: to_rigid(camera.camera_from_world) for camera in cameras}
+        model = triangulate_points(database, image_set, poses, options.sift)
+        stopwatch.lap("triangulate")
+        model, figures["joint_miss_px"] = adjust_model_by_outlines(model, image_set)
+        evidence = count_pair_support(model, database)
+        stopwatch.lap("outlines")
+        pinhole_model = undistort(model, image_set, out)
+        stopwatch.lap("undistort")
+    figures |= {"unregistered": []} | describe_lenses(model) | describe_model(pinhole_model)
+    supporting, contradicting = int(evidence.supporting.sum()) // 2, int(evidence.contradicting.sum()) // 2
+    figures |= {"matches": {"supporting": supporting, "contradicting": contradicting}}
+    stopwatch.stop()
+    if contradicting > max(FEW_MATCHES, MOST_CONTRADICTING * (supporting + contradicting)):
+        reason = f"the outlines fit, but {contradicting} of {supporting + contradicting} matches of the pictures contradict the cameras"
+        raise RegistrationFailed(f"{reason}; {SURFACE}", figures, pinhole_model)
+    check_neighbours(read_views(out)[0], figures, pinhole_model)
+    return figures
+
+
+def _find_cameras(
+    image_set: ImageSet,
+    masks: dict[str, np.ndarray],
+    outlines: Outlines,
+    focal_px: np.ndarray,
+    seed: int,
+    figures: dict[str, Any],
+    stopwatch: Stopwatch,
+) -> list[Camera]:
+    """All cameras, adjusted by the outlines. Raises RegistrationFailed where these do not fit, or fit elsewhere, too."""
+    rng = np.random.default_rng(seed)
+    best_px = np.inf
+    for _ in range(ORDERS):
+        way, *others = search(outlines, rng.permutation(len(image_set.images)))
+        stopwatch.lap("search")
+        best_px = min(best_px, way.cost)
+        figures["outlines"] = {"search_px": round(best_px, 2)}
+        if way.cost > LIKELY_PX:
+            continue
+        cameras = make_cameras(way, outlines, image_set, focal_px)
+        adjustment = OutlineAdjustment(cameras, masks, Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2))))
+        adjustment.adjust()
+        misses = adjustment.measure_misses_px()
+        by_view = np.array([misses[adjustment.rays.view == number].mean() for number in range(len(cameras))])
+        figures["outlines"] |= {"miss_px": round(float(misses.mean()), 3), "worst_view_px": round(float(by_view.max()), 3)}
+        stopwatch.lap("adjust")
+        if misses.mean() > FINE_MISS_PX or by_view.max() > WRONG_MISS_PX:
+            continue
+        adjusted = adjustment.adjusted_cameras()
+        _require_one_way(image_set, outlines, way, others, read_way(adjusted, outlines, focal_px), figures)
+        stopwatch.lap("elsewhere")
+        return adjusted
+    raise RegistrationFailed(
+        f"the outlines of the masks do not fit together ({best_px:.1f} px per 1000 px at best); {UPRIGHT}, and masks must be exact", figures
+    )
+
+
+def _require_one_way(
+    image_set: ImageSet, outlines: Outlines, found: Way, others: list[Way], adjusted: Way, figures: dict[str, Any]
+) -> None:
+    """Raise RegistrationFailed where views fit elsewhere, too, or another of the ways that were found fits as well."""
+    elsewhere = find_alternatives(adjusted, outlines)
+    figures["outlines"]["elsewhere_px"] = dict(zip(image_set.names, elsewhere.round(1).tolist(), strict=True))
+    free = [image_set.shown[name] for name, px in zip(image_set.names, elsewhere, strict=True) if px < ELSEWHERE_PX]
+    if free:
+        told = f"{len(free)} of {len(image_set.names)} photos, such as {free[0]}, could have been taken from elsewhere"
+        raise RegistrationFailed(f"the outlines fit in several ways: {told}; {SURFACE}", figures)
+    rivals = [other for other in others if other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS]
+    if rivals:
+        raise RegistrationFailed(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", figures)
+
+
+def make_cameras(way: Way, outlines: Outlines, image_set: ImageSet, focal_px: np.ndarray) -> list[Camera]:
+    """Pinhole cameras of a way, in its frame."""
+    return [
+        Camera(name, *size_px, _make_intrinsics(guess * np.exp(way.log_focal), size_px), pose)
+        for name, size_px, guess, pose in zip(image_set.names, image_set.sizes_px, focal_px, way.make_poses(outlines), strict=True)
+    ]
+
+
+def read_way(cameras: list[Camera], outlines: Outlines, focal_px: np.ndarray) -> Way:
+    """The way that cameras stand in, whose frame is that of a way."""
+    log_focal = float(np.log(cameras[0].intrinsics[0, 0] / focal_px[0]))
+    views = np.zeros((len(cameras), SIZE))
+    for view, camera, middle in zip(views, cameras, outlines.middle, strict=True):
+        right, down, ahead = camera.camera_from_world[:3, :3]
+        place = camera.camera_from_world[:3, 3]
+        view[0], view[1] = np.arctan2(-ahead[1], -ahead[0]), np.arcsin(-ahead[2])
+        level = np.array([-np.sin(view[0]), np.cos(view[0]), 0.0])
+        view[2] = np.arctan2(-(level @ down), level @ right)
+        view[3:5] = place[:2] / place[2] - middle * np.exp(-log_focal)
+        view[5] = np.log(place[2])
+    return Way(views, log_focal)
+
+
+def _make_intrinsics(focal_px: float, size_px: tuple[int, int]) -> np.ndarray:
+    return np.array([[focal_px, 0.0, size_px[0] / 2], [0.0, focal_px, size_px[1] / 2], [0.0, 0.0, 1.0]])
+
+
+def _make_lens(camera: Camera) -> pycolmap.Camera:
+    params = [camera.intrinsics[0, 0], camera.intrinsics[0, 2], camera.intrinsics[1, 2]]
+    return pycolmap.Camera(model="SIMPLE_PINHOLE", width=camera.width_px, height=camera.height_px, params=params)
+
+
+def _guess_focal_px(database: Path, image_set: ImageSet, focal_px: float | None) -> np.ndarray:
+    """(N,) focal lengths to start from: known, from EXIF, or guessed from the images' sizes."""
+    import_images(database, image_set, focal_px, distorted=False)
+    with pycolmap.Database.open(database) as opened:
+        lenses = {camera.camera_id: camera.mean_focal_length() for camera in opened.read_all_cameras()}
+        by_name = {image.name: lenses[image.camera_id] for image in opened.read_all_images()}
+    return np.array([by_name[name] for name in image_set.names])
+
+
+def _is_cut(mask: np.ndarray) -> bool:
+    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
