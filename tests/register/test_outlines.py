@@ -17,7 +17,7 @@ from zeroshop_steps.register.outline_tangents import adjust_by_tangents
 from zeroshop_steps.register.outlines import OutlineOptions, make_cameras, read_way, register
 from zeroshop_steps.register.record import RegistrationFailed
 
-VIEWS, FOCAL_PX, SIZE_PX, FINER = 9, 1050.0, (800, 600), 4
+VIEWS, FOCAL_PX, SIZE_PX, FINER = 12, 1050.0, (800, 600), 4
 ARMS_MM = (((-50, -10, 0), (50, 10, 20)), ((20, -10, 0), (50, 60, 15)), ((-50, -12, 0), (-30, 12, 70)))
 """Corners of boxes: an object with arms of different lengths."""
 GUESSED_PX = np.full(VIEWS, 960.0)
