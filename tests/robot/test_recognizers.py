@@ -1,5 +1,7 @@
 """Every method of the stages detect and pose answers requests; bad ones are refused."""
 
+import importlib
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +15,7 @@ from zeroshop_steps.geometry.images import read_image, read_mask
 from zeroshop_steps.methods import DETECTORS, ESTIMATORS, Method, lacks
 from zeroshop_steps.robot.object_store import ObjectStore
 from zeroshop_steps.robot.recognition import Request
-from zeroshop_steps.robot.recognizers import ObjectDetector, PoseEstimator, make_recognizers
+from zeroshop_steps.robot.recognizers import ObjectDetector, PoseEstimator, files_of, make_recognizers, parse_options
 from zeroshop_steps.runtime.errors import StepError
 
 METHOD = Method("stand_in")
@@ -63,6 +65,16 @@ def test_every_method_that_can_run_here_has_a_server(store):
     places += [f"/pose_estimator/{name}" for name, method in ESTIMATORS.items() if not lacks(method)]
     assert list(make_recognizers(None, None, store, {})) == places
     assert {"/object_detector/contour", "/pose_estimator/render_compare"} <= set(places)
+
+
+@pytest.mark.parametrize("stage", ["detect", "pose"])
+def test_every_method_can_be_prepared_without_files(stage):
+    """Also those whose weights are not here: their options have defaults, and they take what the servers give."""
+    for method in {"detect": DETECTORS, "pose": ESTIMATORS}[stage].values():
+        module = importlib.import_module(f"zeroshop_steps.{method.step}")
+        views = stage == "detect" or method.templates
+        assert len(inspect.signature(module.prepare).parameters) == (3 if views else 2), method.name
+        assert parse_options(module, files_of(stage, method), ()).models, method.name
 
 
 @pytest.mark.parametrize(

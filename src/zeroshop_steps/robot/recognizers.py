@@ -60,8 +60,7 @@ def make_recognizers(
         for name in _choose(kind, methods, names):
             module = importlib.import_module(f"zeroshop_steps.{methods[name].step}")
             place = f"/object_detector/{name}" if stage == "detect" else f"/pose_estimator/{name}"
-            files = (*FILES[stage], "templates") if stage == "pose" and methods[name].templates else FILES[stage]
-            args = parse_options(module, files, options.get(name, ()))
+            args = parse_options(module, files_of(stage, methods[name]), options.get(name, ()))
             made[place] = make(module, args, store, methods[name])
             unused.discard(name)
     if unused:
@@ -81,6 +80,11 @@ def _choose(kind: str, methods: dict[str, Method], names: Sequence[str] | None) 
         if reason:
             raise StepError(reason)
     return list(names)
+
+
+def files_of(stage: str, method: Method) -> tuple[str, ...]:
+    """The arguments of a method that name files."""
+    return (*FILES[stage], "templates") if stage == "pose" and method.templates else FILES[stage]
 
 
 def parse_options(module: Any, files: Sequence[str], words: Sequence[str]) -> argparse.Namespace:
