@@ -6,12 +6,13 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from zeroshop_steps.finish.atlas import rasterize_atlas
-from zeroshop_steps.finish.texture import bake_texture
+from zeroshop_steps.finish.texture import bake_texture, read_colored
 from zeroshop_steps.finish.unwrap import measure_atlas_use, unwrap_mesh
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.runtime.errors import StepError
 
 
 @pytest.fixture(scope="module")
@@ -152,3 +153,25 @@ def test_faces_without_area_do_not_run_across_the_atlas():
     assert len(mesh.faces) == len(faces)
     corners = mesh.uv[mesh.faces]
     assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() < 0.2
+
+
+def test_what_no_photo_sees_takes_the_generated_colour(carton, baked):
+    """The generated mesh is darker than the photos; its print below the carton comes out as bright as these."""
+    truth = carton.mesh
+    colors = np.clip(0.8 * sample_texture(truth.texture, truth.uv), 0, 255).astype(np.uint8)
+    generated = Mesh(truth.vertices + 0.3, truth.faces, colors=colors)
+    views, _ = read_views(carton.cameras)
+    texture, figures = bake_texture(Mesh(truth.vertices, truth.faces, truth.normals, truth.uv), views, 512, generated)
+    below = np.flatnonzero(truth.face_normals()[:, 2] < -0.9)
+    uv = truth.uv[truth.faces[below]].mean(1)
+    true = sample_texture(truth.texture, uv)
+    error, blind = (np.abs(sample_texture(found, uv) - true).mean() for found in (texture, baked[0]))
+    assert error < 15 < 0.5 * blind
+    assert figures["generated_share"] == pytest.approx(1 - figures["seen_share"], abs=1e-5)
+    seen = sample_texture(baked[0], truth.uv[truth.faces].mean(1)) - sample_texture(texture, truth.uv[truth.faces].mean(1))
+    assert np.abs(np.delete(seen, below, axis=0)).mean() < 1.0, "photos decide where they look"
+
+
+def test_a_generated_mesh_without_colours_is_refused(carton):
+    with pytest.raises(StepError, match="has no colours"):
+        read_colored(carton.model)

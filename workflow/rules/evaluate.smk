@@ -68,6 +68,7 @@ rule evidence:
         mesh=f"{CELL}/unwrapped.ply",
         cameras=f"{RUN}/cameras",
         stereo=confirmed_depths,
+        closing=f"{CELL}/closed.json",
     output:
         evidence=f"{CELL}/evidence.npz",
         figures=f"{CELL}/evidence.json",
@@ -82,7 +83,7 @@ rule evidence:
         "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.evaluate --method surface_support --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
-        " --out {output.evidence} --record-failure {output} > {log} 2>&1"
+        " --closing {input.closing} --out {output.evidence} --record-failure {output} > {log} 2>&1"
 
 
 rule quality:

@@ -9,6 +9,26 @@ def raw_mesh_of(
     return f"{CELL}/raw_mesh.ply".format(**wildcards)
 
 
+def proposed_mesh(
+    wildcards,
+):
+    """The generated mesh that proposes what of a measured one no photo saw, where the config wants that."""
+    method = surface_method(wildcards.nvs)
+    if config["finish"]["unseen"] == "smooth" or method is None or method.generated:
+        return []
+    name = next(name for name, other in SURFACES.items() if other.generated)
+    usable("nvs method", name, SURFACES, "finish.unseen: generated needs it.")
+    return [f"{RUN}/{name}/raw_mesh.ply".format(**wildcards)]
+
+
+def generated_mesh(
+    wildcards,
+):
+    """The generated mesh whose colours the texture takes where no photo looks: of the cell itself, or of one that completes its mesh."""
+    method = surface_method(wildcards.nvs)
+    return [f"{CELL}/raw_mesh.ply".format(**wildcards)] if method is not None and method.generated else proposed_mesh(wildcards)
+
+
 def stage_facts(
     wildcards,
 ):
@@ -80,6 +100,8 @@ rule close:
         mesh=f"{CELL}/clean.ply",
         height=f"{CELL}/height.json",
         cameras=f"{RUN}/cameras",
+        generated=proposed_mesh,
+        stereo=confirmed_depths,
     output:
         mesh=f"{CELL}/closed.ply",
         facts=f"{CELL}/closed.json",
@@ -98,7 +120,7 @@ rule close:
         "Closing the surface of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method close --mesh {input.mesh} --height {input.height} --cameras {input.cameras}"
-        " {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
+        " --generated {input.generated} --stereo {input.stereo} {params.options} --out {output.mesh} --record-failure {output} > {log} 2>&1"
 
 
 rule frame:
@@ -149,6 +171,7 @@ rule texture:
     input:
         mesh=f"{CELL}/unwrapped.ply",
         cameras=f"{RUN}/cameras",
+        generated=generated_mesh,
     output:
         texture=f"{CELL}/texture.png",
         facts=f"{CELL}/texture.json",
@@ -165,7 +188,7 @@ rule texture:
         "Baking the texture of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method texture --mesh {input.mesh} --cameras {input.cameras}"
-        " --texture-size {params.texture_size_px} --out {output.texture} --record-failure {output} > {log} 2>&1"
+        " --generated {input.generated} --texture-size {params.texture_size_px} --out {output.texture} --record-failure {output} > {log} 2>&1"
 
 
 rule export:

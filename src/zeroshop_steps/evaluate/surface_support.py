@@ -5,14 +5,15 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.geometry.support_classes import MEASURED, compute_area_shares
+from zeroshop_steps.geometry.support_classes import MEASURED, UNSEEN, compute_area_shares
 from zeroshop_steps.geometry.surface_support import classify_surface_support
-from zeroshop_steps.runtime.files import atomic_write, write_json
+from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
 from zeroshop_steps.surface.seeds import read_confirmed_points
 
 
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
     parser.add_argument("--stereo", type=Path, nargs="?", help="seeds.npz with the depths that stereo confirmed, if there are any")
+    parser.add_argument("--closing", type=Path, help="closed.json: what a generated mesh proposed is never seen, whatever photos show")
     parser.add_argument("--out", type=Path, required=True, help="evidence.npz; its figures go beside it as .json")
 
 
@@ -30,8 +32,19 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     views, _ = read_views(args.cameras)
     evidence = classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3)))
+    if args.closing:
+        evidence = drop_generated(evidence, mesh, read_json(args.closing))
     shares = compute_area_shares(replace(mesh, quality=evidence / MEASURED))
     with atomic_write(args.out) as temporary:
         np.savez_compressed(temporary, evidence=evidence)
     write_json(args.out.with_suffix(".json"), {"area_shares": shares, "seconds": round(time.monotonic() - start_s, 2)})
     print("evidence: " + ", ".join(f"{share:.1%} {name}" for name, share in shares.items()), file=sys.stderr)
+
+
+def drop_generated(evidence: np.ndarray, mesh: Mesh, closing: dict[str, Any]) -> np.ndarray:
+    """(V,) the classes, with vertices that only generated faces have, which are the mesh's last ones, as never seen."""
+    if closing["closing"]["method"] != "generated":
+        return evidence
+    kept = np.zeros(len(mesh.vertices), bool)
+    kept[mesh.faces[: closing["underside"]["first_face"]]] = True
+    return np.where(kept, evidence, UNSEEN).astype(np.uint8)

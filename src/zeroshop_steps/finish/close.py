@@ -2,8 +2,8 @@
 
 The underside is closed flat (underside.py). A few small holes besides are filled with triangles between the vertices of their
 borders, and the rest of the mesh stays as it is. Where more is open, or a strip of ground lies around the foot, the whole surface
-is closed in space (watertight.py) and simplified again. The faces that were added and that fewer than two photos see come last:
-neither quality nor grade counts them.
+is closed in space (watertight.py) and simplified again. A generated mesh, if there is one, proposes all of that (generated.py). The
+faces that were added and that fewer than two photos see come last: neither quality nor grade counts them.
 """
 
 import argparse
@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import manifold3d
 import numpy as np
@@ -22,6 +22,7 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, measure_distances
 from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.surface.seeds import read_confirmed_points
 
 if TYPE_CHECKING:
     from zeroshop_steps.finish.watertight import GroundPlane
@@ -49,6 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--holes", choices=STATES, default="closed", help="close all other holes, where the underside is closed (default: %(default)s)"
     )
+    parser.add_argument(
+        "--generated",
+        type=Path,
+        nargs="?",
+        help="a generated mesh, which proposes the underside and hollows where both are closed; registration frame",
+    )
+    parser.add_argument("--stereo", type=Path, nargs="?", help="seeds.npz with the depths that stereo confirmed, if there are any")
     parser.add_argument("--max-faces", type=int, default=45000, help="triangles at most of a surface closed in space")
     parser.add_argument("--out", type=Path, required=True, help="mesh to write; its facts go beside it as .json")
 
@@ -62,10 +70,16 @@ def run(args: argparse.Namespace) -> None:
     plane = GroundPlane(np.array(height["up"]), height["bottom"]) if height["up_source"] == "support_plane" else None
     method, ground_share = "none", plane.ground_share(mesh) if plane else 0.0
     closed, underside = leave_open(mesh)
-    if args.underside == "closed" and plane:
+    proposed: dict[str, Any] = {}
+    if args.generated and args.underside == args.holes == "closed":
+        views, _ = read_views(args.cameras)
+        confirmed = read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3))
+        closed, underside, proposed = close_by_generated(mesh, read_ply(args.generated), views, confirmed, plane, args.max_faces)
+        method = "generated"
+    elif args.underside == "closed" and plane:
         closed, underside = close_underside(mesh, plane.normal, plane.offset)
         method = "flat" if underside.faces else "none"
-    if args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
+    if method != "generated" and args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
         views, _ = read_views(args.cameras)
         filled = None if ground_share > GROUND_SHARE else fill_small_holes(closed, underside, views)
         closed, underside = filled or close_in_space(mesh, views, plane, args.max_faces)
@@ -73,11 +87,31 @@ def run(args: argparse.Namespace) -> None:
     write_ply(args.out, closed)
     facts = {
         "underside": underside.as_record(),
-        "closing": {"method": method, "ground_share": round(ground_share, 5), "watertight": underside.watertight},
-        "parameters": {"underside": args.underside, "holes": args.holes},
+        "closing": {"method": method, "ground_share": round(ground_share, 5), "watertight": underside.watertight, **proposed},
+        "parameters": {"underside": args.underside, "holes": args.holes, "unseen": "generated" if args.generated else "smooth"},
     }
     write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"close: {method}, {underside.faces} unseen faces added, watertight: {underside.watertight}", file=sys.stderr)
+
+
+def close_by_generated(
+    mesh: Mesh, generated: Mesh, views: Sequence[View], confirmed: np.ndarray, plane: "GroundPlane | None", max_faces: int
+) -> tuple[Mesh, Underside, dict[str, Any]]:
+    """The mesh closed as a generated one proposes; what was added is last and counts as never seen, whether photos see it or not.
+
+    Returns:
+        The closed mesh, what was added to it, and the figures for the record.
+    """
+    from zeroshop_steps.finish.generated import propose
+    from zeroshop_steps.finish.watertight import MeasuredSurface, close_surface
+
+    proposal = propose(mesh, views, confirmed, generated)
+    closed = simplify(close_surface(proposal.measured, views, plane, proposal.shape), max_faces, SMOOTHING_STEPS)
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    closed = MeasuredSurface(proposal.measured).snapped(closed, ADDED_DIAGONALS * diagonal).with_normals()
+    kept = measure_distances(proposal.measured, closed.vertices[closed.faces].mean(1)) <= ADDED_DIAGONALS * diagonal
+    whole, underside = _with_unseen_last(closed, kept, len(find_open_borders(proposal.measured.faces)))
+    return whole, underside, {"fit_diagonals": round(proposal.distance / diagonal, 5), "lids_share": round(proposal.lids, 5)}
 
 
 def fill_small_holes(mesh: Mesh, underside: Underside, views: Sequence[View]) -> tuple[Mesh, Underside] | None:

@@ -3,7 +3,8 @@
 The detail at a spot comes from the photo that sees it best (view angle, resolution, distance to occlusion edges), with short
 soft transitions, so print stays sharp. A photo that shows a highlight there, brighter than the other photos do, has less say. The
 broad colour is a mean of all photos that see the spot, with little weight for highlights, so no seam shows where the best photo
-changes. Spots that no photo sees are filled smoothly from around them.
+changes. Spots that no photo sees are filled smoothly from around them, or take the colour of a generated mesh, whose difference
+from the photos is smoothed in the same way.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_
 from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, find_visible, rate_vertex_views, sample_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # A step of smoothing averages over direct neighbours, so its reach grows with the edges of the mesh.
 NORMAL_SMOOTHING = 2  # steps; noisy normals would make the best photo change from face to face
@@ -47,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with undistorted images and masks")
+    parser.add_argument("--generated", type=Path, nargs="?", help="generated mesh with colours, registration frame, if there is one")
     parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="texture PNG; its figures are written beside it as .json")
 
@@ -59,20 +62,30 @@ def run(args: argparse.Namespace) -> None:
     if mesh.uv is None:
         raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
     views, _ = read_views(args.cameras)
-    texture, figures = bake_texture(mesh, views, args.texture_size)
+    generated = read_colored(args.generated) if args.generated else None
+    texture, figures = bake_texture(mesh, views, args.texture_size, generated)
     write_image(args.out, texture)
     figures |= {"parameters": {"texture_size": args.texture_size}, "seconds": round(time.monotonic() - start_s, 2)}
     write_json(args.out.with_suffix(".json"), figures)
     print(f"texture: {figures['seen_share']:.1%} of the surface seen, {figures['seconds']} s", file=sys.stderr)
 
 
-def bake_texture(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, dict]:
+def read_colored(path: Path) -> Mesh:
+    """A mesh with colours at its vertices. Raises StepError where it has none."""
+    mesh = read_ply(path)
+    if mesh.colors is None:
+        raise StepError(f"{path} has no colours (red, green and blue) at its vertices; make it again with the surface method trellis")
+    return mesh
+
+
+def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | None = None) -> tuple[np.ndarray, dict]:
     """Bake the texture of an unwrapped mesh, as the module describes.
 
     Args:
         mesh: in the frame of the views' cameras.
         views: registered photos with masks.
         size: side of the texture in texels.
+        generated: with colours at its vertices, for what no photo sees.
 
     Returns:
         texture: (size, size, 3) uint8.
@@ -99,7 +112,8 @@ def bake_texture(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, 
 
     quality = rate_vertex_views(joined, maps, extent)
     images, gains = _equalize_exposure(images, quality, joined, maps)
-    broad, corrections, glare = _average_colors(images, quality, joined, maps, neighbours)
+    guess = None if generated is None else find_nearest_colors(generated, joined.vertices)
+    broad, corrections, glare = _average_colors(images, quality, joined, maps, neighbours, guess)
     choice = _choose_photos(quality / (1.0 + (glare / GLARE) ** 2), neighbours)
     color, weight = np.zeros((count, 3), np.float32), np.zeros(count, np.float32)
     points = at_texels @ joined.vertices
@@ -120,7 +134,10 @@ def bake_texture(mesh: Mesh, views: list[View], size: int) -> tuple[np.ndarray, 
     color = (color + FILL_WEIGHT * filled) / (weight + FILL_WEIGHT)[:, None]
     texture = np.zeros((size, size, 3), np.uint8)
     texture[texels.row, texels.column] = np.clip(np.rint(color * 255.0), 0, 255)
-    figures = {"texels": count, "seen_share": round(float((weight > 0).mean()), 5), "gains": [round(float(g), 4) for g in gains]}
+    seen_share = round(float((weight > 0).mean()), 5)
+    figures = {"texels": count, "seen_share": seen_share, "gains": [round(float(g), 4) for g in gains]}
+    if guess is not None:
+        figures["generated_share"] = round(1.0 - seen_share, 5)
     return fill_gutters(texture, texels), figures
 
 
@@ -133,9 +150,14 @@ def _equalize_exposure(
 
 
 def _average_colors(
-    images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps], neighbours: csr_matrix
+    images: list[np.ndarray],
+    quality: np.ndarray,
+    mesh: Mesh,
+    maps: list[ViewMaps],
+    neighbours: csr_matrix,
+    guess: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The mean colour of all photos at each vertex, and by how much each photo differs from it.
+    """The mean colour of all photos at each vertex, and by how much each photo differs from it; `guess` is for what none sees.
 
     Returns:
         broad: (V, 3) robust mean over the photos; filled in where no photo sees the vertex.
@@ -148,11 +170,22 @@ def _average_colors(
         mean = np.einsum("vk,vkc->vc", weights, colors) / np.maximum(weights.sum(1), 1e-12)[:, None]
         distance = np.linalg.norm(colors - mean[:, None], axis=2)
         weights = quality / (1.0 + (distance / HIGHLIGHT) ** 2)
-    broad = fill_harmonically(mean, quality.max(1) > SEEN_QUALITY, neighbours)
+    # With a guess, what is filled in is by how much it differs: its own detail stays, and no seam shows where the photos end.
+    offset = np.zeros_like(mean) if guess is None else guess
+    broad = offset + fill_harmonically(mean - offset, quality.max(1) > SEEN_QUALITY, neighbours)
     corrections = np.empty_like(colors)
     for k in range(len(maps)):
         corrections[:, k] = smooth(mean - colors[:, k], neighbours, LEVEL_SMOOTHING, np.minimum(quality[:, k], LEAST_QUALITY))
     return broad, corrections, np.maximum((colors - mean[:, None]).mean(2), 0.0)
+
+
+def find_nearest_colors(colored: Mesh, points: np.ndarray) -> np.ndarray:
+    """(N, 3) float32 colours from 0 to 1 of a mesh with colours at its vertices, at its nearest places to (N, 3) points."""
+    assert colored.colors is not None
+    found = ray_caster((colored.vertices, colored.faces)).compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
+    second, third = found["primitive_uvs"].numpy().T[:, :, None]
+    corners = colored.colors[colored.faces[found["primitive_ids"].numpy().astype(np.int64)]].astype(np.float32) / 255.0
+    return corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third
 
 
 def _sample_vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:

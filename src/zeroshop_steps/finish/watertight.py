@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
 from zeroshop_steps.finish.clean import label_parts
+from zeroshop_steps.finish.generated import GeneratedShape
 from zeroshop_steps.finish.underside import find_open_borders
 from zeroshop_steps.finish.voxel_votes import Grid, Votes, cast_votes
 from zeroshop_steps.geometry.meshes import Mesh
@@ -38,6 +39,11 @@ SOLID_WEIGHT, FULL_VOTES, FILL = 2.0, 3.0, 0.1
 MEASURED_VOTE = 2.0
 """Vote of the mesh itself near measured surface, in full votes of the photos."""
 SMOOTHNESS, STEPS = 0.3, 200
+GUESS_VOTE = 1.0
+"""Vote of a generated shape where the photos say nothing, in full votes of the photos."""
+ASKED_VOXELS, AGREED_VOXELS, JOIN_VOXELS = 2.0, 1.5, 3.0
+"""Coarse voxels: this near to the closed shape, and where that is this near to the generated one, the distance of the latter is taken;
+and this near to measured surface, the two are joined."""
 NEAR_VOXELS = 2.0
 """Within this many coarse voxels of the mesh its own signed distance counts, ..."""
 RIM_SHARE = 0.75
@@ -71,19 +77,20 @@ class GroundPlane(Plane):
         return float(areas[low & (mesh.face_normals() @ self.normal > FLAT_COSINE)].sum() / max(areas.sum(), 1e-30))
 
 
-def close_surface(mesh: Mesh, views: Sequence[View], plane: GroundPlane | None) -> Mesh:
+def close_surface(mesh: Mesh, views: Sequence[View], plane: GroundPlane | None, guess: GeneratedShape | None = None) -> Mesh:
     """A closed mesh that keeps the measured surface; the module's text says how.
 
     Args:
         mesh: cleaned, with open borders, facing outwards, in the frame of the views' cameras.
         views: registered photos with masks.
         plane: what the object stands on, if known.
+        guess: what a generated shape says where the photos say nothing; without it, the surface is as small as it can be.
     """
     mesh = mesh.with_normals()
     surface = MeasuredSurface(mesh)
     coarse, fine = Grid.around(mesh, COARSE), Grid.around(mesh, FINE)
-    occupied = _occupancy(coarse, surface, cast_votes(coarse, mesh, views), plane)
-    distance = _signed_distance(fine, coarse, occupied, surface)
+    occupied = _occupancy(coarse, surface, cast_votes(coarse, mesh, views), plane, guess)
+    distance = _signed_distance(fine, coarse, occupied, surface, guess)
     if plane is not None:
         _end_at_plane(distance, fine, plane, plane.ground_layer(mesh))
     closed = _without_small_parts(_extract(distance, fine))
@@ -116,7 +123,7 @@ class MeasuredSurface:
 
         Points beyond `reach` may be given any distance.
         """
-        signed, known = np.zeros(len(points)), self._may_reach(points, reach)
+        signed, known = np.zeros(len(points)), self.may_reach(points, reach)
         points = points[known]
         nearest, normals = self.nearest(points)
         away = points - nearest
@@ -127,7 +134,7 @@ class MeasuredSurface:
         known[known] = within
         return signed, known
 
-    def _may_reach(self, points: np.ndarray, reach: float) -> np.ndarray:
+    def may_reach(self, points: np.ndarray, reach: float) -> np.ndarray:
         """(P,) bool: all points within `reach` of the surface, and a few more. A nearest point takes far longer to find.
 
         They lie in the cells, as wide as `reach`, that a face's box touches once it is that much wider on all sides.
@@ -155,14 +162,18 @@ class MeasuredSurface:
         return Mesh(np.where(move[:, None], nearest, closed.vertices), closed.faces)
 
 
-def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: GroundPlane | None) -> np.ndarray:
+def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: GroundPlane | None, guess: GeneratedShape | None) -> np.ndarray:
     """(R, R, R) bool: the closed shape that votes and smoothness agree on."""
     empty, solid = votes.empty.astype(np.float32), votes.solid.astype(np.float32)
     outside = votes.outside.astype(np.float32)
     allowed = ~((outside >= OUTSIDE_VIEWS) & (outside >= OUTSIDE_SHARE * votes.framed))
     allowed[[0, -1]] = allowed[:, [0, -1]] = allowed[:, :, [0, -1]] = False
     data = np.clip((empty - 1.0 - SOLID_WEIGHT * solid) / FULL_VOTES, -1.0, 1.0).astype(np.float32)
-    data[(empty <= 1) & (solid == 0)] = -FILL
+    undecided = (empty <= 1) & (solid == 0)
+    data[undecided] = -FILL
+    if guess is not None:
+        asked = np.argwhere(undecided & allowed)
+        data[tuple(asked.T)] = np.where(guess.contains(grid.centres(asked)), -GUESS_VOTE, GUESS_VOTE)
     index = np.argwhere(allowed)
     centres = grid.centres(index)
     if plane is not None:
@@ -180,8 +191,11 @@ def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: Ground
     return ndimage.binary_fill_holes(occupied)
 
 
-def _signed_distance(fine: Grid, coarse: Grid, occupied: np.ndarray, surface: MeasuredSurface) -> np.ndarray:
-    """(N, N, N) float32 distance, positive outside: near measured surface its own, else that of the closed shape."""
+def _signed_distance(fine: Grid, coarse: Grid, occupied: np.ndarray, surface: MeasuredSurface, guess: GeneratedShape | None) -> np.ndarray:
+    """(N, N, N) float32 distance, positive outside: near measured surface its own, else that of the closed shape.
+
+    A generated shape keeps its own distance where the closed shape agrees with it, up to a few voxels from measured surface.
+    """
     voxels = ndimage.distance_transform_edt(~occupied) - ndimage.distance_transform_edt(occupied)
     smooth = ndimage.gaussian_filter(voxels.astype(np.float32), 1.0) * np.float32(coarse.side)
     distance = ndimage.zoom(smooth, fine.count // coarse.count, order=1, grid_mode=True, mode="nearest")
@@ -190,7 +204,14 @@ def _signed_distance(fine: Grid, coarse: Grid, occupied: np.ndarray, surface: Me
     own, near = surface.signed_distance(fine.centres(index), NEAR_VOXELS * coarse.side)
     np.clip(distance, -limit, limit, out=distance)
     distance[tuple(index[near].T)] = own[near]
-    _diffuse(distance, np.ascontiguousarray(index[~near]), DIFFUSION_STEPS)
+    free = ~near
+    if guess is not None:
+        asked = np.flatnonzero(free & (np.abs(distance[tuple(index.T)]) < ASKED_VOXELS * coarse.side))
+        theirs = guess.signed_distance(fine.centres(index[asked]))
+        agreed = np.abs(theirs - distance[tuple(index[asked].T)]) < AGREED_VOXELS * coarse.side
+        distance[tuple(index[asked[agreed]].T)] = theirs[agreed]
+        free[asked[agreed]] = surface.may_reach(fine.centres(index[asked[agreed]]), JOIN_VOXELS * coarse.side)
+    _diffuse(distance, np.ascontiguousarray(index[free]), DIFFUSION_STEPS)
     return distance
 
 

@@ -20,7 +20,7 @@ from zeroshop_steps.runtime.tables import read_table
 REPRODUCED, SUBSTITUTED, WAITING, QUOTED = "reproduced", "substituted", "waiting", "quoted"
 STATUSES = (REPRODUCED, SUBSTITUTED, WAITING, QUOTED)
 WEIGHTS, GPU, ROBOT, CAPTURES = "weights", "weights, a GPU", "a robot", "the thesis's own films"
-TRELLIS = "Trellis (weights, a GPU), which is not part of this project"
+TRELLIS = "weights, also those of Trellis, a GPU"
 OR_A_RUN = "; a substitute can be made here: snakemake results/ycbv/tables/bop.csv"
 GRASPS = Path(__file__).with_name("published_grasps.csv")
 STATEMENTS = Path(__file__).with_name("published_statements.csv")

@@ -1,0 +1,60 @@
+"""The rules of trellis, and of a generated mesh that completes a measured one, with small random weights."""
+
+import json
+import shutil
+
+import pytest
+
+from helpers.running import planned
+from helpers.small_trellis import write_encoder, write_networks
+from zeroshop_steps import methods
+from zeroshop_steps.geometry.meshes import read_ply, write_ply
+from zeroshop_steps.runtime.files import write_json
+
+CELL = "results/photos/box/video/colmap"
+SMALL = {"trellis": {"networks": "small-trellis", "encoder": "small-dino", "generations": 1, "steps": 2, "device": "cpu"}}
+
+
+@pytest.fixture
+def registered(tmp_path, carton):
+    """A folder in which the carton is registered and has a mesh by 2dgs, and the options that name it and the small networks."""
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos/a.png").touch()
+    (tmp_path / "objects.tsv").write_text(f"dataset\tobject\timages\tmasks\theight_m\nphotos\tbox\t{tmp_path}/photos\t\t0.09\n")
+    write_json(tmp_path / "results/photos/box/video/capture/capture.json", {})
+    shutil.copytree(carton.cameras, tmp_path / CELL / "cameras")
+    write_ply(tmp_path / CELL / "2dgs/clean.ply", carton.mesh)
+    write_json(tmp_path / CELL / "2dgs/height.json", {})
+    options = ["--config", f"objects_table={tmp_path / 'objects.tsv'}", f"nvs={json.dumps(SMALL)}"]
+    return ["--rerun-triggers", "mtime", *options]
+
+
+@pytest.mark.slow
+def test_the_rule_runs_with_small_random_networks(snakemake, registered, tmp_path):
+    target = f"{CELL}/trellis/raw_mesh.ply"
+    missing = snakemake("-n", f"{CELL}/trellis/clean.ply", *registered)
+    assert missing.returncode != 0 and "lacks the weights resources/weights/small-trellis" in missing.stdout, missing.stdout
+    write_networks(tmp_path / "resources/weights/small-trellis")
+    write_encoder(tmp_path / "resources/weights/small-dino")
+    run = snakemake(target, *registered, "--allowed-rules", "train_trellis")
+    log = (tmp_path / f"{CELL}/trellis/logs/train.log").read_text()
+    assert run.returncode == 0 and planned(run.stdout) == {"train_trellis": 1}, run.stdout + log
+    assert "structure (steps)" in log and "latents (steps)" in log and "Traceback" not in log
+    record = json.loads((tmp_path / target).with_suffix(".json").read_text())
+    mesh = read_ply(tmp_path / target)
+    assert record["generated"] and len(record["views"]) == 2 and record["faces"] == len(mesh.faces) and mesh.colors is not None
+
+
+def test_a_generated_mesh_completes_a_measured_one_where_that_is_asked_for(snakemake, registered, tmp_path):
+    target = f"{CELL}/2dgs/closed.ply"
+    plain = snakemake("-n", target, *registered)
+    assert plain.returncode == 0 and "--generated  --stereo" in plain.stdout and "train_trellis" not in plain.stdout, plain.stdout
+    wanted = [*registered, "finish={unseen: generated}"]
+    refused = snakemake("-n", target, *wanted)
+    assert refused.returncode != 0 and "trellis cannot run here, it lacks" in refused.stdout, refused.stdout
+    method = methods.SURFACES["trellis"].with_options(SMALL["trellis"])
+    for path in (tmp_path / "resources/weights" / file for file in method.files):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    run = snakemake("-n", target, *wanted)
+    assert run.returncode == 0 and f"--generated {CELL}/trellis/raw_mesh.ply" in run.stdout, run.stdout
