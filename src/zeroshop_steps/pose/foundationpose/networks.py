@@ -12,12 +12,12 @@ from zeroshop_steps.networks.foundationpose.model import RefineNet, ScoreNet, lo
 from zeroshop_steps.networks.foundationpose.onnx_pairs import OnnxPairs
 from zeroshop_steps.pose.foundationpose.crops import CropPairs
 
-BASE_BYTES = 900_000_000
-"""Of Python, PyTorch, a photo with depth and the rasterizer, at most; measured."""
+BASE_BYTES = 800_000_000
+"""Of Python, PyTorch, a photo of 640 x 480 px with depth, and the rasterizer; measured."""
 WEIGHTS_BYTES = 140_000_000
 """Of both networks."""
-PAIR_BYTES = 16_000_000
-"""That one pair of crops takes at the peak of a network, and of being rendered; measured."""
+PAIR_BYTES = 20_000_000
+"""That one pair of crops takes at the peak of a network, in float32 on a processor; the most of several measurements."""
 MOST_PAIRS = {"cpu": 16, "cuda": 252}
 """Pairs that go together at most: on a processor, more gain nothing."""
 
