@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from helpers import damage
+from helpers import ball_scene, damage
 from helpers.carton_scene import SIZE_MM, camera_at
 from zeroshop_steps.evaluate import photo_measures
 from zeroshop_steps.evaluate.grading import GRADES, grade_by_worst
 from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
-from zeroshop_steps.evaluate.surface_measures import measure_largest_part_share, measure_open_boundary, measure_roughness_deg
+from zeroshop_steps.evaluate.surface_measures import (
+    measure_guessed_share,
+    measure_largest_part_share,
+    measure_open_boundary,
+    measure_roughness_deg,
+)
 from zeroshop_steps.geometry import surface_distance
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
@@ -101,6 +106,23 @@ def test_roughness_grows_with_noise_and_leaves_edges_out():
     ]
     assert angles[0] < 2.0 and angles[0] < angles[1] < angles[2]
     assert measure_roughness_deg(mesh_of(trimesh.creation.box((1, 2, 3)))) < 0.1
+
+
+def test_what_nothing_measured_counts_where_the_masks_leave_room():
+    """A ball, a third of it assumed: as it is, it lies on the hull of its masks; with a dent there, nothing says how deep it is."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=ball_scene.RADIUS)
+    side = ball.vertices @ [1.0, 0.0, 0.2] > 0.35 * ball_scene.RADIUS
+    quality = np.where(side, ASSUMED, MEASURED) / MEASURED
+    views = [
+        damage.MemoryView(camera, Path(), None, np.zeros((camera.height_px, camera.width_px, 3), np.uint8), ball_scene.ball_mask(camera))
+        for camera in ball_scene.ball_cameras()
+    ]
+    depth = 0.15 * np.exp(-((np.linalg.norm(ball.vertices - [ball_scene.RADIUS, 0, 0], axis=1) / 0.3) ** 2))
+    dented = ball.vertices * (1.0 - depth[:, None])
+    whole, hollow = (replace(mesh_of(ball), vertices=np.array(shape), quality=quality) for shape in (ball.vertices, dented))
+    assert measure_guessed_share(whole, views) == 0.0
+    assert 0.03 < measure_guessed_share(hollow, views) < 0.15
+    assert measure_guessed_share(replace(hollow, quality=np.ones(len(side))), views) == 0.0
 
 
 def test_photos_agree_on_the_true_surface_and_not_on_another(carton):

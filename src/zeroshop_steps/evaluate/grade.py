@@ -19,7 +19,12 @@ import numpy as np
 
 from zeroshop_steps.evaluate.grading import MEASURES, GradeResult, check_limits, grade_by_worst
 from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
-from zeroshop_steps.evaluate.surface_measures import measure_largest_part_share, measure_open_boundary, measure_roughness_deg
+from zeroshop_steps.evaluate.surface_measures import (
+    measure_guessed_share,
+    measure_largest_part_share,
+    measure_open_boundary,
+    measure_roughness_deg,
+)
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
@@ -35,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, assumed_share is not judged")
+    parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, assumed and guessed surface is not judged")
     parser.add_argument("--quality", type=Path, help="quality.json, if there is a true model")
     for measure in MEASURES:
         default = [measure.good, measure.sparse]
@@ -57,11 +62,13 @@ def run(args: argparse.Namespace) -> None:
     mesh = read_ply(args.mesh)
     values = measure_mesh(drop_underside(mesh, metadata), views, record["images"] - len(record.get("foreign", [])), facts["bottom_z"])
     if args.evidence:
-        values["assumed_share"] = compute_area_shares(drop_underside(with_surface_support(mesh, args.evidence), metadata))["assumed"]
+        supported = drop_underside(with_surface_support(mesh, args.evidence), metadata)
+        values["assumed_share"] = compute_area_shares(supported)["assumed"]
+        values["guessed_share"] = round(measure_guessed_share(supported, views), 5)
     true_values = None
     if args.quality:
         quality = read_json(args.quality)
-        true_values = {measure.name: quality[measure.name] for measure in MEASURES if measure.needs_truth}
+        true_values = {measure.name: quality[measure.name] for measure in MEASURES if measure.needs_truth and measure.name in quality}
     content = make_grade_record(values, true_values, limits)
     write_grade(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"grade: {content['grade']} {'; '.join(content['reasons'])}", file=sys.stderr)

@@ -28,6 +28,7 @@ from zeroshop_steps.runtime.tables import write_table
 
 F_SCORE_MM = 2.0  # threshold of f_score_2_mm
 F_SCORE_DIAMETER = 0.01  # threshold of f_score_1_percent and its precision and recall, in diameters
+LARGEST = 0.98  # quantile of the distances that counts as the largest error: a hole, a dent or a lid of a fiftieth of the surface
 SAMPLES = 3  # rays along each side of a pixel in the renderings
 
 
@@ -125,6 +126,7 @@ def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered
         "f_score_1_percent": error.f_score(one_percent_mm),
         "precision_1_percent": error.precision(one_percent_mm),
         "recall_1_percent": error.recall(one_percent_mm),
+        "largest_error_percent": 100.0 * error.largest_mm(LARGEST) / truth.diameter_mm,
         "normal_error_deg": error.normal_deg.mean(),
         "seen_share": error.seen_share,
         "scale_error_percent": (1.0 / rotation_scale - 1.0) * 100.0,

@@ -1,4 +1,4 @@
-"""What the shape of a mesh alone says about its quality: whether it is in one part, closed and smooth."""
+"""What a mesh says about its quality by its shape: whether it is in one part, closed, smooth, and where the evidence puts it."""
 
 from collections.abc import Sequence
 
@@ -9,12 +9,16 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.finish.clean import label_parts
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, sample_surface
 from zeroshop_steps.geometry.surface_fields import weld
+from zeroshop_steps.geometry.visual_hull import measure_hull_depth
 
 UNDERSIDE_DIAMETERS = 0.05  # a border this close to the support is the rim of the underside, which no photo shows
 ROUGHNESS_DIAMETERS = 0.02  # radius of the neighbourhood within which normals are compared; 4 mm on an object of 20 cm
 SAMPLES = 20_000  # points of the surface; the neighbourhood of one then holds about 25 on a compact object
+GUESSED_DIAMETERS = 0.02  # deeper below the outlines: masks and the surface between two cameras are exact to about 0.01
 LEAST_NEIGHBOURS = 4  # points with fewer do not count: a mean of so few normals is mostly chance
 INWARDS = 0.1  # share of the way from a border to the middle of its face at which rays are aimed; at the border itself they may miss it
 
@@ -46,6 +50,22 @@ def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: floa
     if support_z is not None:
         counts &= points[:, 2] > support_z + UNDERSIDE_DIAMETERS * diameter
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
+
+
+def measure_guessed_share(mesh: Mesh, views: Sequence[View]) -> float:
+    """Share of the surface that nothing holds where it is: neither stereo nor an outline measured it, and the masks leave room.
+
+    Where only masks limit a surface, it should lie on their visual hull. If it lies deeper, such as the floor of a dark hollow or a dent
+    in a plain wall, it may as well lie elsewhere.
+
+    Args:
+        mesh: with the classes of its surface support (geometry/support_classes.py) as its quality.
+        views: the photos with masks, their cameras in the frame of the mesh.
+    """
+    room = measure_hull_depth(mesh.vertices, [view.camera for view in views], [view.mask() for view in views])
+    assumed = np.isclose(mesh.require_quality() * MEASURED, ASSUMED)
+    guessed = (assumed & (room > GUESSED_DIAMETERS * diameter_of(mesh)))[mesh.faces].mean(1)
+    return float(mesh.face_areas() @ guessed / max(mesh.face_areas().sum(), 1e-30))
 
 
 def measure_roughness_deg(mesh: Mesh, seed: int = 0) -> float:

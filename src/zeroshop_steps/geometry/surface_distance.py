@@ -42,6 +42,10 @@ class SurfaceError:
         precision, recall = self.precision(threshold_mm), self.recall(threshold_mm)
         return float(2 * precision * recall / max(precision + recall, 1e-12))
 
+    def largest_mm(self, quantile: float) -> float:
+        """The quantile of the distances from mesh to truth and of those from truth to mesh, whichever is larger."""
+        return float(max(np.quantile(self.to_truth_mm, quantile), np.quantile(self.to_mesh_mm, quantile)))
+
 
 def measure_surface_error(mesh: Mesh, truth: Mesh, cameras: list[Camera], support_z_mm: float | None, seed: int = 0) -> SurfaceError:
     """Compare `mesh` with `truth`, both in the true frame in mm.

@@ -1,7 +1,9 @@
 """The visual hull: the largest shape whose silhouettes lie in all masks (Laurentini 1994)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -26,6 +28,23 @@ def find_inside_masks(points: np.ndarray, cameras: list[Camera], masks: list[np.
         # Most of a volume is outside of the first masks already, and is not tested with the others.
         kept = kept[misses[kept] <= misses_allowed]
     return misses <= misses_allowed
+
+
+def measure_hull_depth(points: np.ndarray, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> np.ndarray:
+    """(P,) how far (P, 3) points lie below the surface of the visual hull of masks, (H, W) bool; 0 outside of it.
+
+    A ball around a point lies in the hull if its silhouettes lie in all masks, so the depth is the smallest distance to an outline,
+    taken at the point's depth. What lies off an image is not known; a point that no image shows is infinitely deep.
+    """
+    depths = np.full(len(points), np.inf)
+    for camera, mask in zip(cameras, masks, strict=True):
+        if mask.all():
+            continue
+        inwards_px = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+        rows, columns, depth, framed = camera.find_pixels(points)
+        length = inwards_px[rows[framed], columns[framed]] * depth[framed] / camera.intrinsics[0, 0]
+        depths[framed] = np.minimum(depths[framed], length)
+    return depths
 
 
 def _is_beyond_cut(rows: np.ndarray, columns: np.ndarray, mask: np.ndarray) -> np.ndarray:

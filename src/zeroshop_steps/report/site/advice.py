@@ -21,10 +21,14 @@ BY_MEASURE = {
     "above, into the hollow. If it has no print, put a few dots of marker or powder into it.",
     "assumed_share": "Part of the surface is a guess, most often a lid over a hollow or a plain flat side: put a few dots of marker or "
     "powder on it, and take photos from more sides.",
+    "guessed_share": "Photos do not show how deep part of the surface is, most often a plain or dark hollow: put a few dots of marker or "
+    "powder into it, and take photos into it, in more light.",
     "f_score_1_percent": "Too much of the surface is off the true one: the distances in the viewer show where.",
     "recall_1_percent": "Part of the true surface is missing or covered: the distances in the viewer, on the true model, show where. "
     "Plain or hollow parts need photos from steeper above, and some print.",
     "normal_error_deg": "The surface is wavy: take more photos, sharper or larger ones, in even light.",
+    "largest_error_percent": "Part of the surface is far off the true one, such as a hole, a dent or a lid: the distances in the viewer "
+    "show where.",
 }
 # (beginning of the step's name, words in the reason, advice); the first entry that fits is used.
 BY_FAILURE = (
