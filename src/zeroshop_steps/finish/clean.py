@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.mesh_repair import drop_repeated_faces, find_triangles
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.registered_views import View, find_possible, read_views
 from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
@@ -179,7 +179,7 @@ def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
     """Remove faces with a corner outside the masks of at least two photos; the object is inside all of them."""
     outside = np.zeros(len(mesh.vertices), int)
     for view in views:
-        mask = view.mask()
+        mask = find_possible(view.mask(), view.confidence())
         if mask.all() or not mask.any():
             continue
         distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)

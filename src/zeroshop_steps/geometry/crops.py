@@ -62,42 +62,43 @@ def fit_object_sphere(cameras: Sequence[Camera], masks: Sequence[np.ndarray]) ->
 
 @dataclass(frozen=True)
 class Crop:
-    """The part of a resampled image around its mask.
+    """The part of a resampled image around its object.
 
     Attributes:
         camera: pinhole camera of the crop, in normalized coordinates.
         size_px: width and height of the whole image, resampled.
         window: rows and columns of the crop in it.
-        coverage: (H, W) float32 share of each pixel that the object covers, 0 to 1.
-        active: (H, W) bool, the pixels that count: the mask and the border around it.
+        active: (H, W) bool, the pixels that count: the object and the border around it.
     """
 
     camera: Camera
     size_px: tuple[int, int]
     window: tuple[slice, slice]
-    coverage: np.ndarray
     active: np.ndarray
 
 
-def crop(camera: Camera, mask: np.ndarray, sphere: ObjectSphere, image_width_px: int, border_px: int) -> Crop:
-    """Crop an image, resampled to `image_width_px` (never enlarged), to the mask's box and `border_px` around it."""
+def crop(camera: Camera, possible: np.ndarray, sphere: ObjectSphere, image_width_px: int, border_px: int) -> Crop:
+    """Crop an image, resampled to `image_width_px` (never enlarged), to what may be the object and `border_px` around it.
+
+    `possible`: (height, width) bool, the mask and where it is not sure.
+    """
     width_px = min(image_width_px, camera.width_px)
     height_px = round(camera.height_px * width_px / camera.width_px)
-    coverage = cv2.resize(mask.astype(np.float32), (width_px, height_px), interpolation=cv2.INTER_AREA)
+    covered = cv2.resize(possible.astype(np.float32), (width_px, height_px), interpolation=cv2.INTER_AREA) > 0
     reach = np.ones((2 * border_px + 1, 2 * border_px + 1), np.uint8)
-    active = cv2.dilate((coverage > 0).astype(np.uint8), reach).astype(bool)
+    active = cv2.dilate(covered.astype(np.uint8), reach).astype(bool)
     ys, xs = np.nonzero(active)
     x0, x1, y0, y1 = xs.min(), xs.max() + 1, ys.min(), ys.max() + 1
     resized = sphere.normalized(camera).resized(width_px, height_px)
     intrinsics = resized.intrinsics - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
     window = (slice(y0, y1), slice(x0, x1))
     small = Camera(camera.name, int(x1 - x0), int(y1 - y0), intrinsics, resized.camera_from_world)
-    return Crop(small, (width_px, height_px), window, coverage[window], active[window])
+    return Crop(small, (width_px, height_px), window, active[window])
 
 
-def crop_for_seeds(camera: Camera, mask: np.ndarray, sphere: ObjectSphere) -> Crop:
+def crop_for_seeds(camera: Camera, possible: np.ndarray, sphere: ObjectSphere) -> Crop:
     """The crop in which stereo looks for seeds: at full size up to `SEED_WIDTH_PX`."""
-    return crop(camera, mask, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
+    return crop(camera, possible, sphere, SEED_WIDTH_PX, SEED_BORDER_PX)
 
 
 def grid_camera(camera: Camera) -> Camera:

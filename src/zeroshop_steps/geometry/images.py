@@ -53,6 +53,15 @@ def read_mask(path: Path, size_px: tuple[int, int] | None = None) -> np.ndarray:
     return mask
 
 
+def read_confidence(path: Path, size_px: tuple[int, int]) -> np.ndarray:
+    """Read how sure a mask of size (width, height) is: (height, width) float32, 0 to 1."""
+    confidence = decode_image(path, cv2.IMREAD_GRAYSCALE)
+    if confidence.shape != (size_px[1], size_px[0]):
+        found = f"{confidence.shape[1]} x {confidence.shape[0]} px"
+        raise StepError(f"{path} is {found}, its image is {size_px[0]} x {size_px[1]} px; delete it, or segment again")
+    return confidence.astype(np.float32) / 255.0
+
+
 def read_depth_mm(path: Path) -> np.ndarray:
     """Read a 16-bit depth image in 0.1 mm steps as (height, width) float32 mm; 0 where nothing was hit."""
     return decode_image(path, cv2.IMREAD_UNCHANGED).astype(np.float32) * 0.1

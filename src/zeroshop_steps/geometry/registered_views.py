@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel, read_sparse_model
-from zeroshop_steps.geometry.images import read_image, read_mask
+from zeroshop_steps.geometry.images import read_confidence, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
+
+CONFIDENCE = "confidence"  # the folder beside masks/; a mask without a file there is sure everywhere
+UNSURE = 0.5  # a pixel of less confidence may be the object, whatever its mask says
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,13 @@ class View:
             return np.ones((self.camera.height_px, self.camera.width_px), bool)
         return read_mask(self.mask_path, (self.camera.width_px, self.camera.height_px))
 
+    def confidence(self) -> np.ndarray | None:
+        """(height, width) float32 how sure the mask is at each pixel, 0 to 1; None if it is sure everywhere."""
+        if self.mask_path is None:
+            return None
+        path = self.mask_path.parent.with_name(CONFIDENCE) / self.mask_path.name
+        return read_confidence(path, (self.camera.width_px, self.camera.height_px)) if path.is_file() else None
+
 
 def read_views(folder: Path, images: str = "images", masks: str = "masks", sparse: str = "sparse") -> tuple[list[View], SparseModel]:
     """Read what the register stage writes, or held-out views, whose sub-folders have other names.
@@ -57,6 +67,11 @@ def read_views(folder: Path, images: str = "images", masks: str = "masks", spars
         mask = folder / masks / (Path(camera.name).stem + ".png")
         views.append(View(camera, folder / images / camera.name, mask if (folder / masks).is_dir() else None))
     return views, model
+
+
+def find_possible(mask: np.ndarray, confidence: np.ndarray | None) -> np.ndarray:
+    """(height, width) bool: the pixels that may show the object, because the mask says so or is not sure."""
+    return mask if confidence is None else mask | (confidence < UNSURE)
 
 
 def read_object_masks(views: Sequence[View]) -> list[np.ndarray]:

@@ -151,10 +151,15 @@ def _measure_border_share(mask: np.ndarray) -> float:
 def _measure_disagreement(mask: np.ndarray, hull: np.ndarray) -> float:
     if not mask.any() or not hull.any():
         return 1.0
+    return float(find_contradicted(mask, hull).sum() / mask.sum())
+
+
+def find_contradicted(mask: np.ndarray, hull: np.ndarray) -> np.ndarray:
+    """(H, W) bool: where an (H, W) bool mask contradicts the silhouette of the hull that all masks share, beyond the tolerance."""
     radius_px = find_rim_px(mask)
     # A hull of voxels is as large as the object or larger; it may lack thin parts and fill gaps. Neither is a fault of the mask.
     grown, shrunk = move_rim(hull, radius_px)
-    return float(((mask & ~grown).sum() + (shrunk & ~move_rim(mask, radius_px)[0]).sum()) / mask.sum())
+    return (mask & ~grown) | (shrunk & ~move_rim(mask, radius_px)[0])
 
 
 def find_rim_px(mask: np.ndarray) -> int:

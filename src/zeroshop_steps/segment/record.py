@@ -1,6 +1,6 @@
 """What every segmentation method writes: the registered images with their masks, without images whose mask is bad.
 
-A cameras folder: images/ of equal exposure and white balance (exposure.py), masks/, sparse/, registration.json as the registration
+A cameras folder: images/ of equal exposure and white balance (exposure.py), masks/, confidence/, sparse/, registration.json as the registration
 wrote them, segmentation.json with the quality of the masks, exposure.json, and contact_sheet.png, a picture of all masks.
 """
 
@@ -17,14 +17,15 @@ import numpy as np
 
 from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
 from zeroshop_steps.register.outline_check import measure_outline_misses_px, warn_of_misses
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.segment.exposure import equalize_exposure
-from zeroshop_steps.segment.mask_quality import MasksRejected
+from zeroshop_steps.segment.mask_agreement import assess_masks
+from zeroshop_steps.segment.mask_quality import MasksRejected, find_contradicted
 
 DARKENED_BY = 3  # what lies outside a mask, on the sheet of all masks
 RECORD = "segmentation.json"
@@ -84,6 +85,7 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         equalize_exposure(folder)
         kept = [index for index, view in enumerate(views) if view.camera.name not in dropped]
         missed_px = measure_outline_misses_px([views[index] for index in kept], [masks[index] for index in kept])
+        _write_confidence(folder, [views[index] for index in kept], [masks[index] for index in kept])
         record = record | {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
@@ -91,6 +93,15 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         write_image(folder / "contact_sheet.png", draw_mask_sheet([view.image_path for view in views], masks, dropped))
     warn_of_dropped(record)
     warn_of_misses(missed_px)
+
+
+def _write_confidence(folder: Path, views: list[View], masks: list[np.ndarray]) -> None:
+    """Write how sure each mask is at each pixel, where it is not sure everywhere: not where the other masks contradict it."""
+    hulls, _ = assess_masks(masks, [view.camera for view in views])
+    for view, mask, hull in zip(views, masks, hulls, strict=True):
+        contradicted = find_contradicted(mask, hull) if hull.any() else np.zeros_like(mask)
+        if contradicted.any():
+            write_mask(folder / CONFIDENCE / f"{Path(view.camera.name).stem}.png", ~contradicted)
 
 
 def read_mask_record(folder: Path | None) -> dict[str, Any]:

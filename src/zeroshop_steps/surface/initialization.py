@@ -77,7 +77,7 @@ def make_initialization(
     """
     grid = [make_grid_view(view) for view in views]
     cameras = [view.camera for view in grid]
-    masks = [view.mask.numpy() > 0 for view in grid]
+    masks = [view.find_possible() for view in grid]
     free_space = FreeSpace(cameras, masks, HullDistanceField.from_hull(seeds.carved_hull))
     seed_normals = _fit_normals(seeds.positions, seeds.normals)
 

@@ -30,13 +30,14 @@ class RenderedImages(Protocol):
 
 
 def image_losses(rendering: RenderedImages, view: TrainingView, lambda_dssim: float, lambda_mask: float) -> dict[str, torch.Tensor]:
-    """L1 and D-SSIM of the colour (Kerbl et al. 2023), and L1 of the opacity against the mask: weighted means over the active pixels."""
-    active = view.active
-    pixels = active.sum()
+    """L1 and D-SSIM of the colour (Kerbl et al. 2023), and L1 of the opacity against the mask: means over the active pixels,
+    weighted by how sure the mask is of them."""
+    counted = view.counted
+    pixels = counted.sum()
     return {
-        "l1": (1 - lambda_dssim) * ((rendering.color - view.color).abs().sum(0) * active).sum() / (3 * pixels),
-        "dssim": lambda_dssim * dssim(rendering.color, view.color, active.float()) / (3 * pixels),
-        "mask": lambda_mask * ((rendering.alpha - view.mask).abs() * active).sum() / pixels,
+        "l1": (1 - lambda_dssim) * ((rendering.color - view.color).abs().sum(0) * counted).sum() / (3 * pixels),
+        "dssim": lambda_dssim * dssim(rendering.color, view.color, counted.float()) / (3 * pixels),
+        "mask": lambda_mask * ((rendering.alpha - view.mask).abs() * counted).sum() / pixels,
     }
 
 

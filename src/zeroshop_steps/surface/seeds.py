@@ -11,7 +11,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.crops import ObjectSphere, crop_for_seeds, fit_object_sphere, grid_camera
-from zeroshop_steps.geometry.registered_views import View, read_object_masks
+from zeroshop_steps.geometry.registered_views import View, find_possible, read_object_masks
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
@@ -43,7 +43,7 @@ class Seeds:
 
 def carve_hull(grid: Sequence[TrainingView]) -> VisualHull:
     """The visual hull of the masks, in normalized coordinates; grid: the views at the pixels at which stereo estimates planes."""
-    masks = [view.mask.numpy() > 0 for view in grid]
+    masks = [view.find_possible() for view in grid]
     return VisualHull.carve([view.camera for view in grid], masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
 
 
@@ -103,7 +103,8 @@ def read_confirmed_points(path: Path, views: Sequence[View]) -> np.ndarray:
     """
     cameras, masks = [view.camera for view in views], read_object_masks(views)
     sphere = fit_object_sphere(cameras, masks)
-    crops = [crop_for_seeds(camera, mask, sphere).camera for camera, mask in zip(cameras, masks, strict=True)]
+    possible = [find_possible(mask, view.confidence()) for mask, view in zip(masks, views, strict=True)]
+    crops = [crop_for_seeds(camera, shown, sphere).camera for camera, shown in zip(cameras, possible, strict=True)]
     seeds = read_seeds(path, sphere, crops)
     points = [np.zeros((0, 3))]
     for camera in map(grid_camera, crops):

@@ -11,7 +11,7 @@ from pathlib import Path
 from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(
-    inputs=("cameras/images", "cameras/masks", "cameras/sparse"),
+    inputs=("cameras/images", "cameras/masks", "cameras/confidence", "cameras/sparse"),
     ignored=("threads",),
     outputs=("seeds.npz", "stereo.json"),
 )

@@ -9,7 +9,7 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.crops import STRIDE_PX, Crop, ObjectSphere, crop, crop_for_seeds, grid_camera
-from zeroshop_steps.geometry.registered_views import read_object_masks, read_views
+from zeroshop_steps.geometry.registered_views import find_possible, read_object_masks, read_views
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.tiling import find_active_tiles
 
@@ -24,6 +24,7 @@ class TrainingView:
         mask: (H, W) float32 coverage of each pixel by the object, 0 to 1.
         active: (H, W) bool, the pixels that count in the loss: the mask and the border around it.
         tile_active: (ceil(H / 16), ceil(W / 16)) bool, the tiles that hold active pixels.
+        confidence: (H, W) float32 how sure the mask is of each pixel, 0 to 1; None if it is sure of all.
     """
 
     camera: Camera
@@ -31,15 +32,30 @@ class TrainingView:
     mask: torch.Tensor
     active: torch.Tensor
     tile_active: np.ndarray
+    confidence: torch.Tensor | None = None
+
+    @property
+    def counted(self) -> torch.Tensor:
+        """(H, W) how much each pixel counts in the loss: 0 or 1, or in between where the mask is not sure."""
+        return self.active if self.confidence is None else self.active * self.confidence
+
+    def find_possible(self) -> np.ndarray:
+        """(H, W) bool: the pixels that may show the object, at least in part."""
+        return find_possible(self.mask.numpy() > 0, None if self.confidence is None else self.confidence.numpy())
 
 
 @dataclass(frozen=True)
 class CameraSet:
-    """What a registration holds: the sparse model, and images and masks (bool) in the order of its cameras."""
+    """What a registration holds: the sparse model, and in the order of its cameras images, masks (bool), and their confidences."""
 
     model: SparseModel
     images: tuple[np.ndarray, ...]
     masks: tuple[np.ndarray, ...]
+    confidences: tuple[np.ndarray | None, ...]
+
+    def find_possible(self) -> list[np.ndarray]:
+        """(H, W) bool of every view: the pixels that may show the object."""
+        return [find_possible(*pair) for pair in zip(self.masks, self.confidences, strict=True)]
 
 
 def read_camera_set(folder: Path) -> CameraSet:
@@ -51,30 +67,39 @@ def read_camera_set(folder: Path) -> CameraSet:
     views, model = read_views(folder)
     if len(views) < 3:
         raise StepError(f"{folder}/sparse holds {len(views)} cameras; at least 3 are needed to see depth. Run registration again")
-    return CameraSet(model, tuple(view.image() for view in views), tuple(read_object_masks(views)))
+    images, confidences = tuple(view.image() for view in views), tuple(view.confidence() for view in views)
+    return CameraSet(model, images, tuple(read_object_masks(views)), confidences)
 
 
 def make_training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
     """Resize to `image_width_px` (never enlarge), crop to the mask's box and `border_px` around it, and make the background black."""
-    parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
-    return [_training_view(image, mask, crop(camera, mask, sphere, image_width_px, border_px)) for camera, image, mask in parts]
+    pairs = zip(camera_set.model.cameras, camera_set.find_possible(), strict=True)
+    return _cut_views(camera_set, [crop(camera, possible, sphere, image_width_px, border_px) for camera, possible in pairs])
 
 
 def make_seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[TrainingView]:
     """The views in which stereo searches for seeds."""
-    parts = zip(camera_set.model.cameras, camera_set.images, camera_set.masks, strict=True)
-    return [_training_view(image, mask, crop_for_seeds(camera, mask, sphere)) for camera, image, mask in parts]
+    pairs = zip(camera_set.model.cameras, camera_set.find_possible(), strict=True)
+    return _cut_views(camera_set, [crop_for_seeds(camera, possible, sphere) for camera, possible in pairs])
 
 
-def _training_view(image: np.ndarray, mask: np.ndarray, crop: Crop) -> TrainingView:
-    masked = image * mask[..., None]
-    color = cv2.resize(masked.astype(np.float32) / 255.0, crop.size_px, interpolation=cv2.INTER_AREA)[crop.window]
+def _cut_views(camera_set: CameraSet, crops: list[Crop]) -> list[TrainingView]:
+    parts = zip(camera_set.images, camera_set.masks, camera_set.confidences, crops, strict=True)
+    return [_make_view(*part) for part in parts]
+
+
+def _make_view(image: np.ndarray, mask: np.ndarray, confidence: np.ndarray | None, crop: Crop) -> TrainingView:
+    def cut(picture: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(cv2.resize(picture.astype(np.float32), crop.size_px, interpolation=cv2.INTER_AREA)[crop.window])
+
+    color = cut((image * mask[..., None]).astype(np.float32) / 255.0)
     return TrainingView(
         crop.camera,
         torch.from_numpy(np.ascontiguousarray(color.transpose(2, 0, 1))),
-        torch.from_numpy(np.ascontiguousarray(crop.coverage)),
+        torch.from_numpy(cut(mask)),
         torch.from_numpy(np.ascontiguousarray(crop.active)),
         find_active_tiles(crop.active),
+        None if confidence is None else torch.from_numpy(cut(confidence)),
     )
 
 
@@ -82,4 +107,6 @@ def make_grid_view(view: TrainingView) -> TrainingView:
     """A view of every third pixel of every third row: those at which stereo estimates planes."""
     s = STRIDE_PX
     active = view.active[::s, ::s]
-    return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, find_active_tiles(active.numpy()))
+    confidence = None if view.confidence is None else view.confidence[::s, ::s]
+    tiles = find_active_tiles(active.numpy())
+    return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, tiles, confidence)

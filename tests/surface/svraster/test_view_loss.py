@@ -88,6 +88,16 @@ def test_a_term_is_what_it_is_defined_as(view, name, weight):
         assert (one is None or not one.any()) if other is None else torch.allclose(one, other, rtol=1e-7, atol=1e-12)
 
 
+def test_a_pixel_that_the_mask_is_not_sure_of_does_not_count(view):
+    """Losses of a view whose mask is wrong in its left half, and not sure there, are those of its right half."""
+    settings, drawn = VoxelSettings(lambda_dssim=0.0, lambda_transmittance=0.7), rendering(*samples())
+    right = torch.arange(WIDTH_PX).expand(HEIGHT_PX, WIDTH_PX) >= WIDTH_PX // 2
+    unsure = replace(view, mask=torch.where(right, view.mask, 1.0 - view.mask), confidence=right.double())
+    half = replace(view, active=view.active & right)
+    for name, term in view_loss(drawn, unsure, settings, with_normals=False).items():
+        assert term.item() == pytest.approx(view_loss(drawn, half, settings, with_normals=False)[name].item(), rel=1e-9), name
+
+
 def test_normals_that_fit_the_depth_cost_nothing_and_turned_ones_twice(view):
     flat = torch.full((HEIGHT_PX, WIDTH_PX), 2.5, dtype=torch.float64)
     towards = torch.zeros(3, HEIGHT_PX, WIDTH_PX, dtype=torch.float64)

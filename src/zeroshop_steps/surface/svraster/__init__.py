@@ -11,7 +11,7 @@ from zeroshop_steps.surface.svraster.settings import OPTIONS, VoxelSettings
 from zeroshop_steps.surface.training_options import add_setting_arguments, add_training_arguments, chosen_settings
 
 CACHED = Cached(
-    inputs=("cameras/images", "cameras/masks", "cameras/sparse", "stereo"),
+    inputs=("cameras/images", "cameras/masks", "cameras/confidence", "cameras/sparse", "stereo"),
     ignored=("threads", "resume", "checkpoint_every"),
     outputs=("training.csv", "training.json", "voxels.npz"),
 )

@@ -37,17 +37,17 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: VoxelSettings,
     colour C; w max(cos, 0) of normals that face away, so that density rises along the ray. Finally, normal consistency.
     """
     terms = image_losses(rendering, view, settings.lambda_dssim, settings.lambda_mask)
-    active = view.active
-    pixels = active.sum()
+    counted = view.counted
+    pixels = counted.sum()
     clear = (rendering.alpha * (1 - rendering.alpha)).square()
-    terms["transmittance"] = settings.lambda_transmittance * (clear * active).sum() / pixels
+    terms["transmittance"] = settings.lambda_transmittance * (clear * counted).sum() / pixels
     spread = rendering.color_square - 2 * (rendering.color * view.color).sum(0) + rendering.alpha * view.color.square().sum(0)
-    terms["color"] = settings.lambda_color * (spread * active).sum() / pixels
-    terms["away"] = settings.lambda_ascending * (rendering.away * active).sum() / pixels
+    terms["color"] = settings.lambda_color * (spread * counted).sum() / pixels
+    terms["away"] = settings.lambda_ascending * (rendering.away * counted).sum() / pixels
     if with_normals:
         k = view.camera.intrinsics
         surface = normals_from_depth(rendering.median_depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2])
-        solid = active & has_normal(rendering.median_depth) & (rendering.alpha.detach() > SOLID_ALPHA)
+        solid = view.active & has_normal(rendering.median_depth) & (rendering.alpha.detach() > SOLID_ALPHA)
         terms["normal"] = settings.lambda_normal * normal_mismatch(rendering, surface, solid) / pixels
     return terms
 

@@ -13,7 +13,7 @@ from zeroshop_steps.surface.twodgs.settings import OPTIONS, SurfelSettings
 HULL_POINTS = 4000
 """Points of the carved hull that the surfels start from, at most, where stereo has found nothing."""
 CACHED = Cached(
-    inputs=("cameras/images", "cameras/masks", "cameras/sparse", "stereo"),
+    inputs=("cameras/images", "cameras/masks", "cameras/confidence", "cameras/sparse", "stereo"),
     ignored=("threads", "resume", "checkpoint_every"),
     outputs=("training.csv", "training.json", "splats.ply"),
 )

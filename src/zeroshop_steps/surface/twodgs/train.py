@@ -38,16 +38,15 @@ def view_loss(rendering: Rendering, view: TrainingView, settings: SurfelSettings
     distortion (Huang et al. 2024, eq. 13 and 14).
     """
     terms = image_losses(rendering, view, settings.lambda_dssim, settings.lambda_mask)
-    active = view.active
-    pixels = active.sum()
+    pixels = view.counted.sum()
     if with_normals:
         k = view.camera.intrinsics
         depth = rendering.depth / rendering.alpha.clamp(min=1e-3)
         surface = normals_from_depth(depth, k[0, 0], k[1, 1], k[0, 2], k[1, 2]) * rendering.alpha.detach()
-        solid = active & (rendering.alpha.detach() > SOLID_ALPHA)
+        solid = view.active & (rendering.alpha.detach() > SOLID_ALPHA)
         terms["normal"] = settings.lambda_normal * normal_mismatch(rendering, surface, solid) / pixels
         if settings.lambda_distortion:
-            terms["distortion"] = settings.lambda_distortion * (rendering.distortion * active).sum() / pixels
+            terms["distortion"] = settings.lambda_distortion * (rendering.distortion * view.counted).sum() / pixels
     return terms
 
 
