@@ -56,7 +56,7 @@ MEASURES = (
     Measure("f_score_1_percent", "F-score at 1 %% of the diameter", 0.8, 0.4, at_least=True, needs_truth=True),
     Measure("recall_1_percent", "seen true surface within 1 %% of the diameter of the mesh", 0.9, 0.4, at_least=True, needs_truth=True),
     Measure("normal_error_deg", "mean angle to the true normals", 16.0, 60.0, needs_truth=True),
-    Measure("largest_error_percent", "98th percentile of the distance between the surfaces, in %% of the diameter", 4.0, 20.0, needs_truth=True),
+    Measure("largest_error_percent", "98th percentile of the distance to the truth, in %% of the diameter", 4.0, 20.0, needs_truth=True),
 )
 
 

@@ -1,7 +1,7 @@
 """What every segmentation method writes: the registered images with their masks, without images whose mask is bad.
 
-A cameras folder: images/ of equal exposure and white balance (exposure.py), masks/, confidence/, sparse/, registration.json as the registration
-wrote them, segmentation.json with the quality of the masks, exposure.json, and contact_sheet.png, a picture of all masks.
+A cameras folder: images/ of equal exposure and white balance (exposure.py), masks/, confidence/, sparse/, registration.json as the
+registration wrote it, segmentation.json with the quality of the masks, exposure.json, and contact_sheet.png, a picture of all masks.
 """
 
 import argparse
