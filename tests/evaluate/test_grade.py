@@ -117,7 +117,7 @@ def test_what_nothing_measured_counts_where_the_masks_leave_room():
         damage.MemoryView(camera, Path(), None, np.zeros((camera.height_px, camera.width_px, 3), np.uint8), ball_scene.ball_mask(camera))
         for camera in ball_scene.ball_cameras()
     ]
-    depth = 0.15 * np.exp(-((np.linalg.norm(ball.vertices - [ball_scene.RADIUS, 0, 0], axis=1) / 0.3) ** 2))
+    depth = 0.3 * np.exp(-((np.linalg.norm(ball.vertices - [ball_scene.RADIUS, 0, 0], axis=1) / 0.3) ** 2))
     dented = ball.vertices * (1.0 - depth[:, None])
     whole, hollow = (replace(mesh_of(ball), vertices=np.array(shape), quality=quality) for shape in (ball.vertices, dented))
     assert measure_guessed_share(whole, views) == 0.0

@@ -41,22 +41,23 @@ class Measure:
 
 # The limits were set on the demo mustard bottle and mug, damaged in planned steps (docs/results.md, "Does the grade fall with damage?"),
 # so that the grade falls with the damage; those of silhouettes and displaced surface also allow what a mask that is wrong by a pixel and
-# true surfaces give. Later cells did not move them: grades by photos and by truth agree in 258 of the 284 cells measured.
+# true surfaces give. Roughness, assumed and guessed surface were fitted on plain shapes and damaged meshes, and what counts as good by
+# truth was made stricter before ("Do the grades hold on other objects?"): no right surface of 212 had normals off by more than 13.3.
 MEASURES = (
     Measure("registered_share", "photos whose camera was found", 0.9, 0.6, at_least=True),
     Measure("silhouette_agreement", "agreement of silhouettes and masks, mean over the registered photos", 0.96, 0.9, at_least=True),
     Measure("largest_part_share", "area of the largest connected part", 0.95, 0.3, at_least=True),
     Measure("open_boundary_diameters", "length of open borders that photos see, away from the underside", 1.5, 20.0),
     Measure("back_share", "pixels on the mesh that show its back", 0.02, 0.15),
-    Measure("roughness_deg", "median angle between the normal and its neighbourhood's", 9.0, 20.0),
+    Measure("roughness_deg", "median angle between the normal and its neighbourhood's", 8.0, 20.0),
     Measure("photometric_error", "colour of a photo against the other photos' prediction, of 1", 0.05, 0.12),
     Measure("displaced_share", "surface where another depth explains the photos clearly better", 0.035, 0.4),
-    Measure("assumed_share", "surface that neither an outline nor stereo measured", 0.09, 0.5),
-    Measure("guessed_share", "surface that nothing measured, deeper than its outlines say", 0.02, 0.3),
+    Measure("assumed_share", "surface that neither an outline nor stereo measured", 0.2, 0.5),
+    Measure("guessed_share", "surface that nothing measured, deeper than its outlines say", 0.02, 0.5),
     Measure("f_score_1_percent", "F-score at 1 %% of the diameter", 0.8, 0.4, at_least=True, needs_truth=True),
     Measure("recall_1_percent", "seen true surface within 1 %% of the diameter of the mesh", 0.9, 0.4, at_least=True, needs_truth=True),
     Measure("normal_error_deg", "mean angle to the true normals", 16.0, 60.0, needs_truth=True),
-    Measure("largest_error_percent", "98th percentile of the distance to the truth, in %% of the diameter", 4.0, 20.0, needs_truth=True),
+    Measure("largest_error_percent", "99th percentile of the distance to the truth, in %% of the diameter", 4.0, 40.0, needs_truth=True),
 )
 
 

@@ -28,7 +28,7 @@ from zeroshop_steps.runtime.tables import write_table
 
 F_SCORE_MM = 2.0  # threshold of f_score_2_mm
 F_SCORE_DIAMETER = 0.01  # threshold of f_score_1_percent and its precision and recall, in diameters
-LARGEST = 0.98  # quantile of the distances that counts as the largest error: a hole, a dent or a lid of a fiftieth of the surface
+LARGEST = 0.99  # quantile of the distances that counts as the largest error: that of a hole, a dent or a lid on a hundredth
 SAMPLES = 3  # rays along each side of a pixel in the renderings
 
 

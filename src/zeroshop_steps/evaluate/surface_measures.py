@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.visual_hull import measure_hull_depth
 UNDERSIDE_DIAMETERS = 0.05  # a border this close to the support is the rim of the underside, which no photo shows
 ROUGHNESS_DIAMETERS = 0.02  # radius of the neighbourhood within which normals are compared; 4 mm on an object of 20 cm
 SAMPLES = 20_000  # points of the surface; the neighbourhood of one then holds about 25 on a compact object
-GUESSED_DIAMETERS = 0.02  # deeper below the outlines: masks and the surface between two cameras are exact to about 0.01
+GUESSED_DIAMETERS = 0.03  # deeper below the outlines; between two cameras, the hull of a right surface bulges by 0.02
 LEAST_NEIGHBOURS = 4  # points with fewer do not count: a mean of so few normals is mostly chance
 INWARDS = 0.1  # share of the way from a border to the middle of its face at which rays are aimed; at the border itself they may miss it
 
