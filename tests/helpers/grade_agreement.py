@@ -35,7 +35,7 @@ from zeroshop_steps.surface.seeds import read_confirmed_points
 DEFAULTS = {measure.name: (measure.good, measure.sparse) for measure in MEASURES}
 TRIED = {
     "assumed_share": (0.09, 0.12, 0.15, 0.2, 0.25),
-    "guessed_share": (0.01, 0.02, 0.03, 0.05, 1.0),
+    "guessed_share": (0.01, 0.02, 0.03, 0.05, 0.5),
     "roughness_deg": (7.0, 8.0, 9.0, 10.0),
     "silhouette_agreement": (0.95, 0.96, 0.97),
     "displaced_share": (0.025, 0.035, 0.05),
@@ -161,10 +161,7 @@ def fit_limits(cells: Sequence[Graded]) -> dict[str, tuple[float, float]]:
 
 def with_good(good: dict[str, float]) -> dict[str, tuple[float, float]]:
     """The default limits with other limits of good."""
-    return DEFAULTS | {name: (value, max(value, DEFAULTS[name][1]) if name in LOOSE else DEFAULTS[name][1]) for name, value in good.items()}
-
-
-LOOSE = ("guessed_share",)  # may be tried without effect
+    return DEFAULTS | {name: (value, DEFAULTS[name][1]) for name, value in good.items()}
 
 
 def main() -> None:
@@ -179,8 +176,8 @@ def main() -> None:
         photos, truth = grade_by_worst(mesh.photos, DEFAULTS), grade_by_worst(mesh.truth, DEFAULTS)
         left_out = "" if mesh.agrees(fitted[mesh.cell]) else "; not by the others' limits"
         print(f"{mesh.cell} {mesh.damage}: photos {photos.grade}, truth {truth.grade}{left_out} {'; '.join(photos.reasons)}")
-    print(f"{sum(mesh.agrees(DEFAULTS) for mesh in graded)} of {len(graded)} agree; by limits fitted on the other objects")
-    print(f"{sum(mesh.agrees(fitted[mesh.cell]) for mesh in graded)}")
+    usual, others = sum(mesh.agrees(DEFAULTS) for mesh in graded), sum(mesh.agrees(fitted[mesh.cell]) for mesh in graded)
+    print(f"{usual} of {len(graded)} agree by the default limits, {others} by those fitted on the other objects")
 
 
 if __name__ == "__main__":
