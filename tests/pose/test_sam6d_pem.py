@@ -15,6 +15,7 @@ from zeroshop_steps.bop.detections import Detection, encode_mask, write_detectio
 from zeroshop_steps.bop.estimates import read_estimates
 from zeroshop_steps.bop.models import ObjectModel, measure_diameter_mm
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import render_templates
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
@@ -123,7 +124,13 @@ def test_the_command_writes_poses_by_random_weights_and_names_bad_masks(dataset,
     assert len(read_estimates(path.with_name("poses.csv")).scores) == 0, "neither an empty mask nor an unsure detection has a pose"
     write_detections(path, [replace(one, mask=encode_mask(np.ones((24, 32), bool)))])
     assert estimate(dataset, weights, "--detections", path) == 1
-    assert "32 x 24 px, the image 320 x 240 px" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "32 x 24 px, the image 320 x 240 px" in said and "no texture" not in said
+
+
+def test_models_without_texture_are_warned_of(model, capsys):
+    warn_of_plain_models({CARTON: model, CAN: replace(model, mesh=replace(model.mesh, uv=None, texture=None))})
+    assert f"the models of the objects [{CAN}] have no texture" in capsys.readouterr().err
 
 
 def test_weights_that_are_missing_or_of_another_version_are_named(dataset, weights, tmp_path, monkeypatch, capsys):

@@ -2,7 +2,7 @@
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from zeroshop_steps.bop.poses import NEAREST_MM
 from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
 from zeroshop_steps.detect.templates import Templates, read_templates
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.progress import track
 
 MOST_IN_AN_IMAGE = 100  # detections; COCO's evaluation ignores further ones
@@ -93,6 +93,13 @@ def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
             f" depth_scale in {frame.folder / 'scene_camera.json'} is millimetres per step of the depth image"
         )
     return depth_mm
+
+
+def warn_of_plain_models(models: Mapping[int, ObjectModel]) -> None:
+    """Warn of models without texture, whose views are plain grey."""
+    plain = [number for number, model in models.items() if not model.mesh.is_textured]
+    if plain:
+        warn(f"the models of the objects {plain} have no texture; networks see them in grey, and cannot tell alike ones or sides apart")
 
 
 def detect_in_files(args: argparse.Namespace, prepare: Callable[[argparse.Namespace, dict[int, ObjectModel], ViewsOf], Detector]) -> None:

@@ -22,6 +22,7 @@ from zeroshop_steps.detect.detector_io import (
     detect_in_files,
     read_photo,
     suppress_boxes,
+    warn_of_plain_models,
 )
 from zeroshop_steps.detect.proposals import FILES, add_proposal_arguments, load_proposer
 from zeroshop_steps.detect.templates import Templates
@@ -58,6 +59,7 @@ def run(args: argparse.Namespace) -> None:
 def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: ViewsOf) -> Detector:
     """The detector of these models, with its networks loaded."""
     device = torch.device(choose_device(args.device))
+    warn_of_plain_models(models)
     propose = load_proposer(args, device)
     describer = CropDescriber(require_model(DESCRIBER, FILES), device)
     views = {number: describe_views(views_of(number), describer) for number in models}

@@ -25,6 +25,7 @@ from zeroshop_steps.detect.detector_io import (
     read_depth,
     read_photo,
     suppress_boxes,
+    warn_of_plain_models,
 )
 from zeroshop_steps.detect.proposals import FILES, add_proposal_arguments, load_proposer
 from zeroshop_steps.detect.sam6d_ism.scores import (
@@ -86,6 +87,7 @@ def run(args: argparse.Namespace) -> None:
 def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: ViewsOf) -> Detector:
     """The detector of these models, with its networks loaded."""
     device = torch.device(choose_device(args.device))
+    warn_of_plain_models(models)
     propose = load_proposer(args, device)
     describer = CropDescriber(require_model(DESCRIBER, FILES), device)
     objects = {number: describe_object(model, views_of(number), describer) for number, model in models.items()}

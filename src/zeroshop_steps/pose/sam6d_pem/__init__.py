@@ -17,6 +17,7 @@ from torch import Tensor
 from zeroshop_steps.bop.detections import Detection
 from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.scene import Frame
+from zeroshop_steps.detect.detector_io import warn_of_plain_models
 from zeroshop_steps.detect.templates import Templates, read_templates
 from zeroshop_steps.geometry.surface_distance import sample_surface
 from zeroshop_steps.networks.devices import DEVICES, MemoryNeeds, check_memory, choose_device, run_network
@@ -63,6 +64,7 @@ def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: 
     weights = resolve_weights(args.weights, NAME, SIZES)
     device = torch.device(choose_device(args.device))
     network = load_sam6d_pem(weights)
+    warn_of_plain_models(models)
     check_memory(predict_memory(network, len(models)), device)
     network = network.to(device)
     known = {
