@@ -45,3 +45,10 @@ def test_a_thing_that_moved_during_the_film(tmp_path, to):
 def test_a_thing_that_is_gone_in_half_of_the_photos(tmp_path):
     error = told(tmp_path, [[BALL] if index % 2 else [] for index in range(COUNT)])
     assert isinstance(error, str) and ("moved" in error or "masks are good" in error), error
+
+
+@pytest.mark.slow
+def test_photos_of_two_things_mixed(tmp_path):
+    """A large and a small ball at the same place, in turn: neither is taken for both, and the photos that differ are named."""
+    error = told(tmp_path, [[BALL] if index % 2 else [(0.0, 0.0, 0.3)] for index in range(COUNT)])
+    assert isinstance(error, str) and "masks are good" in error and "contradicts the masks of the other views" in error, error
