@@ -26,6 +26,7 @@ ROOMS = [
     "detect",
     "pose",
     "robot",
+    "simulate",
     "report",
     "app",
 ]

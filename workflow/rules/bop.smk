@@ -96,10 +96,12 @@ rule true_models:
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(10),
+    params:
+        frames="",
     message:
         "Gathering the true models of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} --out {output.models} > {log} 2>&1"
+        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} {params.frames} --out {output.models} > {log} 2>&1"
 
 
 use rule true_models as reconstructed_models with:
@@ -113,7 +115,7 @@ use rule true_models as reconstructed_models with:
     benchmark:
         f"{BOP}/benchmarks/models_{{nvs}}.tsv"
     wildcard_constraints:
-        nvs=r"(?!scaled_|without_)[^/.]+",  # damaged true models (robustness.smk)
+        nvs=r"(?!scaled_|without_|delivered_)[^/.]+",  # other folders of models (robustness.smk, simulate.smk)
     message:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made"
 

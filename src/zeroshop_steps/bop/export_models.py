@@ -3,7 +3,8 @@
 The parts are true models (folders with model.ply and model_info.json) or alignments (aligned.json with mesh.ply beside it), whose
 meshes are transformed to the frames of their true models. Any BOP method can use the folder as its models. If evidence.npz lies beside
 an alignment, the vertices have it as `quality`: 1 measured, 0.5 assumed, 0 never seen. Objects whose part records a failure are left
-out with a warning.
+out with a warning. With --own-frames, meshes keep the frame and the scale that they were made with, as a robot gets them; then no
+symmetries are listed.
 """
 
 import argparse
@@ -28,6 +29,7 @@ READS_FAILURES = True
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--parts", type=Path, nargs="+", required=True, help="model folders, or aligned.json files")
+    parser.add_argument("--own-frames", action="store_true", help="leave meshes in their own frame and scale")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
 
 
@@ -40,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
             if failure:
                 warn(f"{part} is left out of {args.out}: {failure}")
                 continue
-            mesh, info = read_part(part)
+            mesh, info = read_part(part, args.own_frames)
             number = info["obj_id"]
             if number in listed:
                 raise StepError(f"{part} is object {number}, and so is an earlier part; give every object once")
@@ -51,8 +53,8 @@ def run(args: argparse.Namespace) -> None:
     print(f"{args.out}: {len(listed)} of {len(args.parts)} objects", file=sys.stderr)
 
 
-def read_part(part: Path) -> tuple[Mesh, dict]:
-    """A mesh in the frame of its true model in mm, and that model's entry of models_info.json."""
+def read_part(part: Path, own_frame: bool = False) -> tuple[Mesh, dict]:
+    """A mesh in the frame of its true model in mm, and that model's entry of models_info.json; or in the mesh's own frame, without."""
     if part.is_dir():
         return read_ply(part / "model.ply"), read_json(part / "model_info.json")
     aligned = read_json(part)
@@ -60,6 +62,8 @@ def read_part(part: Path) -> tuple[Mesh, dict]:
     evidence = part.with_name("evidence.npz")
     if evidence.is_file():
         mesh = with_surface_support(mesh, evidence)
+    if own_frame:
+        return mesh, {"obj_id": aligned["model_info"]["obj_id"], "name": aligned["model_info"].get("name", "")}
     return replace(mesh, vertices=transform_points(mesh.vertices, transform)).with_normals(), aligned["model_info"]
 
 

@@ -41,8 +41,8 @@ class RenderedView:
 class SceneRenderer:
     """Renders a scene of an object (`parts[0]`) and perhaps a surface (`parts[1]`); the light is baked once, here.
 
-    `lights` are those of the captures by default; for `merged_mm` see `lighting.bake_light`. `mirror` is the reflectance of the flat
-    surface's varnish at normal incidence: above 0, the surface shows a mirror image of what stands on it.
+    `lights` are those of the captures by default; for `merged_mm` and `surface_cells` see `lighting.bake_light`. `mirror` is the
+    reflectance of the flat surface's varnish at normal incidence: above 0, the surface shows a mirror image of what stands on it.
     """
 
     def __init__(
@@ -53,12 +53,13 @@ class SceneRenderer:
         lights: lighting.Lights | None = None,
         merged_mm: float | None = None,
         mirror: float = 0.0,
+        surface_cells: int = lighting.SURFACE_CELLS,
     ) -> None:
         self.scene = ray_caster(*((part.vertices, part.faces) for part in parts))
         self._mirror, self._surface_mm = mirror, bounds.bottom_mm
         self._mirrored_scene = ray_caster((parts[0].vertices, parts[0].faces)) if mirror else None
         lights = lights or lighting.place_lights(bounds, on_surface=len(parts) > 1)
-        light = lighting.bake_light(self.scene, parts, bounds, lights, seed, merged_mm)
+        light = lighting.bake_light(self.scene, parts, bounds, lights, seed, merged_mm, surface_cells)
         self._arrays = [
             shading.SceneMeshArrays(
                 part.vertices[part.faces], part.corner_normals, part.corner_uv, part.pyramid.texels, part.pyramid.levels, part.pyramid.wrap

@@ -15,7 +15,7 @@ from zeroshop_steps.synthetic import shading
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.clutter import RigidBody
 from zeroshop_steps.synthetic.depth_sensor import simulate_depth
-from zeroshop_steps.synthetic.lighting import Lights, place_lights
+from zeroshop_steps.synthetic.lighting import SURFACE_CELLS, Lights, place_lights
 from zeroshop_steps.synthetic.renderer import SceneRenderer, expose
 from zeroshop_steps.synthetic.scene_meshes import make_object_mesh, make_surface_mesh
 
@@ -59,11 +59,18 @@ class TableScene:
         seed: of the table's texture and of what renders it.
     """
 
-    def __init__(self, things: Sequence[Mesh], world_from_models: Sequence[np.ndarray], rng: np.random.Generator, plain: bool) -> None:
-        """`plain` chooses a nearly uniform table, else it is richly textured."""
+    def __init__(
+        self,
+        things: Sequence[Mesh],
+        world_from_models: Sequence[np.ndarray],
+        rng: np.random.Generator,
+        plain: bool,
+        least_radius_mm: float = 0.0,
+    ) -> None:
+        """`plain` chooses a nearly uniform table, else it is richly textured. It is as large as for things within `least_radius_mm`."""
         self.world = merge_meshes([transform_mesh(mesh, pose) for mesh, pose in zip(things, world_from_models, strict=True)])
         low, high = self.world.vertices.min(0), self.world.vertices.max(0)
-        self._radius_mm = float(np.linalg.norm(self.world.vertices[:, :2], axis=1).max())
+        self._radius_mm = max(least_radius_mm, float(np.linalg.norm(self.world.vertices[:, :2], axis=1).max()))
         self._middle = np.array([0.0, 0.0, (low[2] + high[2]) / 3])
         self.bounds = ObjectBounds((low + high) / 2, 1.5 * self._radius_mm, 0.0, float(rng.uniform(0, 360)))
         self.seed = int(rng.integers(2**31))
@@ -116,9 +123,15 @@ class TableBackend:
     clear: Callable[[], None] = lambda: None
 
 
-def render_raycast(scene: TableScene, cameras: Iterable[Camera]) -> Iterator[tuple[Camera, np.ndarray]]:
-    """Each camera and the (height, width, 3) linear light that the embedded ray caster gives it; a camera is taken when it is due."""
-    renderer = SceneRenderer([make_object_mesh(scene.world), scene.table], scene.bounds, scene.seed, scene.lights, MERGED_MM)
+def render_raycast(
+    scene: TableScene, cameras: Iterable[Camera], merged_mm: float = MERGED_MM, surface_cells: int = SURFACE_CELLS
+) -> Iterator[tuple[Camera, np.ndarray]]:
+    """Each camera and the (height, width, 3) linear light that the embedded ray caster gives it; a camera is taken when it is due.
+
+    For `merged_mm` and `surface_cells` see `lighting.bake_light`.
+    """
+    parts = [make_object_mesh(scene.world), scene.table]
+    renderer = SceneRenderer(parts, scene.bounds, scene.seed, scene.lights, merged_mm, surface_cells=surface_cells)
     for camera in cameras:
         yield camera, renderer.render(camera).linear
 

@@ -1,0 +1,1 @@
+"""A simulated robot: it sees a table through our renderer and a depth sensor's noise, and lifts true objects in MuJoCo."""

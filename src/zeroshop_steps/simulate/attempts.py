@@ -1,0 +1,186 @@
+"""The thesis's grasp protocol (4.4.3) with one object: eight poses, in each a first attempt and, where it fails, a second one.
+
+The robot looks, detects the object that it is asked for among those that it knows, estimates its pose, takes the best grasp for which
+the table leaves room, and lifts. It knows the meshes of --models alone; MuJoCo moves the true body, which is what the camera sees.
+A second attempt starts where the first one left the object, or from the same pose if it was knocked out of reach. Writes a row an
+attempt, and a picture of each that failed.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.grasp.antipodal import GraspOptions
+from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
+from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import atomic_directory
+from zeroshop_steps.runtime.progress import track
+from zeroshop_steps.runtime.tables import write_table
+from zeroshop_steps.simulate.camera import photograph
+from zeroshop_steps.simulate.failure_pictures import draw_failure
+from zeroshop_steps.simulate.known_grasps import grasps_of_model
+from zeroshop_steps.simulate.lifting import SUCCESS, Lift, lift, settle
+from zeroshop_steps.simulate.perception import Perception
+from zeroshop_steps.simulate.physics import USUAL
+from zeroshop_steps.simulate.protocol import ProtocolPose, choose_poses
+from zeroshop_steps.simulate.robot import Plan, Robot
+from zeroshop_steps.simulate.true_object import TrueObject, in_mm, read_true_object
+from zeroshop_steps.synthetic.shading import use_threads
+from zeroshop_steps.synthetic.table_scene import RgbdImage
+
+READS_FAILURES = True
+COLUMNS = (
+    "friction", "placement", "turn_deg", "attempt", "result", "segmented", "iou", "detection_score", "pose_confidence",
+    "pose_error_mm", "pose_error_diameters", "grasp_score", "opening_mm", "slip_mm",
+)  # fmt: skip
+ATTEMPTS = 2
+SEGMENTED_IOU = 0.5  # of the mask with the true one, from which the object counts as segmented
+REACH_M = 0.15  # an object farther from the middle of the table than this, or below its top, is put back
+UNKNOWN = "no_mesh"  # the result where the robot has no mesh of the object, because its reconstruction failed
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--model", type=Path, required=True, help="folder of the true model")
+    parser.add_argument("--body", type=Path, required=True, help="its physical body, made by --method physical_model")
+    parser.add_argument("--models", type=Path, required=True, help="folder of the models that the robot knows, in BOP's layout")
+    parser.add_argument("--templates", type=Path, required=True, help="their 42 views")
+    parser.add_argument("--aligned", type=Path, help="aligned.json of the robot's mesh, by which the error of a pose is measured")
+    parser.add_argument("--gripper", choices=list(GRIPPERS), default="hsr", help="(default: %(default)s)")
+    parser.add_argument("--friction", type=float, nargs="+", default=[USUAL.friction], help="coefficients, each tried (default: 0.5)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of lights, noise and grasps (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=0, help="threads for shading (default: all)")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write: attempts.csv, and failures with their pictures")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the attempts with one object."""
+    use_threads(args.threads)
+    perception = Perception(args.models, args.templates)
+    true = read_true_object(args.model, args.body, None if args.aligned is None or read_failure(args.aligned) else args.aligned)
+    poses = choose_poses(true.body, str(args.model))
+    rows: list[dict[str, Any]] = []
+    with atomic_directory(args.out) as folder:
+        if true.object_id in perception.models:
+            gripper = find_gripper(args.gripper)
+            grasps = grasps_of_model(args.models, true.object_id, gripper, GraspOptions(seed=args.seed))
+            trial = Trial(true, Robot(perception, true.object_id, grasps, gripper), args.seed, folder / "failures")
+            rows = [row for pose in track(poses, "poses", len(poses)) for row in trial.try_pose(pose, args.friction)]
+        else:
+            warn(f"{args.models} has no mesh of {args.model}: all attempts count as failed")
+            rows = [describe(pose, 1, friction, UNKNOWN) for pose in poses for friction in args.friction]
+        write_table(folder / "attempts.csv", rows, COLUMNS)
+    done = sum(row["result"] == SUCCESS for row in rows)
+    print(f"{args.out}: {done} of {len(poses) * len(args.friction)} lifted, {len(rows)} attempts", file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class Look:
+    """One image, what the robot plans by it, and how right that is.
+
+    Attributes:
+        image, plan: as they are.
+        world_from_object: (4, 4) m, where the object truly lies.
+        measures: `iou` and `pose_error_mm`, those that there are.
+    """
+
+    image: RgbdImage
+    plan: Plan
+    world_from_object: np.ndarray
+    measures: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One object and one robot.
+
+    Attributes:
+        true: the object.
+        robot: that is asked for it.
+        seed: of lights and noise.
+        pictures: folder for those of failures.
+    """
+
+    true: TrueObject
+    robot: Robot
+    seed: int
+    pictures: Path
+
+    def try_pose(self, pose: ProtocolPose, frictions: Sequence[float]) -> list[dict[str, Any]]:
+        """The rows of one pose; the first image is the same with each friction."""
+        rows = []
+        start = settle(self.true.body, pose.world_from_object, self.robot.gripper, USUAL)
+        first = self.look(start, pose, 1)
+        for friction in frictions:
+            seen = first
+            for attempt in range(1, ATTEMPTS + 1):
+                lifted = self._lift(seen, friction)
+                result = lifted.result if lifted else str(seen.plan.result)
+                rows.append(self._describe(pose, attempt, friction, result, seen, lifted))
+                if result == SUCCESS:
+                    break
+                name = f"{pose.placement}_{pose.turn_deg:03.0f}_friction_{friction:g}_{attempt}_{result}.png"
+                write_image(
+                    self.pictures / name, draw_failure(self.true, self.robot, seen.image, seen.plan, seen.world_from_object, lifted)
+                )
+                if attempt < ATTEMPTS:
+                    seen = self.look(_put_back(lifted, start), pose, attempt + 1)
+        return rows
+
+    def look(self, world_from_object: np.ndarray, pose: ProtocolPose, attempt: int) -> Look:
+        """Take an image and plan by it."""
+        placement = ("upright", "flipped", "lying").index(pose.placement)
+        seed = [self.seed, self.true.object_id, placement, round(pose.turn_deg), attempt]
+        image = photograph([self.true.mesh], [in_mm(world_from_object)], seed)
+        plan = self.robot.plan(image)
+        measures = {}
+        if plan.sighting:
+            visible = self.true.visible_mask(image, in_mm(world_from_object))
+            measures["iou"] = float((visible & plan.sighting.mask).sum() / max((visible | plan.sighting.mask).sum(), 1))
+            if plan.sighting.camera_from_model is not None:
+                camera_from_model = image.camera.camera_from_world @ in_mm(world_from_object)
+                measures["pose_error_mm"] = self.true.pose_error_mm(plan.sighting.camera_from_model, camera_from_model)
+        return Look(image, plan, world_from_object, measures)
+
+    def _lift(self, seen: Look, friction: float) -> Lift | None:
+        grasp = seen.plan.grasp
+        if grasp is None:
+            return None
+        physics = replace(USUAL, friction=friction)
+        return lift(self.true.body, seen.world_from_object, self.robot.gripper, grasp.world_from_gripper, grasp.opening_m, physics)
+
+    def _describe(self, pose: ProtocolPose, attempt: int, friction: float, result: str, seen: Look, lifted: Lift | None) -> dict[str, Any]:
+        row = describe(pose, attempt, friction, result)
+        plan, measures = seen.plan, seen.measures
+        if plan.sighting:
+            row["segmented"] = int(measures["iou"] >= SEGMENTED_IOU)
+            row |= {"iou": measures["iou"], "detection_score": plan.sighting.score, "pose_confidence": plan.sighting.confidence}
+        if "pose_error_mm" in measures:
+            error_mm = measures["pose_error_mm"]
+            row |= {"pose_error_mm": error_mm, "pose_error_diameters": error_mm / self.true.diameter_mm}
+        if plan.grasp:
+            row |= {"grasp_score": plan.grasp.score, "opening_mm": 1000.0 * plan.grasp.opening_m}
+        if lifted and result == SUCCESS:
+            row["slip_mm"] = lifted.slip_mm
+        return {key: round(value, 4) if isinstance(value, float) else value for key, value in row.items()}
+
+
+def describe(pose: ProtocolPose, attempt: int, friction: float, result: str) -> dict[str, Any]:
+    """The columns that every row has."""
+    place = {"placement": pose.placement, "turn_deg": round(pose.turn_deg)}
+    return {"friction": friction, **place, "attempt": attempt, "result": result, "segmented": 0}
+
+
+def _put_back(lifted: Lift | None, start: np.ndarray) -> np.ndarray:
+    """Where the object lies before the next attempt."""
+    if lifted is None:
+        return start
+    left = lifted.world_from_object
+    return left if np.linalg.norm(left[:2, 3]) < REACH_M and left[2, 3] > 0.0 else start

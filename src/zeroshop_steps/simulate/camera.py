@@ -1,0 +1,70 @@
+"""What the HSR's head camera sees of a table: a photo by our renderer and depth with a sensor's noise and holes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.scene import HALF_PX, Frame
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene, render_raycast
+
+WIDTH_PX, HEIGHT_PX = 640, 480
+INTRINSICS = np.array([[538.391, 0.0, 315.307], [0.0, 538.085, 233.048], [0.0, 0.0, 1.0]])  # BOP's K of the HSR's camera
+CENTRE_MM, TARGET_MM = np.array([-500.0, 0.0, 500.0]), np.array([0.0, 0.0, 40.0])  # the head looks down at the table from 0.7 m
+TABLE_RADIUS_MM = 110.0  # things within it have a table that fills the image: 1.65 m wide
+MERGED_MM, SURFACE_CELLS = 3.0, 120  # of the baked light: half as fine as test sets have it, since here every image has its own
+
+
+@dataclass(frozen=True)
+class SensedFrame(Frame):
+    """An image in memory, as detectors take it.
+
+    Attributes:
+        photo: (height, width, 3) uint8.
+        measured_mm: (height, width) float32, 0 where nothing was measured.
+    """
+
+    photo: np.ndarray
+    measured_mm: np.ndarray
+
+    def color(self) -> np.ndarray:
+        """The photo."""
+        return self.photo
+
+    @property
+    def has_depth(self) -> bool:
+        """It always has."""
+        return True
+
+    def depth_mm(self) -> np.ndarray:
+        """The measured depth."""
+        return self.measured_mm
+
+
+def hsr_camera() -> Camera:
+    """The camera above the table; world frame: the table's, mm, z up. It looks along +x."""
+    return Camera("000000.png", WIDTH_PX, HEIGHT_PX, INTRINSICS + HALF_PX, look_at(CENTRE_MM, TARGET_MM))
+
+
+def photograph(things: Sequence[Mesh], world_from_models: Sequence[np.ndarray], seed: Sequence[int], plain: bool = True) -> RgbdImage:
+    """One image of things on a table.
+
+    Args:
+        things: true models, textured, mm.
+        world_from_models: (4, 4) mm each.
+        seed: of the table, the lights and the noise.
+        plain: whether the table is nearly uniform, or richly textured.
+    """
+    rng = np.random.default_rng(seed)
+    scene = TableScene(things, world_from_models, rng, plain, TABLE_RADIUS_MM)
+    ((camera, linear),) = render_raycast(scene, [hsr_camera()], MERGED_MM, SURFACE_CELLS)
+    return scene.photograph(camera, linear, rng)
+
+
+def as_frame(image: RgbdImage) -> SensedFrame:
+    """The image as detectors take it."""
+    return SensedFrame(1, 0, image.camera.intrinsics - HALF_PX, 1.0, None, (), Path("000001"), image.image, image.measured_mm)

@@ -1,0 +1,74 @@
+"""Make the body that physics moves: the true model in convex parts, with its true mass.
+
+CoACD (Wei et al. 2022) splits the model, since MuJoCo's contacts need convex parts. The centre of mass and the inertia are those of the
+closed model, filled evenly. Masses are YCB's published ones (Calli et al. 2015), and plausible ones for the demo objects
+(true_masses.csv).
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.finish.clean import simplify
+from zeroshop_steps.geometry.mesh_repair import find_triangles
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.solids import measure_solid
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.tables import read_table
+from zeroshop_steps.simulate.physical_body import PhysicalBody, write_body
+
+CACHED = Cached(inputs=("model",))
+MASSES = Path(__file__).with_name("true_masses.csv")
+METRES_PER_MM = 0.001
+MOST_FACES = 3000  # of the model before it is split: CoACD's time grows with them
+CONCAVITY = 0.05  # CoACD's default: up to which a part counts as convex
+SEARCH = {"mcts_nodes": 10, "mcts_iterations": 60, "resolution": 1000, "seed": 0}  # a mug in 8 s; with its defaults it takes minutes
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--model", type=Path, required=True, help="true model.ply, mm")
+    parser.add_argument("--object", required=True, help="DATASET/OBJECT, by which its mass is known")
+    parser.add_argument("--mass-kg", type=float, help="its mass, where none is known or another is wanted")
+    parser.add_argument("--out", type=Path, required=True, help="body.npz to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the physical body of one object."""
+    mass_kg = find_mass_kg(args.object) if args.mass_kg is None else args.mass_kg
+    if not 0.0 < mass_kg < 100.0:
+        raise StepError(f"a mass of {mass_kg:g} kg is no mass of a thing that a hand lifts; expected kilograms above 0 and below 100")
+    body = make_body(read_ply(args.model), mass_kg, str(args.model))
+    write_body(args.out, body)
+    print(f"{args.out}: {len(body.parts)} convex parts, {mass_kg:g} kg", file=sys.stderr)
+
+
+def find_mass_kg(name: str) -> float:
+    """The mass of DATASET/OBJECT. Raises StepError where none is known."""
+    table = read_table(MASSES)
+    found = table[table.dataset + "/" + table.object == name]
+    if found.empty:
+        raise StepError(f"the mass of {name} is not known; give it in kilograms: simulate: {{mass_kg: {{{name}: 0.25}}}} in the config")
+    return float(found.mass_kg.iloc[0])
+
+
+def make_body(mesh: Mesh, mass_kg: float, name: str) -> PhysicalBody:
+    """The body of a closed model in millimetres; `name` is its file's, for messages. Raises StepError where it is open."""
+    vertices = mesh.vertices * METRES_PER_MM
+    solid = measure_solid(Mesh(vertices, mesh.faces), name)
+    return PhysicalBody(split_convex(vertices, mesh.faces), mass_kg, solid.centre, solid.inertia_of(mass_kg))
+
+
+def split_convex(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The (V, 3) corners of convex parts that cover a closed mesh together."""
+    import coacd  # after Open3D, which cannot be loaded once it is there
+
+    coacd.set_log_level("error")
+    joined, position = np.unique(vertices, axis=0, return_inverse=True)
+    corners = position.reshape(-1)[faces]
+    simple = simplify(Mesh(joined, corners[find_triangles(corners)]), MOST_FACES, 0)
+    parts = coacd.run_coacd(coacd.Mesh(simple.vertices, simple.faces), threshold=CONCAVITY, **SEARCH)
+    return tuple(np.asarray(corners, float) for corners, _ in parts)

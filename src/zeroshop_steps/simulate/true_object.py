@@ -1,0 +1,79 @@
+"""The true object: what the camera sees, what physics moves, and what poses and masks are measured against."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.bop.annotate import annotate
+from zeroshop_steps.bop.depth_render import DepthRenderer
+from zeroshop_steps.bop.pose_error import ModelPoints, mssd
+from zeroshop_steps.bop.scene import HALF_PX
+from zeroshop_steps.bop.symmetry import list_symmetry_transforms
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.simulate.physical_body import PhysicalBody, read_body
+from zeroshop_steps.synthetic.table_scene import RgbdImage
+
+MM_PER_METRE = 1000.0
+
+
+@dataclass(frozen=True)
+class TrueObject:
+    """One object.
+
+    Attributes:
+        object_id: its number in folders of models.
+        mesh: textured, mm.
+        diameter_mm: BOP's.
+        symmetries: (S, 4, 4) of the mesh, mm.
+        body: what physics moves.
+        truth_from_mesh: (4, 4) similarity, mm: from the mesh that the robot knows to this one; the identity for a true one.
+    """
+
+    object_id: int
+    mesh: Mesh
+    diameter_mm: float
+    symmetries: np.ndarray
+    body: PhysicalBody
+    truth_from_mesh: np.ndarray
+
+    def pose_error_mm(self, camera_from_mesh: np.ndarray, camera_from_model: np.ndarray) -> float:
+        """MSSD of an estimated pose (4, 4) of the robot's mesh, applied to the true model whose (4, 4) pose is known; mm."""
+        estimated = camera_from_mesh @ np.linalg.inv(self.truth_from_mesh)
+        points = ModelPoints.from_vertices(self.mesh.vertices)
+        return float(mssd(estimated[None], camera_from_model[None], points, self.symmetries)[0])
+
+    def visible_mask(self, image: RgbdImage, world_from_model: np.ndarray) -> np.ndarray:
+        """(height, width) bool: where the image shows it, in its (4, 4) pose, mm."""
+        camera_from_model = image.camera.camera_from_world @ world_from_model
+        intrinsics = image.camera.intrinsics - HALF_PX
+        return annotate(DepthRenderer(self.mesh), camera_from_model, intrinsics, image.exact_mm, image.measured_mm).visible
+
+
+def read_true_object(model: Path, body: Path, aligned: Path | None) -> TrueObject:
+    """Read the folder of a model, its body, and the alignment of the robot's mesh with it, if that is not the model itself.
+
+    Raises:
+        StepError: a file is missing or damaged, or the model has no texture.
+    """
+    mesh, info = read_ply(model / "model.ply"), read_json(model / "model_info.json")
+    if not mesh.is_textured:
+        raise StepError(f"{model} has no texture; the camera needs one to see")
+    transform = np.eye(4) if aligned is None else np.array(read_json(aligned)["truth_from_mesh"], float)
+    return TrueObject(int(info["obj_id"]), mesh, float(info["diameter"]), list_symmetry_transforms(info), read_body(body), transform)
+
+
+def in_mm(transform: np.ndarray) -> np.ndarray:
+    """A (4, 4) rigid transform of metres as one of millimetres."""
+    scaled = transform.copy()
+    scaled[:3, 3] *= MM_PER_METRE
+    return scaled
+
+
+def in_metres(transform: np.ndarray) -> np.ndarray:
+    """A (4, 4) rigid transform of millimetres as one of metres."""
+    scaled = transform.copy()
+    scaled[:3, 3] /= MM_PER_METRE
+    return scaled

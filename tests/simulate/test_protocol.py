@@ -1,0 +1,81 @@
+"""The eight poses, the choice of a grasp above the table, and masses."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.grasp.grasps import Grasp
+from zeroshop_steps.grasp.gripper import GRIPPERS
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.simulate.grasp_choice import choose_grasp
+from zeroshop_steps.simulate.known_grasps import close_below
+from zeroshop_steps.simulate.physical_body import PhysicalBody
+from zeroshop_steps.simulate.physical_model import find_mass_kg
+from zeroshop_steps.simulate.protocol import choose_poses
+
+HSR = GRIPPERS["hsr"]
+
+
+def body_of(shape: trimesh.Trimesh) -> PhysicalBody:
+    return PhysicalBody((np.asarray(shape.vertices),), 1.0, np.asarray(shape.center_mass), np.eye(3))
+
+
+def test_a_box_is_turned_upright_and_flipped() -> None:
+    poses = choose_poses(body_of(trimesh.creation.box((0.05, 0.04, 0.1))), "box")
+    assert [(pose.placement, pose.turn_deg) for pose in poses] == [
+        (kind, turn) for kind in ("upright", "flipped") for turn in (0.0, 90.0, 180.0, 270.0)
+    ]
+    assert poses[0].world_from_object[:3, 0] == pytest.approx([-1, 0, 0], abs=1e-6)  # its front faces the robot
+    assert poses[1].world_from_object[:3, 0] == pytest.approx([0, -1, 0], abs=1e-6)
+    assert poses[4].world_from_object[2, 2] == pytest.approx(-1)
+
+
+def test_what_cannot_be_flipped_lies() -> None:
+    cone = trimesh.creation.cone(0.04, 0.1)
+    assert {pose.placement for pose in choose_poses(body_of(cone), "cone")} == {"upright", "lying"}
+
+
+def test_what_always_stands_up_has_no_second_placement() -> None:
+    tumbler = PhysicalBody((np.asarray(trimesh.creation.cone(0.1, 0.02).vertices),), 1.0, np.array([0.0, 0.0, 1e-4]), np.eye(3))
+    with pytest.raises(StepError, match="fewer than two ways"):
+        choose_poses(tumbler, "tumbler")
+
+
+def grasp_along(approach: np.ndarray, score: float) -> Grasp:
+    pose = np.eye(4)
+    across = np.array([1.0, 0.0, 0.0])
+    pose[:3, :3] = np.stack([np.cross(across, approach), across, approach], 1)
+    pose[:3, 3] = -HSR.tcp_m * approach
+    return Grasp(pose, 0.05, score)
+
+
+def test_the_best_grasp_that_keeps_clear_of_the_table_is_taken() -> None:
+    grasps = [grasp_along(np.array([0.0, 0.0, 1.0]), 0.9), grasp_along(np.array([0.0, 0.0, -1.0]), 0.8)]
+    upright = np.eye(4)
+    upright[2, 3] = 0.05
+    flipped = np.diag([1.0, -1.0, -1.0, 1.0])
+    flipped[2, 3] = 0.05
+    chosen, other = choose_grasp(grasps, upright, HSR), choose_grasp(grasps, flipped, HSR)
+    assert chosen is not None and chosen.score == 0.8
+    assert chosen.opening_m == pytest.approx(0.08)
+    assert chosen.world_from_gripper[:3, 2] == pytest.approx([0, 0, -1])
+    assert other is not None and other.score == 0.9
+    upright[2, 3] = 0.012
+    assert choose_grasp(grasps, upright, HSR) is None  # the fingers would end in the table
+    assert choose_grasp([], upright, HSR) is None
+
+
+def test_an_open_underside_is_closed_and_unseen() -> None:
+    shape = trimesh.creation.box((0.05, 0.04, 0.1)).subdivide().subdivide()
+    up = np.asarray(shape.face_normals)[:, 2] > -0.9
+    closed = close_below(Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)[up]))
+    assert closed.as_trimesh().is_watertight
+    assert closed.as_trimesh().volume == pytest.approx(0.05 * 0.04 * 0.1, rel=0.02)
+    assert 0.8 < closed.face_areas()[~closed.measured_faces()].sum() / (0.05 * 0.04) < 1.05
+
+
+def test_masses_are_known_or_asked_for() -> None:
+    assert find_mass_kg("ycbv/obj_000005") == 0.603
+    with pytest.raises(StepError, match="simulate: {mass_kg:"):
+        find_mass_kg("mine/cup")
