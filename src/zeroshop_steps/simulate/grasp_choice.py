@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zeroshop_steps.geometry.placements import Placement
-from zeroshop_steps.grasp.antipodal import OPENED_BESIDE_M, TABLE_MARGIN_M
+from zeroshop_steps.grasp.antipodal import TABLE_MARGIN_M, opening_for
 from zeroshop_steps.grasp.clearance import check_table
 from zeroshop_steps.grasp.grasps import Grasp
 from zeroshop_steps.grasp.gripper import Gripper
@@ -38,7 +38,7 @@ def choose_grasp(grasps: Sequence[Grasp], world_from_object: np.ndarray, gripper
     if not grasps:
         return None
     poses = np.stack([grasp.object_from_gripper for grasp in grasps])
-    openings = np.minimum([grasp.width_m + 2 * OPENED_BESIDE_M for grasp in grasps], gripper.max_opening_m)
+    openings = opening_for(np.array([grasp.width_m for grasp in grasps]), gripper)
     free = check_table([Placement(world_from_object, 1.0, 0.0)], poses, openings, gripper, TABLE_MARGIN_M)[:, 0]
     if not free.any():
         return None
