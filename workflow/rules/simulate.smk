@@ -1,6 +1,7 @@
 """Simulate: a robot that knows a dataset's meshes grasps the true objects (the thesis's protocol, 4.4.3).
 
 results/DATASET/OBJECT/body.npz                       the true object in convex parts, with its true mass
+results/DATASET/OBJECT/grasp_protocol                 its first images in the eight poses, a scene in BOP's layout
 results/DATASET/bop/models_delivered_NVS              the chosen cells' meshes as they were made, in their own frames and scales
 results/DATASET/bop/grasping/MODELS/OBJECT/attempts.csv   eight poses, with the usual friction and half of it; failures/ has pictures
 results/DATASET/tables/grasp.csv, grasp.md            the thesis's Table 4.6 in simulation
@@ -68,10 +69,36 @@ use rule reconstructed_models as delivered_models with:
         "Gathering the models of {wildcards.dataset} that {wildcards.nvs} made, as a robot gets them"
 
 
+rule protocol_images:
+    input:
+        model=f"{OBJECT}/model",
+        body=f"{OBJECT}/body.npz",
+    output:
+        images=directory(f"{OBJECT}/grasp_protocol"),
+    log:
+        f"{OBJECT}/logs/grasp_protocol.log",
+    benchmark:
+        f"{OBJECT}/benchmarks/grasp_protocol.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    threads: 2
+    resources:
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(10),
+    params:
+        seed=config["seed"],
+    message:
+        "Photographing {wildcards.dataset} {wildcards.object} in the eight poses of the grasp protocol"
+    shell:
+        "python -m zeroshop_steps.simulate --method protocol_images --model {input.model} --body {input.body} --seed {params.seed}"
+        " --threads {threads} --out {output.images} > {log} 2>&1"
+
+
 rule grasp_attempts:
     input:
         model=f"{OBJECT}/model",
         body=f"{OBJECT}/body.npz",
+        images=f"{OBJECT}/grasp_protocol",
         models=f"{BOP}/{{models}}",
         templates=f"{BOP}/templates/{{models}}/42",
         aligned=alignment_of,
@@ -95,6 +122,6 @@ rule grasp_attempts:
     message:
         "Grasping {wildcards.object} of {wildcards.dataset}, known by its mesh in {wildcards.models}"
     shell:
-        "python -m zeroshop_steps.simulate --method attempts --model {input.model} --body {input.body} --models {input.models}"
-        " --templates {input.templates} {params.aligned} {params.options} --seed {params.seed} --threads {threads}"
+        "python -m zeroshop_steps.simulate --method attempts --model {input.model} --body {input.body} --images {input.images}"
+        " --models {input.models} --templates {input.templates} {params.aligned} {params.options} --seed {params.seed} --threads {threads}"
         " --out {output.attempts} > {log} 2>&1"

@@ -15,29 +15,30 @@ from typing import Any
 
 import numpy as np
 
+from zeroshop_steps.bop.scene import read_scene, write_scene
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.grasp.antipodal import GraspOptions
 from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.failures import read_failure
-from zeroshop_steps.runtime.files import atomic_directory
+from zeroshop_steps.runtime.files import atomic_directory, scratch_directory
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.runtime.tables import write_table
-from zeroshop_steps.simulate.camera import photograph
+from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.failure_pictures import draw_failure
 from zeroshop_steps.simulate.known_grasps import grasps_of_model
-from zeroshop_steps.simulate.lifting import SUCCESS, Lift, lift, settle
+from zeroshop_steps.simulate.lifting import SUCCESS, Lift, lift
 from zeroshop_steps.simulate.perception import Perception
 from zeroshop_steps.simulate.physics import USUAL
-from zeroshop_steps.simulate.protocol import ProtocolPose, choose_poses
+from zeroshop_steps.simulate.protocol import ProtocolPose
+from zeroshop_steps.simulate.protocol_images import FirstLook, photograph_rest, read_first_looks
 from zeroshop_steps.simulate.robot import Plan, Robot
 from zeroshop_steps.simulate.true_object import TrueObject, in_mm, read_true_object
 from zeroshop_steps.synthetic.shading import use_threads
-from zeroshop_steps.synthetic.table_scene import RgbdImage
 
 READS_FAILURES = True
 COLUMNS = (
-    "friction", "placement", "turn_deg", "attempt", "result", "segmented", "iou", "detection_score", "pose_confidence",
+    "friction", "pose", "placement", "turn_deg", "attempt", "result", "segmented", "iou", "detection_score", "pose_confidence",
     "pose_error_mm", "pose_error_diameters", "grasp_score", "opening_mm", "slip_mm",
 )  # fmt: skip
 ATTEMPTS = 2
@@ -50,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--model", type=Path, required=True, help="folder of the true model")
     parser.add_argument("--body", type=Path, required=True, help="its physical body, made by --method physical_model")
+    parser.add_argument("--images", type=Path, required=True, help="its first images, made by --method protocol_images")
     parser.add_argument("--models", type=Path, required=True, help="folder of the models that the robot knows, in BOP's layout")
     parser.add_argument("--templates", type=Path, required=True, help="their 42 views")
     parser.add_argument("--aligned", type=Path, help="aligned.json of the robot's mesh, by which the error of a pose is measured")
@@ -65,35 +67,33 @@ def run(args: argparse.Namespace) -> None:
     use_threads(args.threads)
     perception = Perception(args.models, args.templates)
     true = read_true_object(args.model, args.body, None if args.aligned is None or read_failure(args.aligned) else args.aligned)
-    poses = choose_poses(true.body, str(args.model))
+    looks = read_first_looks(args.images)
     rows: list[dict[str, Any]] = []
     with atomic_directory(args.out) as folder:
         if true.object_id in perception.models:
             gripper = find_gripper(args.gripper)
             grasps = grasps_of_model(args.models, true.object_id, gripper, GraspOptions(seed=args.seed))
             trial = Trial(true, Robot(perception, true.object_id, grasps, gripper), args.seed, folder / "failures")
-            rows = [row for pose in track(poses, "poses", len(poses)) for row in trial.try_pose(pose, args.friction)]
+            rows = [row for look in track(looks, "poses", len(looks)) for row in trial.try_pose(look, args.friction)]
         else:
             warn(f"{args.models} has no mesh of {args.model}: all attempts count as failed")
-            rows = [describe(pose, 1, friction, UNKNOWN) for pose in poses for friction in args.friction]
+            rows = [describe(look.pose, 1, friction, UNKNOWN) for look in looks for friction in args.friction]
         write_table(folder / "attempts.csv", rows, COLUMNS)
     done = sum(row["result"] == SUCCESS for row in rows)
-    print(f"{args.out}: {done} of {len(poses) * len(args.friction)} lifted, {len(rows)} attempts", file=sys.stderr)
+    print(f"{args.out}: {done} of {len(looks) * len(args.friction)} lifted, {len(rows)} attempts", file=sys.stderr)
 
 
 @dataclass(frozen=True)
-class Look:
+class Seen:
     """One image, what the robot plans by it, and how right that is.
 
     Attributes:
-        image, plan: as they are.
-        world_from_object: (4, 4) m, where the object truly lies.
+        look, plan: as they are.
         measures: `iou` and `pose_error_mm`, those that there are.
     """
 
-    image: RgbdImage
+    look: FirstLook
     plan: Plan
-    world_from_object: np.ndarray
     measures: dict[str, float]
 
 
@@ -113,50 +113,53 @@ class Trial:
     seed: int
     pictures: Path
 
-    def try_pose(self, pose: ProtocolPose, frictions: Sequence[float]) -> list[dict[str, Any]]:
+    def try_pose(self, first: FirstLook, frictions: Sequence[float]) -> list[dict[str, Any]]:
         """The rows of one pose; the first image is the same with each friction."""
-        rows = []
-        start = settle(self.true.body, pose.world_from_object, self.robot.gripper, USUAL)
-        first = self.look(start, pose, 1)
+        rows, pose = [], first.pose
+        planned = self._plan(first)
         for friction in frictions:
-            seen = first
+            seen = planned
             for attempt in range(1, ATTEMPTS + 1):
                 lifted = self._lift(seen, friction)
                 result = lifted.result if lifted else str(seen.plan.result)
                 rows.append(self._describe(pose, attempt, friction, result, seen, lifted))
                 if result == SUCCESS:
                     break
-                name = f"{pose.placement}_{pose.turn_deg:03.0f}_friction_{friction:g}_{attempt}_{result}.png"
-                write_image(
-                    self.pictures / name, draw_failure(self.true, self.robot, seen.image, seen.plan, seen.world_from_object, lifted)
-                )
+                name = f"friction_{friction:g}_pose_{pose.number}_{pose.placement}_attempt_{attempt}_{result}.png"
+                place = seen.look.pose.world_from_object
+                write_image(self.pictures / name, draw_failure(self.true, self.robot, seen.look.frame, seen.plan, place, lifted))
                 if attempt < ATTEMPTS:
-                    seen = self.look(_put_back(lifted, start), pose, attempt + 1)
+                    seen = self._plan(self._look_again(pose, _put_back(lifted, pose.world_from_object), attempt + 1))
         return rows
 
-    def look(self, world_from_object: np.ndarray, pose: ProtocolPose, attempt: int) -> Look:
-        """Take an image and plan by it."""
-        placement = ("upright", "flipped", "lying").index(pose.placement)
-        seed = [self.seed, self.true.object_id, placement, round(pose.turn_deg), attempt]
-        image = photograph([self.true.mesh], [in_mm(world_from_object)], seed)
-        plan = self.robot.plan(image)
+    def _look_again(self, pose: ProtocolPose, world_from_object: np.ndarray, attempt: int) -> FirstLook:
+        """Take another image, of the object where it now lies."""
+        with scratch_directory(self.pictures.parent / "attempts.csv", "images") as folder:
+            scene = folder / f"{self.true.object_id:06d}"
+            seed = [self.seed, self.true.object_id, pose.number, attempt]
+            write_scene(scene, [photograph_rest(scene, self.true, world_from_object, seed, pose.number)])
+            frame = read_scene(scene)[pose.number]
+            return FirstLook(replace(pose, world_from_object=world_from_object), in_memory(frame), frame.mask(0))
+
+    def _plan(self, look: FirstLook) -> Seen:
+        plan = self.robot.plan(look.frame)
         measures = {}
         if plan.sighting:
-            visible = self.true.visible_mask(image, in_mm(world_from_object))
-            measures["iou"] = float((visible & plan.sighting.mask).sum() / max((visible | plan.sighting.mask).sum(), 1))
+            mask = plan.sighting.mask
+            measures["iou"] = float((look.visible & mask).sum() / max((look.visible | mask).sum(), 1))
             if plan.sighting.camera_from_model is not None:
-                camera_from_model = image.camera.camera_from_world @ in_mm(world_from_object)
+                camera_from_model = look.frame.camera_from_table @ in_mm(look.pose.world_from_object)
                 measures["pose_error_mm"] = self.true.pose_error_mm(plan.sighting.camera_from_model, camera_from_model)
-        return Look(image, plan, world_from_object, measures)
+        return Seen(look, plan, measures)
 
-    def _lift(self, seen: Look, friction: float) -> Lift | None:
+    def _lift(self, seen: Seen, friction: float) -> Lift | None:
         grasp = seen.plan.grasp
         if grasp is None:
             return None
-        physics = replace(USUAL, friction=friction)
-        return lift(self.true.body, seen.world_from_object, self.robot.gripper, grasp.world_from_gripper, grasp.opening_m, physics)
+        physics, place = replace(USUAL, friction=friction), seen.look.pose.world_from_object
+        return lift(self.true.body, place, self.robot.gripper, grasp.world_from_gripper, grasp.opening_m, physics)
 
-    def _describe(self, pose: ProtocolPose, attempt: int, friction: float, result: str, seen: Look, lifted: Lift | None) -> dict[str, Any]:
+    def _describe(self, pose: ProtocolPose, attempt: int, friction: float, result: str, seen: Seen, lifted: Lift | None) -> dict[str, Any]:
         row = describe(pose, attempt, friction, result)
         plan, measures = seen.plan, seen.measures
         if plan.sighting:
@@ -174,7 +177,7 @@ class Trial:
 
 def describe(pose: ProtocolPose, attempt: int, friction: float, result: str) -> dict[str, Any]:
     """The columns that every row has."""
-    place = {"placement": pose.placement, "turn_deg": round(pose.turn_deg)}
+    place = {"pose": pose.number, "placement": pose.placement, "turn_deg": round(pose.turn_deg)}
     return {"friction": friction, **place, "attempt": attempt, "result": result, "segmented": 0}
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from zeroshop_steps.bop.scene import HALF_PX, Frame
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.viewpoints import look_at
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.table_scene import RgbdImage, TableScene, render_raycast
 
 WIDTH_PX, HEIGHT_PX = 640, 480
@@ -30,6 +30,13 @@ class SensedFrame(Frame):
 
     photo: np.ndarray
     measured_mm: np.ndarray
+
+    @property
+    def camera_from_table(self) -> np.ndarray:
+        """(4, 4) mm; the robot knows it. Raises StepError where it is not on record."""
+        if self.camera_from_world is None:
+            raise StepError(f"{self.folder / 'scene_camera.json'} does not say where the camera is; delete the folder and make it again")
+        return self.camera_from_world
 
     def color(self) -> np.ndarray:
         """The photo."""
@@ -65,6 +72,12 @@ def photograph(things: Sequence[Mesh], world_from_models: Sequence[np.ndarray], 
     return scene.photograph(camera, linear, rng)
 
 
-def as_frame(image: RgbdImage) -> SensedFrame:
-    """The image as detectors take it."""
-    return SensedFrame(1, 0, image.camera.intrinsics - HALF_PX, 1.0, None, (), Path("000001"), image.image, image.measured_mm)
+def in_memory(frame: Frame) -> SensedFrame:
+    """An image from files."""
+    photo = frame.color()
+    if photo is None:
+        raise StepError(f"{frame.folder / 'rgb'} has no image {frame.image_id:06d}; delete the folder and make it again")
+    return SensedFrame(
+        frame.scene_id, frame.image_id, frame.intrinsics, frame.depth_scale, frame.camera_from_world, frame.instances, frame.folder,
+        photo, frame.depth_mm(),
+    )  # fmt: skip

@@ -5,7 +5,6 @@ import numpy as np
 import trimesh
 
 from zeroshop_steps.bop.depth_render import DepthRenderer
-from zeroshop_steps.bop.scene import HALF_PX
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.contact_sheets import GREEN, RED, write_label
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
@@ -13,10 +12,10 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.geometry.viewpoints import look_at, make_intrinsics
 from zeroshop_steps.grasp.gripper import Gripper
+from zeroshop_steps.simulate.camera import SensedFrame
 from zeroshop_steps.simulate.lifting import Lift, Snapshot
 from zeroshop_steps.simulate.robot import Plan, Robot
 from zeroshop_steps.simulate.true_object import MM_PER_METRE, TrueObject, in_mm
-from zeroshop_steps.synthetic.table_scene import RgbdImage
 
 BLUE = (60, 120, 255)
 CROP_SIDE_PX, PANEL_PX = 240, 320  # of the image around the object, and of each panel
@@ -25,7 +24,7 @@ TABLE_MM = (500.0, 500.0, 4.0)
 
 
 def draw_failure(
-    true: TrueObject, robot: Robot, image: RgbdImage, plan: Plan, world_from_object: np.ndarray, lifted: Lift | None
+    true: TrueObject, robot: Robot, frame: SensedFrame, plan: Plan, world_from_object: np.ndarray, lifted: Lift | None
 ) -> np.ndarray:
     """The picture, (PANEL_PX, N x PANEL_PX, 3) uint8.
 
@@ -35,28 +34,28 @@ def draw_failure(
     Args:
         true: the object; world_from_object: (4, 4) m, where it truly was.
         robot: whose mesh and gripper are drawn.
-        image, plan: what it saw and planned.
+        frame, plan: what it saw and planned.
         lifted: what then happened; None where it had no grasp.
     """
-    panels = [_draw_belief(true, robot, image, plan, world_from_object)]
+    panels = [_draw_belief(true, robot, frame, plan, world_from_object)]
     if lifted:
         shown = {snapshot.stage: snapshot for snapshot in (*lifted.snapshots[:1], *lifted.snapshots[1:2], lifted.snapshots[-1])}
         panels += [_draw_world(true, robot.gripper, snapshot) for snapshot in shown.values()]
     return np.concatenate(panels, 1)
 
 
-def _draw_belief(true: TrueObject, robot: Robot, image: RgbdImage, plan: Plan, world_from_object: np.ndarray) -> np.ndarray:
-    picture = image.image.copy()
-    intrinsics = image.camera.intrinsics - HALF_PX
-    camera_from_model = image.camera.camera_from_world @ in_mm(world_from_object)
-    _outline(picture, _silhouette(true.mesh, camera_from_model, intrinsics, picture.shape), GREEN)
+def _draw_belief(true: TrueObject, robot: Robot, frame: SensedFrame, plan: Plan, world_from_object: np.ndarray) -> np.ndarray:
+    picture = frame.photo.copy()
+    camera_from_model = frame.camera_from_table @ in_mm(world_from_object)
+    _outline(picture, _silhouette(true.mesh, camera_from_model, frame.intrinsics, picture.shape), GREEN)
     label = plan.result or "grasp chosen"
     if plan.sighting:
         _outline(picture, plan.sighting.mask, BLUE)
         if plan.sighting.camera_from_model is not None:
             mesh = robot.perception.models[robot.object_id].mesh
-            _outline(picture, _silhouette(mesh, plan.sighting.camera_from_model, intrinsics, picture.shape), RED)
-    corner = (image.camera.project(in_mm(world_from_object)[None, :3, 3])[0][0] - CROP_SIDE_PX / 2).astype(int)
+            _outline(picture, _silhouette(mesh, plan.sighting.camera_from_model, frame.intrinsics, picture.shape), RED)
+    middle = frame.intrinsics @ camera_from_model[:3, 3]
+    corner = (middle[:2] / middle[2] - CROP_SIDE_PX / 2).astype(int)
     left, top = np.clip(corner, 0, np.array([picture.shape[1], picture.shape[0]]) - CROP_SIDE_PX)
     cut = picture[top : top + CROP_SIDE_PX, left : left + CROP_SIDE_PX]
     panel = cv2.resize(cut, (PANEL_PX, PANEL_PX), interpolation=cv2.INTER_LINEAR)

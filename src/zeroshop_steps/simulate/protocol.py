@@ -20,11 +20,13 @@ class ProtocolPose:
     """One of the eight.
 
     Attributes:
+        number: 1 to 8.
         placement: `upright`, `flipped` or `lying`.
         turn_deg: about the vertical.
         world_from_object: (4, 4) m, before the object settles.
     """
 
+    number: int
     placement: str
     turn_deg: float
     world_from_object: np.ndarray
@@ -45,7 +47,8 @@ def choose_poses(body: PhysicalBody, name: str) -> list[ProtocolPose]:
     second = _first_of_kind(others, "flipped") or _first_of_kind(others, "lying") or (others[0] if others else None)
     if first is None or second is None:
         raise StepError(f"{name} rests on a table in fewer than two ways; the eight poses need two")
-    return [ProtocolPose(one.kind, turn, _turn(one, turn)) for one in (first, second) for turn in TURNS_DEG]
+    turned = [(one, turn) for one in (first, second) for turn in TURNS_DEG]
+    return [ProtocolPose(number, one.kind, turn, _turn(one, turn)) for number, (one, turn) in enumerate(turned, 1)]
 
 
 def _first_of_kind(placements: list[Placement], kind: str) -> Placement | None:

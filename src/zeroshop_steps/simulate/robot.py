@@ -7,11 +7,10 @@ import numpy as np
 
 from zeroshop_steps.grasp.grasps import Grasp
 from zeroshop_steps.grasp.gripper import Gripper
-from zeroshop_steps.simulate.camera import as_frame
+from zeroshop_steps.simulate.camera import SensedFrame
 from zeroshop_steps.simulate.grasp_choice import ChosenGrasp, choose_grasp
 from zeroshop_steps.simulate.perception import Perception, Sighting
 from zeroshop_steps.simulate.true_object import in_metres
-from zeroshop_steps.synthetic.table_scene import RgbdImage
 
 UNSEEN, UNPLACED, UNREACHABLE = "detect", "pose", "choose"
 """Where a plan can end: the object was not detected, too little of it was measured, no grasp is clear of the table."""
@@ -48,14 +47,13 @@ class Robot:
     grasps: Sequence[Grasp]
     gripper: Gripper
 
-    def plan(self, image: RgbdImage) -> Plan:
+    def plan(self, frame: SensedFrame) -> Plan:
         """What to do with the object; the camera's place above the table is known."""
-        frame = as_frame(image)
         sighting = self.perception.find(frame, self.object_id, self.perception.detect(frame))
         if sighting is None:
             return Plan(None, None, UNSEEN)
         if sighting.camera_from_model is None:
             return Plan(sighting, None, UNPLACED)
-        world_from_model = np.linalg.inv(image.camera.camera_from_world) @ sighting.camera_from_model
+        world_from_model = np.linalg.inv(frame.camera_from_table) @ sighting.camera_from_model
         grasp = choose_grasp(self.grasps, in_metres(world_from_model), self.gripper)
         return Plan(sighting, grasp, None if grasp else UNREACHABLE)

@@ -5,16 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.annotate import annotate
-from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
-from zeroshop_steps.bop.scene import HALF_PX
 from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.simulate.physical_body import PhysicalBody, read_body
-from zeroshop_steps.synthetic.table_scene import RgbdImage
 
 MM_PER_METRE = 1000.0
 
@@ -44,12 +40,6 @@ class TrueObject:
         estimated = camera_from_mesh @ np.linalg.inv(self.truth_from_mesh)
         points = ModelPoints.from_vertices(self.mesh.vertices)
         return float(mssd(estimated[None], camera_from_model[None], points, self.symmetries)[0])
-
-    def visible_mask(self, image: RgbdImage, world_from_model: np.ndarray) -> np.ndarray:
-        """(height, width) bool: where the image shows it, in its (4, 4) pose, mm."""
-        camera_from_model = image.camera.camera_from_world @ world_from_model
-        intrinsics = image.camera.intrinsics - HALF_PX
-        return annotate(DepthRenderer(self.mesh), camera_from_model, intrinsics, image.exact_mm, image.measured_mm).visible
 
 
 def read_true_object(model: Path, body: Path, aligned: Path | None) -> TrueObject:
