@@ -4,11 +4,15 @@ results/DATASET/OBJECT/body.npz                       the true object in convex 
 results/DATASET/OBJECT/grasp_protocol                 its first images in the eight poses, a scene in BOP's layout
 results/DATASET/bop/models_delivered_NVS              the chosen cells' meshes as they were made, in their own frames and scales
 results/DATASET/bop/grasping/MODELS/OBJECT/attempts.csv   eight poses, with the usual friction and half of it; failures/ has pictures
+results/DATASET/bop/grasp_scenes                      several things on a table, clear and overlapping
+results/DATASET/bop/sightings/MODELS                  what the robot makes of them
 results/DATASET/tables/grasp.csv, grasp.md            the thesis's Table 4.6 in simulation
+results/DATASET/tables/grasp_robustness.csv, .svg     the same with true models of a wrong scale, or without the underside
 MODELS: models (true), models_delivered_NVS, or true ones damaged on purpose (robustness.smk)
 """
 
 GRASPING = f"{BOP}/grasping/{{models}}"
+SIGHTINGS = f"{BOP}/sightings/{{models}}"
 
 
 def mass_option(
@@ -19,18 +23,62 @@ def mass_option(
     return step_options({"mass_kg": mass_kg})
 
 
+def aligned_mesh(dataset, name, models):
+    """The alignment of the robot's mesh of an object with the true model, in a list; an empty one where it is true, damaged or not."""
+    nvs = models.removeprefix("models_delivered_")
+    cell = {"dataset": dataset, "object": name, "nvs": nvs, **config["chosen"]["virtual"]}
+    return [] if nvs == models else [f"{CELL}/aligned.json".format(**cell)]
+
+
 def alignment_of(
     wildcards,
 ):
-    """The alignment of the robot's mesh with the true model; none where it is the true one, damaged or not."""
-    nvs = wildcards.models.removeprefix("models_delivered_")
-    return [] if nvs == wildcards.models else f"{chosen_cell_of(wildcards, nvs)}/aligned.json"
+    """The same for one object."""
+    return aligned_mesh(wildcards.dataset, wildcards.object, wildcards.models)
 
 
-def chosen_cell_of(wildcards, nvs):
-    """The folder of an object's chosen cell."""
-    chosen = config["chosen"]["virtual"]
-    return CELL.format(dataset=wildcards.dataset, object=wildcards.object, nvs=nvs, **chosen)
+def alignments_of(
+    wildcards,
+):
+    """The same for all objects of a dataset."""
+    return [path for name in objects_of(wildcards.dataset) for path in aligned_mesh(wildcards.dataset, name, wildcards.models)]
+
+
+def robots_of(dataset):
+    """The folders of models that robots know in the table: the true ones, and those of every surface method."""
+    virtual_dataset(dataset, "Photos have no true models.")
+    return ["models", *(f"models_delivered_{nvs}" for nvs in surfaces_with_cameras("the table of grasps"))]
+
+
+def attempts_of_table(
+    wildcards,
+):
+    """The attempts with every object of a dataset, by every robot."""
+    names = objects_of(wildcards.dataset)
+    robots = robots_of(wildcards.dataset)
+    return [f"{GRASPING}/{name}".format(dataset=wildcards.dataset, models=models) for models in robots for name in names]
+
+
+def sightings_of_table(
+    wildcards,
+):
+    """What every robot makes of several things on a table."""
+    return [SIGHTINGS.format(dataset=wildcards.dataset, models=models) for models in robots_of(wildcards.dataset)]
+
+
+def attempts_of_robustness(
+    wildcards,
+):
+    """The attempts with every object of a dataset, by robots that know true models or damaged ones."""
+    virtual_dataset(wildcards.dataset, "Photos have no true models.")
+    robots = ["models", *(f"models_{damage}" for damage in DAMAGES)]
+    names = objects_of(wildcards.dataset)
+    return [f"{GRASPING}/{name}".format(dataset=wildcards.dataset, models=models) for models in robots for name in names]
+
+
+localrules:
+    grasp_table,
+    grasp_robustness_table,
 
 
 rule physical_model:
@@ -125,3 +173,105 @@ rule grasp_attempts:
         "python -m zeroshop_steps.simulate --method attempts --model {input.model} --body {input.body} --images {input.images}"
         " --models {input.models} --templates {input.templates} {params.aligned} {params.options} --seed {params.seed} --threads {threads}"
         " --out {output.attempts} > {log} 2>&1"
+
+
+rule grasp_scenes:
+    input:
+        models=f"{BOP}/models",
+    output:
+        scenes=directory(f"{BOP}/grasp_scenes"),
+    log:
+        f"{BOP}/logs/grasp_scenes.log",
+    benchmark:
+        f"{BOP}/benchmarks/grasp_scenes.tsv"
+    threads: 2
+    resources:
+        mem_mb=per_attempt(4000),
+        runtime=per_attempt(20),
+    params:
+        seed=config["seed"],
+    message:
+        "Photographing several things of {wildcards.dataset} on a table"
+    shell:
+        "python -m zeroshop_steps.simulate --method scenes --models {input.models} --seed {params.seed} --threads {threads}"
+        " --out {output.scenes} > {log} 2>&1"
+
+
+rule sightings:
+    input:
+        scenes=f"{BOP}/grasp_scenes",
+        truth=f"{BOP}/models",
+        models=f"{BOP}/{{models}}",
+        templates=f"{BOP}/templates/{{models}}/42",
+        aligned=alignments_of,
+    output:
+        sightings=directory(SIGHTINGS),
+    log:
+        f"{BOP}/sightings/logs/{{models}}.log",
+    benchmark:
+        f"{BOP}/sightings/benchmarks/{{models}}.tsv"
+    wildcard_constraints:
+        models=MODELS,
+    resources:
+        mem_mb=per_attempt(3000),
+        runtime=per_attempt(30),
+    params:
+        aligned=lambda wildcards, input: step_options({"aligned": list(input.get("aligned")) or None}),
+    message:
+        "Looking at several things of {wildcards.dataset}, known by their meshes in {wildcards.models}"
+    shell:
+        "python -m zeroshop_steps.simulate --method sightings --scenes {input.scenes} --truth {input.truth} --models {input.models}"
+        " --templates {input.templates} {params.aligned} --out {output.sightings} > {log} 2>&1"
+
+
+rule grasp_table:
+    input:
+        attempts=attempts_of_table,
+        scenes=sightings_of_table,
+    output:
+        table=f"{TABLES}/grasp.csv",
+        page=report(
+            f"{TABLES}/grasp.md",
+            caption="../report/grasp.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "grasps in simulation"},
+        ),
+    log:
+        f"{TABLES}/logs/grasp.log",
+    benchmark:
+        f"{TABLES}/benchmarks/grasp.tsv"
+    resources:
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
+    message:
+        "Gathering the grasps of {wildcards.dataset} in simulation"
+    shell:
+        "python -m zeroshop_steps.report --method grasping --attempts {input.attempts} --scenes {input.scenes} --page {output.page}"
+        " --out {output.table} > {log} 2>&1"
+
+
+rule grasp_robustness_table:
+    input:
+        attempts=attempts_of_robustness,
+    output:
+        table=f"{TABLES}/grasp_robustness.csv",
+        plot=report(
+            f"{TABLES}/grasp_robustness.svg",
+            caption="../report/grasp.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "robustness of grasps"},
+        ),
+        picture=f"{TABLES}/grasp_robustness.png",
+    log:
+        f"{TABLES}/logs/grasp_robustness.log",
+    benchmark:
+        f"{TABLES}/benchmarks/grasp_robustness.tsv"
+    resources:
+        mem_mb=per_attempt(1000),
+        runtime=per_attempt(5),
+    message:
+        "Gathering how grasps of {wildcards.dataset} fail with damaged models"
+    shell:
+        "python -m zeroshop_steps.report --method grasp_robustness --attempts {input.attempts} --out {output.table} > {log} 2>&1"

@@ -35,7 +35,7 @@ READS_FAILURES = True
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--results", type=Path, nargs="*", default=[], help="folders of results, each with ycbv in it")
-    parser.add_argument("--recorded", type=Path, help="folder of recorded reconstruction.csv, height.csv and bop.csv, for what is missing")
+    parser.add_argument("--recorded", type=Path, help="folder of recorded tables, such as bop.csv, for what is missing")
     parser.add_argument("--table", type=Path, required=True, help="CSV to write")
     parser.add_argument("--out", type=Path, required=True, help="index.html to write")
 
@@ -47,12 +47,13 @@ def run(args: argparse.Namespace) -> None:
     real_heights = find_rows(args.results, "height.csv", None, dataset="photos")
     scores = find_rows(args.results, "bop.csv", args.recorded)
     robust = find_rows(args.results, "robustness.csv", args.recorded)
+    grasps = find_rows(args.results, "grasp.csv", args.recorded)
     marks = list_marks(cells)
     parts = {
         "4.1 and 4.2": marks,
         "4.3 and 4.4": list_heights(pd.concat([real_heights, heights])),
         "4.5": list_scores(scores, any(has_real_images(root) for root in args.results)),
-        "4.6": list_grasps(),
+        "4.6": list_grasps(grasps),
         "statements": list_statements(find_evidence(cells, heights, robust)),
     }
     entries = [entry for part in parts.values() for entry in part]

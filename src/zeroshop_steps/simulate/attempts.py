@@ -28,6 +28,7 @@ from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.failure_pictures import draw_failure
 from zeroshop_steps.simulate.known_grasps import grasps_of_model
 from zeroshop_steps.simulate.lifting import SUCCESS, Lift, lift
+from zeroshop_steps.simulate.measure import SEGMENTED_IOU, mask_iou
 from zeroshop_steps.simulate.perception import Perception
 from zeroshop_steps.simulate.physics import USUAL
 from zeroshop_steps.simulate.protocol import ProtocolPose
@@ -42,7 +43,6 @@ COLUMNS = (
     "pose_error_mm", "pose_error_diameters", "grasp_score", "opening_mm", "slip_mm",
 )  # fmt: skip
 ATTEMPTS = 2
-SEGMENTED_IOU = 0.5  # of the mask with the true one, from which the object counts as segmented
 REACH_M = 0.15  # an object farther from the middle of the table than this, or below its top, is put back
 UNKNOWN = "no_mesh"  # the result where the robot has no mesh of the object, because its reconstruction failed
 
@@ -145,8 +145,7 @@ class Trial:
         plan = self.robot.plan(look.frame)
         measures = {}
         if plan.sighting:
-            mask = plan.sighting.mask
-            measures["iou"] = float((look.visible & mask).sum() / max((look.visible | mask).sum(), 1))
+            measures["iou"] = mask_iou(look.visible, plan.sighting.mask)
             if plan.sighting.camera_from_model is not None:
                 camera_from_model = look.frame.camera_from_table @ in_mm(look.pose.world_from_object)
                 measures["pose_error_mm"] = self.true.pose_error_mm(plan.sighting.camera_from_model, camera_from_model)

@@ -47,13 +47,13 @@ def draw_failure(
 def _draw_belief(true: TrueObject, robot: Robot, frame: SensedFrame, plan: Plan, world_from_object: np.ndarray) -> np.ndarray:
     picture = frame.photo.copy()
     camera_from_model = frame.camera_from_table @ in_mm(world_from_object)
-    _outline(picture, _silhouette(true.mesh, camera_from_model, frame.intrinsics, picture.shape), GREEN)
+    draw_outline(picture, silhouette(true.mesh, camera_from_model, frame.intrinsics, picture.shape), GREEN)
     label = plan.result or "grasp chosen"
     if plan.sighting:
-        _outline(picture, plan.sighting.mask, BLUE)
+        draw_outline(picture, plan.sighting.mask, BLUE)
         if plan.sighting.camera_from_model is not None:
             mesh = robot.perception.models[robot.object_id].mesh
-            _outline(picture, _silhouette(mesh, plan.sighting.camera_from_model, frame.intrinsics, picture.shape), RED)
+            draw_outline(picture, silhouette(mesh, plan.sighting.camera_from_model, frame.intrinsics, picture.shape), RED)
     middle = frame.intrinsics @ camera_from_model[:3, 3]
     corner = (middle[:2] / middle[2] - CROP_SIDE_PX / 2).astype(int)
     left, top = np.clip(corner, 0, np.array([picture.shape[1], picture.shape[0]]) - CROP_SIDE_PX)
@@ -63,11 +63,13 @@ def _draw_belief(true: TrueObject, robot: Robot, frame: SensedFrame, plan: Plan,
     return panel
 
 
-def _silhouette(mesh: Mesh, camera_from_model: np.ndarray, intrinsics: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def silhouette(mesh: Mesh, camera_from_model: np.ndarray, intrinsics: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """(height, width) bool: a mesh in its (4, 4) pose, mm, in an image of this shape."""
     return DepthRenderer(mesh).render(camera_from_model, intrinsics, shape[1], shape[0]).image(shape[1], shape[0]) > 0
 
 
-def _outline(picture: np.ndarray, mask: np.ndarray, color: tuple[int, int, int]) -> None:
+def draw_outline(picture: np.ndarray, mask: np.ndarray, color: tuple[int, int, int]) -> None:
+    """Draw the outline of a (height, width) bool mask into a picture, in place."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(picture, contours, -1, color, 1)
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.simulate.measure import pose_error_mm
 from zeroshop_steps.simulate.physical_body import PhysicalBody, read_body
 
 MM_PER_METRE = 1000.0
@@ -37,9 +37,7 @@ class TrueObject:
 
     def pose_error_mm(self, camera_from_mesh: np.ndarray, camera_from_model: np.ndarray) -> float:
         """MSSD of an estimated pose (4, 4) of the robot's mesh, applied to the true model whose (4, 4) pose is known; mm."""
-        estimated = camera_from_mesh @ np.linalg.inv(self.truth_from_mesh)
-        points = ModelPoints.from_vertices(self.mesh.vertices)
-        return float(mssd(estimated[None], camera_from_model[None], points, self.symmetries)[0])
+        return pose_error_mm(camera_from_mesh, self.truth_from_mesh, camera_from_model, self.mesh.vertices, self.symmetries)
 
 
 def read_true_object(model: Path, body: Path, aligned: Path | None) -> TrueObject:

@@ -60,10 +60,10 @@ def choose_rest(body: RigidBody, rng: np.random.Generator) -> np.ndarray:
     return transform
 
 
-def place_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[np.ndarray]:
+def place_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator, gap_mm: float = GAP_MM) -> list[np.ndarray]:
     """(4, 4) table_from_model of each body, in mm, z up, the table at 0: as near to the middle as a few tries find room.
 
-    Convex hulls keep `GAP_MM` from each other, so meshes never intersect.
+    Convex hulls keep `gap_mm` from each other, so meshes never intersect.
 
     Raises:
         StepError: a body finds no room.
@@ -76,7 +76,7 @@ def place_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator) -> list[
             radius_mm, angle = (FIRST_RADIUS_MM + RADIUS_STEP_MM * attempt) * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
             transform[:2, 3] += radius_mm * np.array([np.cos(angle), np.sin(angle)])
             shape = manifold3d.Manifold.hull_points(transform_points(body.hull, transform))
-            if all(shape.min_gap(other, GAP_MM) >= GAP_MM for other in placed):
+            if all(shape.min_gap(other, gap_mm) >= gap_mm for other in placed):
                 placed.append(shape)
                 transforms.append(transform)
                 break
