@@ -37,6 +37,7 @@ SAME_AS_2DGS = ("su_h", "se")
 LEAST_OF_YCBV = 4000
 """Instances in YCB-V's test images of the BOP Challenge, of which there are about 4,100."""
 DETECTOR, ESTIMATOR = "contour", "render_compare"
+POSES = "poses"  # the measure of a table of grasps that counts them (grasping.py)
 OTHER_WEIGHTS = {"foundationpose": "foundationpose_onnx"}
 """The same method with weights that the thesis did not use: a substitute, which is closer than those of other methods."""
 MASKS = {"truth": "truth", "cnos": DETECTOR, "sam6d_ism": DETECTOR, "": ""}
@@ -162,7 +163,9 @@ def list_grasps(grasps: pd.DataFrame) -> list[Entry]:
         if len(same):
             own = max(same.to_dict("records"), key=lambda one: float(one["friction"] or 0.0))
             friction = f", friction {own['friction']}" if own["friction"] else ""
-            how = f"a simulated robot with rendered images of YCB-V objects, {DETECTOR} and {ESTIMATOR}{friction}"
+            counted = grasps[(grasps.models == delivered) & (grasps.friction == own["friction"]) & (grasps.measure == POSES)]
+            poses = next((f", {one.value} poses" for one in counted.itertuples() if one.object == "" and own["friction"]), "")
+            how = f"a simulated robot with rendered images of YCB-V objects, {DETECTOR} and {ESTIMATOR}{friction}{poses}"
             entry = replace(entry, ours=own["value"], status=SUBSTITUTED, how=how, regime=own["regime"], source=own["origin"])
         found.append(entry)
     return found
