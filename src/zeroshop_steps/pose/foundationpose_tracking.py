@@ -117,4 +117,5 @@ def _collect(rows: list[Row]) -> Estimates:
     poses = np.array([row[3] for row in rows]).reshape(-1, 4, 4)
     numbers = np.array([(row[0].scene_id, row[0].image_id, row[1]) for row in rows], np.int64).reshape(-1, 3)
     scores, seconds = (np.array([row[column] for row in rows], float) for column in (2, 4))
-    return Estimates(*numbers.T, scores, poses[:, :3, :3], poses[:, :3, 3], seconds)
+    scene_ids, image_ids, object_ids = numbers.T
+    return Estimates(scene_ids, image_ids, object_ids, scores, poses[:, :3, :3], poses[:, :3, 3], seconds)
