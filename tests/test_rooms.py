@@ -17,6 +17,7 @@ ROOMS = [
     "capture",
     "register",
     "segment",
+    "join",
     "surface",
     "height",
     "finish",

@@ -3,6 +3,9 @@
 from zeroshop_steps.geometry.image_files import is_text
 from zeroshop_steps.runtime.errors import remedy_for
 
+# The scenes of later passes, for which the object was turned over, and the columns that name their pictures; and all passes joined (join.smk).
+LATER_PASSES = {"video_2": "images_2", "video_3": "images_3"}
+JOINED_PHOTOS = "video_joined"
 CLOCK_TOLERANCE_S = 5  # clocks of file servers differ by a second or two; a capture takes longer
 
 
@@ -23,7 +26,28 @@ def photos_of(
     folder = f"{RESULTS}/{wildcards.dataset}/{wildcards.object}/film"
     scene = "" if config["datasets"][wildcards.dataset]["board"] == "beside" else f"{folder}/empty_scene"
     row = {"images": f"{folder}/film.mp4", "height_method": "marker", "marker_images": scene}
-    return {**dict.fromkeys(("masks", "prompt", "depth"), ""), "height_m": None, **row}
+    return {**dict.fromkeys(("masks", "prompt", "depth", *LATER_PASSES.values()), ""), "height_m": None, **row}
+
+
+def later_passes(
+    wildcards,
+):
+    """The scenes of an object's later passes, in their order; none where it has one pass."""
+    row = photos_of(wildcards)
+    scenes = [scene for scene, column in LATER_PASSES.items() if row[column]]
+    if scenes and row["masks"]:
+        raise WorkflowError(
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: masks of several passes cannot be given; leave the masks"
+            " empty, they are found"
+        )
+    return scenes
+
+
+def pass_column(
+    wildcards,
+):
+    """The column of objects.tsv that names the pictures of a scene."""
+    return LATER_PASSES.get(wildcards.scene, "images")
 
 
 def photo_place(
@@ -40,9 +64,10 @@ def photo_place(
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the path of its {column}, {ascii(row[column])}, holds braces or"
             " is not UTF-8; rename the folder or the video with plain letters and digits"
         )
-    if not path.is_dir() and not (column == "images" and path.is_file()):
+    pictures = column.startswith("images")
+    if not row[column] or (not path.is_dir() and not (pictures and path.is_file())):
         raise WorkflowError(
-            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the {'video or ' if column == 'images' else ''}folder of its "
+            f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: the {'video or ' if pictures else ''}folder of its "
             f"{column}, {row[column]}, does not exist. Relative paths start at the folder of the workflow; correct the path."
         )
     return str(path)
@@ -101,7 +126,7 @@ def odd_names(
     wildcards,
 ):
     """Photos whose names Snakemake cannot take as inputs, with size and time: a parameter, so that changes are noticed."""
-    place = Path(photo_place(wildcards))
+    place = Path(photo_place(wildcards, pass_column(wildcards)))
     odd = [] if place.is_file() or is_filmed(wildcards.dataset) else [path for path in visible_files(place) if not has_plain_name(path)]
     return [f"{ascii(path.name)} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in sorted(odd)]
 
@@ -116,8 +141,8 @@ def mask_files(
 def capture_method(
     wildcards,
 ):
-    """How the pictures of an object are taken: from a video or from a folder of photos."""
-    return "photos" if Path(photo_place(wildcards)).is_dir() else "video"
+    """How the pictures of a pass are taken: from a video or from a folder of photos."""
+    return "photos" if Path(photo_place(wildcards, pass_column(wildcards))).is_dir() else "video"
 
 
 def capture_options(
@@ -136,7 +161,7 @@ def capture_options(
 
 rule capture_photos:
     input:
-        images=photo_files("images"),
+        images=lambda wildcards: photo_files(pass_column(wildcards))(wildcards),
         masks=mask_files,
     output:
         capture=directory(f"{SCENE}/capture"),
@@ -146,12 +171,12 @@ rule capture_photos:
         f"{SCENE}/benchmarks/capture.tsv"
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
-        scene=WHOLE_SCENE,
+        scene="|".join([WHOLE_SCENE, *LATER_PASSES]),
     resources:
         mem_mb=per_attempt(2000),
         runtime=per_attempt(20),
     params:
-        images=photo_place,
+        images=lambda wildcards: photo_place(wildcards, pass_column(wildcards)),
         method=capture_method,
         odd_names=odd_names,
         options=capture_options,

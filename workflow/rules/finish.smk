@@ -46,8 +46,7 @@ def chosen_cell(
     """The folder of the cell that the config chooses for an object."""
     check_object(wildcards)
     usable("nvs method", wildcards.nvs, SURFACES, "The file is named after the method.")
-    cell = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
-    return CELL.format(**wildcards, **cell)
+    return CELL.format(**wildcards, **chosen_run(wildcards))
 
 
 def in_chosen_cell(

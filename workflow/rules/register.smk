@@ -28,7 +28,12 @@ def capture_of(
         )
     virtual = is_virtual(wildcards.dataset)
     kind = "virtual" if virtual else "photo"
-    require_known(f"scene of a {kind} dataset", wildcards.scene, [*VIRTUAL_SCENES, BOARD_SCENE] if virtual else PHOTO_SCENES, "")
+    require_known(
+        f"scene of a {kind} dataset",
+        wildcards.scene,
+        [*VIRTUAL_SCENES, BOARD_SCENE, TURNED_SCENE, JOINED_SCENE] if virtual else [*PHOTO_SCENES, *LATER_PASSES, JOINED_PHOTOS],
+        "",
+    )
     usable(
         f"registration of a {kind} dataset",
         wildcards.registration,
@@ -59,6 +64,13 @@ def registration_options(
     return step_options({**options, "seed": config["seed"]})
 
 
+def registered_scene(
+    wildcards,
+):
+    """The scene as a registration knows it: a later pass lies on a ground as the first one does."""
+    return "su_h" if wildcards.scene == TURNED_SCENE else WHOLE_SCENE if wildcards.scene in LATER_PASSES else wildcards.scene
+
+
 rule register:
     input:
         capture=capture_of,
@@ -70,6 +82,7 @@ rule register:
         f"{RUN}/benchmarks/register.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
+        scene=f"(?!{JOINED_SCENE}/)[^/]+",
     threads: 8
     resources:
         mem_mb=lambda wildcards, attempt: registration_needs(wildcards).mem_mb * attempt,
@@ -77,12 +90,13 @@ rule register:
         gpu=lambda wildcards: int(bool(registration_needs(wildcards).files)),
     params:
         options=registration_options,
+        scene=registered_scene,
         weights=lambda wildcards: weights_stamp("register", wildcards.registration, registration_needs(wildcards)),
     message:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:
         "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
-        " --scene {wildcards.scene} {params.options} --threads {threads} --out {output} --record-failure {output}/ > {log} 2>&1"
+        " --scene {params.scene} {params.options} --threads {threads} --out {output} --record-failure {output}/ > {log} 2>&1"
 
 
 use rule register as register_photos with:
@@ -90,5 +104,6 @@ use rule register as register_photos with:
         scene=directory(f"{RUN}/scene"),
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
+        scene=f"(?!{JOINED_PHOTOS}/)[^/]+",
     message:
         "Registering the photos of {wildcards.object} with {wildcards.registration}"

@@ -17,7 +17,7 @@ def cells_of_page(
     if config["report"]["cells"] == "present":
         return []
     if not is_virtual(wildcards.dataset):
-        cell = {"dataset": wildcards.dataset, "object": wildcards.object, **config["chosen"]["photos"]}
+        cell = {"dataset": wildcards.dataset, "object": wildcards.object, **chosen_run(wildcards)}
         return [{**cell, "nvs": nvs} for nvs in surfaces_with_cameras("the report")]
     if config["report"]["cells"] == "all":
         return cells_of_object(wildcards)
@@ -45,11 +45,11 @@ def other_cells(
     return [f"{path} {path.stat().st_mtime_ns}" for path in sorted(made) if str(path.parent) not in asked]
 
 
-def chosen_run(
+def first_shown(
     wildcards,
 ):
     """The scene and registration that the page shows first."""
-    chosen = config["chosen"]["virtual" if is_virtual(wildcards.dataset) else "photos"]
+    chosen = chosen_run(wildcards)
     return f"{chosen['scene']}/{chosen['registration']}"
 
 
@@ -94,7 +94,7 @@ rule report_object:
         runtime=per_attempt(10),
     params:
         folder=lambda wildcards: OBJECT.format(**wildcards),
-        chosen=chosen_run,
+        chosen=first_shown,
         options=step_options(config["report"]["page"]),
         changes=changes_option,
         others=other_cells,

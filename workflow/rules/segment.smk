@@ -122,6 +122,7 @@ rule segment:
         f"{RUN}/benchmarks/segment.tsv"
     wildcard_constraints:
         dataset=datasets_of("photos", "films"),
+        scene=f"(?!{JOINED_PHOTOS}/)[^/]+",
     threads: 2
     resources:
         mem_mb=lambda wildcards, attempt: attempt * mask_needs(wildcards).mem_mb,

@@ -7,6 +7,8 @@ results/DATASET/OBJECT/film            a film of it as a phone takes one; from t
 
 # With a printed board beside the object: for measuring how well a height is found (height.smk), in no table of meshes.
 BOARD_SCENE = "su_b"
+# The second pass of an object, turned over on a textured ground, and both passes joined (join.smk): in no table of meshes.
+TURNED_SCENE, JOINED_SCENE = "su_h_2", "su_f"
 # What BlenderProc's environment consists of.
 BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
 
@@ -15,7 +17,7 @@ def check_virtual_scene(
     wildcards,
 ):
     """Raise an error that lists the scenes where a path of a virtual dataset names an unknown one."""
-    require_known("scene of a virtual dataset", wildcards.scene, VIRTUAL_SCENES, "")
+    require_known("scene of a virtual dataset", wildcards.scene, [*VIRTUAL_SCENES, TURNED_SCENE, JOINED_SCENE], "")
 
 
 def checked_object(
@@ -67,7 +69,7 @@ def renderer_options(
     """The options of captures beside their size: the cameras and lights, and what not every renderer has."""
     capture = config["capture"]
     options = {key: capture[key] for key in ("views_per_ring", "least_height_sizes", "light_strengths")}
-    options |= {"elevations_deg": capture["elevations_deg"].get(wildcards.scene)}
+    options |= {"elevations_deg": capture["elevations_deg"].get(rendered_scene(wildcards))}
     options |= {"samples": capture["samples"] if renderer_of(capture).samples else None}
     return f"{step_options(options)} {environment_option(wildcards, input)}".strip()
 
@@ -75,9 +77,23 @@ def renderer_options(
 def rendered_model(
     wildcards,
 ):
-    """The model that is rendered in a scene."""
+    """The model that is rendered in a scene, as it stands there."""
     check_virtual_scene(wildcards)
-    return f"{RESULTS}/{wildcards.dataset}/{wildcards.object}/model"
+    return f"{OBJECT}/{'turned_model' if wildcards.scene == TURNED_SCENE else 'model'}".format(**wildcards)
+
+
+def rendered_scene(
+    wildcards,
+):
+    """The scene that the renderer knows: the second pass lies on the same kind of ground as the first."""
+    return "su_h" if wildcards.scene == TURNED_SCENE else wildcards.scene
+
+
+def rendered_seed(
+    wildcards,
+):
+    """The seed of its ground and noise: in the second pass, the object lies on another print."""
+    return config["seed"] + (wildcards.scene == TURNED_SCENE)
 
 
 def filmed_model(
@@ -132,6 +148,26 @@ rule bop_model:
         " {params.models} --out {output.model} > {log} 2>&1"
 
 
+rule turned_model:
+    input:
+        model=f"{OBJECT}/model",
+    output:
+        model=directory(f"{OBJECT}/turned_model"),
+    log:
+        f"{OBJECT}/logs/turned_model.log",
+    benchmark:
+        f"{OBJECT}/benchmarks/turned_model.tsv"
+    wildcard_constraints:
+        dataset=datasets_of("demo", "bop"),
+    resources:
+        mem_mb=per_attempt(2000),
+        runtime=per_attempt(5),
+    message:
+        "Turning {wildcards.object} over for its second pass"
+    shell:
+        "python -m zeroshop_steps.synthetic --method turned_model --model {input.model} --out {output.model} > {log} 2>&1"
+
+
 rule blender_environment:
     input:
         requirements=BLENDER_REQUIREMENTS,
@@ -165,7 +201,7 @@ rule capture_virtual:
         f"{SCENE}/benchmarks/capture.tsv"
     wildcard_constraints:
         dataset=datasets_of("demo", "bop"),
-        scene=f"(?!{BOARD_SCENE}/)[^/]+",
+        scene=f"(?!(?:{BOARD_SCENE}|{JOINED_SCENE})/)[^/]+",
     threads: 8
     resources:
         mem_mb=per_attempt(4000),
@@ -173,13 +209,14 @@ rule capture_virtual:
     params:
         width_px=config["capture"]["image_width_px"],
         height_px=config["capture"]["image_height_px"],
-        seed=config["seed"],
+        seed=rendered_seed,
+        scene=rendered_scene,
         method=config["capture"]["renderer"],
         options=renderer_options,
     message:
         "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
     shell:
-        "python -m zeroshop_steps.synthetic --method {params.method} --model {input.model}/model.ply --scene {wildcards.scene}"
+        "python -m zeroshop_steps.synthetic --method {params.method} --model {input.model}/model.ply --scene {params.scene}"
         " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} {params.options}"
         " --out {output.capture} > {log} 2>&1"
 

@@ -22,6 +22,8 @@ class Capture:
 
     object: str
     images: str
+    images_2: str = ""
+    images_3: str = ""
     masks: str = ""
     prompt: str = ""
     height_m: str = ""
@@ -54,7 +56,7 @@ def read_captures(folder: Path) -> dict[str, Capture]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file, delimiter="\t"))
-        return {row["object"]: Capture(**{field.name: row[field.name] for field in fields(Capture)}) for row in rows}
+        return {row["object"]: Capture(**{field.name: row[field.name] for field in fields(Capture) if field.name in row}) for row in rows}
     except (KeyError, UnicodeDecodeError, csv.Error) as error:
         raise StepError(f"{path} is not the table that zeroshop writes ({error}); delete it, and name your captures again") from None
 

@@ -13,12 +13,14 @@ from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
 HEIGHT_M = (0.005, 3.0)
+MOST_PASSES = 3
 
 DESCRIPTION = """\
 Photos or a film of an object become a closed, textured mesh of true size.
 
   zeroshop mug.mp4 --height 0.096     a film; the mug is 9.6 cm high
   zeroshop photos/box                 a folder of photos; the size stays unknown
+  zeroshop mug.mp4 turned.mp4         two films: for the second, the mug was turned over, so that its underside is seen
   zeroshop check photos/box           judge a capture in a minute, before anything long runs
 
 Film the object once all around from the side and once from above, on a surface with print (a newspaper does), and keep it
@@ -56,7 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _mesh_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="zeroshop", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("source", type=Path, metavar="PHOTOS_OR_FILM", help="a folder of photos, or a video")
+    parser.add_argument("source", type=Path, nargs="+", metavar="PHOTOS_OR_FILM", help=(
+        f"a folder of photos, or a video; up to {MOST_PASSES}, for which the object is turned over in between"))  # fmt: skip
     parser.add_argument("--height", type=float, metavar="METRES", help="height of the standing object, e.g. 0.19")
     parser.add_argument("--name", help="name of the results (default: that of the folder or video)")
     parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png (default: they are found)")
@@ -94,9 +97,14 @@ def _check(args: argparse.Namespace) -> int:
 
 def _make(args: argparse.Namespace) -> int:
     from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name
-    from zeroshop_steps.app.workflow import read_chosen_cell, run_workflow, settings_of_network
+    from zeroshop_steps.app.workflow import JOINED_PHOTOS, read_chosen_cell, run_workflow, settings_of_network
 
-    source = _require_source(args.source)
+    sources = [_require_source(path) for path in args.source]
+    if len(sources) > MOST_PASSES or len(set(sources)) < len(sources):
+        raise StepError(f"{len(sources)} captures are given; expected up to {MOST_PASSES} different ones of one object")
+    if args.masks and len(sources) > 1:
+        raise StepError("--masks goes with one capture only; leave it out, masks of several passes are found")
+    source = sources[0]
     if args.height is not None and not HEIGHT_M[0] <= args.height <= HEIGHT_M[1]:
         raise StepError(f"--height is {args.height:g}; it is in metres, {HEIGHT_M[0]:g} to {HEIGHT_M[1]:g}: write 0.19 for 19 cm")
     if args.cores < 1:
@@ -109,6 +117,7 @@ def _make(args: argparse.Namespace) -> int:
     capture = Capture(
         object=make_name(Path(args.name)) if args.name else make_name(source),
         images=str(source),
+        **{f"images_{number}": str(path) for number, path in enumerate(sources[1:], start=2)},
         masks=str(_require_folder(args.masks, "--masks")) if args.masks else "",
         height_m=f"{args.height:g}" if args.height is not None else "",
         height_method="marker" if by_board else "known" if args.height is not None else "",
@@ -117,21 +126,23 @@ def _make(args: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     capture = add_capture(folder, capture)
     results = folder / "results/photos" / capture.object
-    print(f"{source} -> {results}", file=sys.stderr)
+    print(f"{', '.join(map(str, sources))} -> {results}", file=sys.stderr)
     start_s = time.time()
     log = results / "logs/zeroshop.log"
     done = run_workflow(f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log, settings)
-    _print_outcome(results.joinpath(*read_chosen_cell(settings), args.method), log, done, start_s)
+    scene, registration = read_chosen_cell(settings)
+    _print_outcome(results / (JOINED_PHOTOS if capture.images_2 else scene) / registration / args.method, log, done, start_s)
     if done and args.open:
         _open_report(folder, folder / TABLE, args.cores)
     return 0 if done else 1
 
 
 def _print_outcome(cell: Path, log: Path, done: bool, start_s: float) -> None:
-    from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_warnings, find_reason
+    from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason
 
     results = cell.parents[2]
-    lines = describe_mesh(results / f"{cell.name}.ply") if done else [f"Failed    {line}" for line in find_reason(log)]
+    mesh = results / f"{cell.name}.ply"
+    lines = [*describe_mesh(mesh), *describe_unseen(mesh)] if done else [f"Failed    {line}" for line in find_reason(log)]
     lines += describe_advice(cell, cell.parent / "cameras") + describe_warnings(results, start_s)
     lines.append(f"Time      {(time.time() - start_s) / 60:.1f} min; everything that was said: {log}")
     print("\n".join(lines))

@@ -9,6 +9,8 @@ from zeroshop_steps.report.site.results_index import read_cell
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.run_warnings import warnings_since
 
+WORTH_SHARE = 0.04
+"""From this share of the surface that no photo shows on, a second pass is worth it: undersides of boxes and cans have 0.1 to 0.3."""
 SHOWN = 8
 """Reasons and warnings at most; all are in the JSON and the logs."""
 
@@ -30,6 +32,17 @@ def describe_mesh(mesh: Path) -> list[str]:
     lines.append(f"Grade     {grade.get('grade', 'unknown')}")
     lines += [f"          {reason}" for reason in grade.get("reasons", [])[:SHOWN]]
     return lines
+
+
+def describe_unseen(mesh: Path) -> list[str]:
+    """Lines on what no photo shows of a finished mesh, and whether a second pass is worth it."""
+    unseen = (read_json(mesh.with_suffix(".json")).get("area_shares") or {}).get("unseen", 0.0)
+    if unseen < WORTH_SHARE:
+        return []
+    return [
+        f"Unseen    {unseen:.0%} of the surface is in no photo, most of it below. For a mesh of all sides, turn the object over,",
+        "          film it again, and give both: zeroshop FIRST SECOND",
+    ]
 
 
 def describe_advice(cell: Path, cameras: Path) -> list[str]:

@@ -82,6 +82,10 @@ class Progress:
         return f"{self.share:4.0%}{left}   {what}"
 
 
+JOINED_PHOTOS = "video_joined"
+"""The scene of an object with several passes, as workflow/rules/capture.smk names it."""
+
+
 def find_project() -> Path:
     """The folder of the project, which holds the workflow.
 

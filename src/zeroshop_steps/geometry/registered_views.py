@@ -1,7 +1,7 @@
 """Registered photos with their cameras and masks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +9,10 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel, read_sparse_model
 from zeroshop_steps.geometry.images import read_confidence, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
+
+PASSES = "passes.json"
+"""Beside cameras of several passes: which images belong to which."""
 
 CONFIDENCE = "confidence"  # the folder beside masks/; a mask without a file there is sure everywhere
 UNSURE = 0.5  # a pixel of less confidence may be the object, whatever its mask says
@@ -21,11 +25,13 @@ class View:
     Attributes:
         camera: the photo's camera.
         image_path, mask_path: the files; `mask_path` is None without masks.
+        pass_number: 1, or that of a later pass, in which the object lay differently.
     """
 
     camera: Camera
     image_path: Path
     mask_path: Path | None
+    pass_number: int = field(default=1, kw_only=True)
 
     def image(self) -> np.ndarray:
         """(height, width, 3) uint8 sRGB."""
@@ -62,16 +68,29 @@ def read_views(folder: Path, images: str = "images", masks: str = "masks", spars
     model = read_sparse_model(folder / sparse)
     if not model.cameras:
         raise StepError(f"{folder / sparse} has no registered cameras; run registration again")
+    passes = read_passes(folder)
     views = []
     for camera in model.cameras:
         mask = folder / masks / (Path(camera.name).stem + ".png")
-        views.append(View(camera, folder / images / camera.name, mask if (folder / masks).is_dir() else None))
+        mask_path = mask if (folder / masks).is_dir() else None
+        views.append(View(camera, folder / images / camera.name, mask_path, pass_number=passes.get(camera.name, 1)))
     return views, model
 
 
 def find_possible(mask: np.ndarray, confidence: np.ndarray | None) -> np.ndarray:
     """(height, width) bool: the pixels that may show the object, because the mask says so or is not sure."""
     return mask if confidence is None else mask | (confidence < UNSURE)
+
+
+def read_passes(folder: Path) -> dict[str, int]:
+    """{image name: number of its pass} of a folder of cameras; empty where there was one pass only."""
+    path = Path(folder) / PASSES
+    return {name: one["number"] for one in read_json(path)["passes"] for name in one["images"]} if path.is_file() else {}
+
+
+def choose_standing(views: Sequence[View]) -> list[View]:
+    """The views of the first pass, in which the object stands on its support: they say what is up."""
+    return [view for view in views if view.pass_number == 1]
 
 
 def read_object_masks(views: Sequence[View]) -> list[np.ndarray]:

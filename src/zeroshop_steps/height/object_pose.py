@@ -8,7 +8,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.registered_views import View, choose_standing
 from zeroshop_steps.geometry.scene_support import find_scene_focus
 from zeroshop_steps.geometry.support_plane import SupportPlane, estimate_up_from_roll, find_background_points, fit_support_plane
 from zeroshop_steps.runtime.errors import StepError
@@ -69,9 +69,9 @@ def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel, segme
         StepError: the mesh does not rise above its support plane.
     """
     source = (segmentation or {}).get("plane_from", FROM_POINTS)
-    plane = None
+    plane, standing = None, choose_standing(views)
     if source == FROM_POINTS:
-        plane = fit_support_plane(model.points[find_background_points(model.points, views)], mesh.vertices, views)
+        plane = fit_support_plane(model.points[find_background_points(model.points, views)], mesh.vertices, standing)
     elif source == FROM_VIEWS and segmentation:
         residual = VIEWS_DEVIATION_DISTANCES * find_scene_focus(model)[1]
         plane = SupportPlane(np.array(segmentation["plane"]["normal"]), segmentation["plane"]["offset"], 0, residual, ROLL_DEVIATION_DEG)
@@ -80,7 +80,7 @@ def measure_object_pose(mesh: Mesh, views: list[View], model: SparseModel, segme
 
 def measure_above_plane(mesh: Mesh, views: list[View], plane: SupportPlane | None) -> ObjectPose:
     """Measure the mesh above a plane; without one, from its own bottom along the up that is estimated from how photos were held."""
-    up, certainty = (plane.normal, None) if plane else estimate_up_from_roll(views)
+    up, certainty = (plane.normal, None) if plane else estimate_up_from_roll(choose_standing(views))
     heights = mesh.vertices @ up
     areas = mesh.face_areas()
     measured = areas * mesh.measured_faces()

@@ -1,0 +1,67 @@
+"""Put the captures of several passes side by side, as the capture of the joined cameras: pictures, and the truth where it is known.
+
+True cameras are moved into the frame of the model as it stood in the first pass.
+"""
+
+import argparse
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras
+from zeroshop_steps.geometry.images import list_images
+from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.join.pass_images import make_joint_name
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+
+CACHED = Cached(inputs=("captures", "turned"))
+PICTURES = ("images", "masks")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument("--captures", type=Path, nargs="+", required=True, help="captures of the passes, the first first")
+    parser.add_argument(
+        "--turned", type=Path, nargs="*", default=[], help="models as they were turned for the later passes, if they are known"
+    )
+    parser.add_argument("--scene", required=True, help="name of the joined scene")
+    parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the capture."""
+    turned = [np.eye(4), *(np.array(read_json(folder / "turned.json")["turned_from_model"]) for folder in args.turned)]
+    records = [read_json(folder / "capture.json") for folder in args.captures]
+    with atomic_directory(args.out) as folder:
+        for part in ("", "held_out"):
+            copy_pictures([capture / part for capture in args.captures], folder / part)
+            if args.turned:
+                cameras = [
+                    camera
+                    for number, (capture, moved) in enumerate(zip(args.captures, turned, strict=True), start=1)
+                    for camera in read_true_cameras(capture / part, number, moved)
+                ]
+                write_cameras(folder / part / "truth", sorted(cameras, key=lambda camera: camera.name))
+        images = [
+            record.get("images", len(list_images(capture / "images"))) for record, capture in zip(records, args.captures, strict=True)
+        ]
+        write_json(folder / "capture.json", records[0] | {"scene": args.scene, "images": sum(images), "images_of_passes": images})
+
+
+def copy_pictures(captures: list[Path], out: Path) -> None:
+    """Copy images, and masks where all captures have them, under their joint names."""
+    for kind in PICTURES:
+        if all((capture / kind).is_dir() for capture in captures):
+            (out / kind).mkdir(parents=True, exist_ok=True)
+            for number, capture in enumerate(captures, start=1):
+                for path in list_images(capture / kind):
+                    shutil.copyfile(path, out / kind / make_joint_name(number, path.name))
+
+
+def read_true_cameras(capture: Path, number: int, turned_from_model: np.ndarray) -> list[Camera]:
+    """The true cameras of a pass under their joint names, in the frame of the model as it stood in the first pass."""
+    model_from_turned = np.linalg.inv(turned_from_model)
+    moved = [transform_camera(camera, model_from_turned) for camera in read_sparse_model(capture / "truth").cameras]
+    return [Camera(make_joint_name(number, one.name), one.width_px, one.height_px, one.intrinsics, one.camera_from_world) for one in moved]

@@ -1,0 +1,115 @@
+"""Join the passes of an object that was put down differently, upright and upside down, into one set of cameras.
+
+Each pass was registered by its own ground and masked. What lies between two passes is found by the object alone: by its print, where
+that matches across them, else by its outlines. A way counts where outlines and pictures agree, and only if no other way is as good: a
+plain can that stands on its head fits in any turn, so nothing is joined, and the first pass stands alone with a warning.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.geometry.registered_views import PASSES
+from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.join.evidence import Judgement, judge, make_group, make_views
+from zeroshop_steps.join.merging import merge_models, triangulate_joined
+from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
+from zeroshop_steps.join.pass_images import Pass, gather, read_pass
+from zeroshop_steps.join.refinement import refine
+from zeroshop_steps.join.ways import find_ways_by_matches
+from zeroshop_steps.register.record import describe_model, read_registration
+from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.files import atomic_directory, scratch_directory, write_json
+
+CACHED = Cached(inputs=("cameras",), ignored=("threads",))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The method's command line."""
+    parser.add_argument(
+        "--cameras", type=Path, nargs="+", required=True, help="registered cameras with masks of each pass, the first first"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of RANSAC (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
+    parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras of all passes that could be joined."""
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    records = [read_registration(folder) for folder in args.cameras]
+    passes = [read_pass(number, folder) for number, folder in enumerate(args.cameras, start=1)]
+    with atomic_directory(args.out) as folder:
+        figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed))
+        write_json(folder / "registration.json", records[0] | figures | {"images": sum(record["images"] for record in records)})
+    for line in figures["warnings"]:
+        warn(line)
+
+
+def join(passes: list[Pass], out: Path, options: SiftOptions) -> dict[str, Any]:
+    """Write images/, masks/, sparse/ and passes.json of the passes that fit to the first; returns entries of registration.json."""
+    start_s = time.monotonic()
+    with scratch_directory(out, "join") as scratch:
+        image_set = gather(passes, scratch)
+        database = match_object(image_set, passes, scratch, options)
+        models = [triangulate_pass(database, one, image_set, options.seed) for one in passes]
+        views = [make_views(one) for one in passes]
+        groups = [make_group(part) for part in views]
+        kept, placed, described = [passes[0]], [np.eye(4)], [describe_pass(passes[0], [])]
+        for number, other in enumerate(passes[1:], start=1):
+            pairs = pair_points(database, models[0], models[number])
+            ways = [refine(way, pairs, models[0], models[number]) for way in find_ways_by_matches(pairs, options.seed)]
+            found = [judge(way, views[0], views[number], (groups[0], groups[number])) for way in ways]
+            right = choose(found)
+            if right:
+                kept.append(other)
+                placed.append(right.way.target_from_source)
+            described.append(describe_pass(other, found, right))
+        if len(kept) > 1:
+            joined = triangulate_joined(database, kept, placed, image_set, options.seed, scratch / "joined")
+            model = merge_models(joined, passes[0])
+        else:
+            model = passes[0].model
+        write_reconstruction(model, out / "sparse")
+    gather(kept, out)
+    write_json(out / PASSES, {"passes": described})
+    warnings = [entry["reason"] for entry in described if entry["reason"]]
+    return {**describe_model(model), "passes": described, "warnings": warnings, "join_seconds": round(time.monotonic() - start_s, 2)}
+
+
+def choose(found: list[Judgement]) -> Judgement | None:
+    """The one way that is right; None where none is, or where another may be right as well."""
+    possible = [one for one in found if one.verdict != "wrong"]
+    return possible[0] if len(possible) == 1 and possible[0].verdict == "right" else None
+
+
+def describe_pass(one: Pass, found: list[Judgement], right: Judgement | None = None) -> dict[str, Any]:
+    """The entry of passes.json."""
+    return {
+        "number": one.number,
+        "images": sorted(one.images),
+        "joined": one.number == 1 or right is not None,
+        "reason": None if one.number == 1 or right is not None else explain(one.number, found),
+        "ways": [judgement.figures() for judgement in found],
+    }
+
+
+def explain(number: int, found: list[Judgement]) -> str:
+    """Why a pass could not be joined, and what helps."""
+    left_out = f"pass {number} is left out, and what only it shows stays unknown"
+    if not found:
+        return (
+            f"the object in pass {number} shows too little that pass 1 shows, too: {left_out}. Film both passes from low enough that the"
+            " sides are seen in both, or lay the object on its side; was it the same object?"
+        )
+    if sum(one.verdict != "wrong" for one in found) > 1:
+        return f"pass {number} fits to pass 1 in several ways, because sides of the object look alike: {left_out}"
+    if found[0].miss_px and found[0].verdict == "wrong":
+        return f"print matches, but the outlines of pass {number} contradict those of pass 1: {left_out}. Has the object changed its shape?"
+    return f"pass {number} fits to pass 1, but too little print shows that it is right: {left_out}"

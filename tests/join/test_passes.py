@@ -1,0 +1,110 @@
+"""Passes of an object that was turned over: which way counts, what is written, and a whole join of rendered passes."""
+
+import numpy as np
+import pytest
+
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.registered_views import choose_standing, read_views
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SURE_PAIRS, Judgement
+from zeroshop_steps.join.passes import choose, explain
+from zeroshop_steps.join.ways import Way
+from zeroshop_steps.register.group_likeness import Likeness
+from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.files import read_json
+
+SAME, NOTHING = Likeness(20, 2000, 0.85, 0.05, 300, 0.05), Likeness(0, 0, 0.0, 0.0, 0, 0.0)
+OTHER = Likeness(20, 2000, 0.4, 0.7, 300, 0.8)
+
+
+def judged(pairs: int, miss_px: float, likeness: Likeness) -> Judgement:
+    return Judgement(Way(np.eye(4), pairs), miss_px, likeness)
+
+
+@pytest.mark.parametrize(
+    ("found", "right"),
+    [
+        ([], False),
+        ([judged(100, 0.2, SAME)], True),
+        ([judged(20, 0.2, SAME)], True),
+        ([judged(SURE_PAIRS, 0.2, NOTHING)], True),
+        ([judged(20, 0.2, NOTHING)], False),  # fits, but nothing shows that it is right
+        ([judged(100, 2 * LARGEST_MISS_PX, SAME)], False),
+        ([judged(100, 0.2, OTHER)], False),
+        ([judged(100, 0.2, SAME), judged(60, 0.2, OTHER)], True),
+        ([judged(100, 0.2, SAME), judged(60, 0.2, SAME)], False),  # print on two sides, and both fit
+        ([judged(100, 0.2, SAME), judged(20, 0.2, NOTHING)], False),
+    ],
+)
+def test_exactly_one_way_must_be_right_and_none_open(found, right):
+    assert (choose(found) is not None) == right
+    if not right:
+        assert "pass 2 is left out" in explain(2, found)
+
+
+def render_and_register(folder, model, seed):
+    common = ["--width", "480", "--height", "360", "--seed", str(seed), "--threads", "1", "--views-per-ring", "6"]
+    words = ["--method", "raycast", "--model", str(model / "model.ply"), "--scene", "su_h", *common, "--out", str(folder / "capture")]
+    assert stage_main("zeroshop_steps.synthetic", words) == 0
+    words = [
+        "--method",
+        "truth",
+        "--capture",
+        str(folder / "capture"),
+        "--scene",
+        "su_h",
+        "--threads",
+        "1",
+        "--out",
+        str(folder / "cameras"),
+    ]
+    assert stage_main("zeroshop_steps.register", words) == 0
+
+
+@pytest.fixture(scope="module")
+def passes(tmp_path_factory):
+    """A gelatin carton, standing and turned over, on two prints, with true cameras."""
+    folder = tmp_path_factory.mktemp("passes")
+    model, turned = folder / "model", folder / "turned"
+    assert stage_main("zeroshop_steps.synthetic", ["--method", "demo_objects", "--object", "gelatin_carton", "--out", str(model)]) == 0
+    assert stage_main("zeroshop_steps.synthetic", ["--method", "turned_model", "--model", str(model), "--out", str(turned)]) == 0
+    for number, shown in enumerate((model, turned), start=1):
+        render_and_register(folder / str(number), shown, number)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_carton_turned_over_is_joined_in_the_frame_of_its_first_pass(passes):
+    captures = ["--captures", str(passes / "1/capture"), str(passes / "2/capture"), "--turned", str(passes / "turned")]
+    words = ["--method", "captures", *captures, "--scene", "su_f", "--out", str(passes / "capture")]
+    assert stage_main("zeroshop_steps.join", words) == 0
+    cameras = ["--cameras", str(passes / "1/cameras"), str(passes / "2/cameras")]
+    assert stage_main("zeroshop_steps.join", ["--method", "passes", *cameras, "--threads", "1", "--out", str(passes / "joined")]) == 0
+    record = read_json(passes / "joined/registration.json")
+    assert record["registered"] == 24 and [one["joined"] for one in record["passes"]] == [True, True]
+    truth = {camera.name: camera for camera in read_sparse_model(passes / "capture/truth").cameras}
+    views, model = read_views(passes / "joined")
+    assert len(choose_standing(views)) == 12
+    # The first pass has the true cameras, so the second must have them, too: no alignment.
+    off_mm = [np.linalg.norm(view.camera.centre_in_world - truth[view.camera.name].centre_in_world) for view in views]
+    assert max(off_mm) < 1.0 and max(off_mm[:12]) < 1e-6
+    bottom_mm = read_json(passes / "model/model_info.json")["min_z"]
+    assert model.points[:, 2].min() > bottom_mm - 1.0  # the second pass's ground is not in it
+
+
+@pytest.mark.slow
+def test_another_object_in_the_second_pass_is_left_out(passes, capsys):
+    other = passes / "other_model"
+    assert stage_main("zeroshop_steps.synthetic", ["--method", "demo_objects", "--object", "tomato_can", "--out", str(other)]) == 0
+    render_and_register(passes / "other", other, 3)
+    cameras = ["--cameras", str(passes / "1/cameras"), str(passes / "other/cameras")]
+    assert stage_main("zeroshop_steps.join", ["--method", "passes", *cameras, "--threads", "1", "--out", str(passes / "alone")]) == 0
+    assert "pass 2 is left out" in capsys.readouterr().err
+    record = read_json(passes / "alone/registration.json")
+    assert record["registered"] == 12 and [one["joined"] for one in record["passes"]] == [True, False]
+
+
+def test_passes_without_masks_are_refused(tmp_path, capsys, carton_cameras_without_masks):
+    cameras = ["--cameras", *[str(carton_cameras_without_masks)] * 2]
+    assert stage_main("zeroshop_steps.join", ["--method", "passes", *cameras, "--out", str(tmp_path / "joined")]) == 1
+    assert "has no masks; passes are joined by the object alone" in capsys.readouterr().err
+    assert not (tmp_path / "joined").exists()
