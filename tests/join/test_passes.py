@@ -42,7 +42,7 @@ def test_exactly_one_way_must_be_right_and_none_open(found, right):
 
 
 def render_and_register(folder, model, seed):
-    common = ["--width", "480", "--height", "360", "--seed", str(seed), "--threads", "1", "--views-per-ring", "6"]
+    common = ["--width", "400", "--height", "300", "--seed", str(seed), "--threads", "1", "--views-per-ring", "6"]
     words = ["--method", "raycast", "--model", str(model / "model.ply"), "--scene", "su_h", *common, "--out", str(folder / "capture")]
     assert stage_main("zeroshop_steps.synthetic", words) == 0
     words = [
@@ -87,20 +87,10 @@ def test_a_carton_turned_over_is_joined_in_the_frame_of_its_first_pass(passes):
     # The first pass has the true cameras, so the second must have them, too: no alignment.
     off_mm = [np.linalg.norm(view.camera.centre_in_world - truth[view.camera.name].centre_in_world) for view in views]
     assert max(off_mm) < 1.0 and max(off_mm[:12]) < 1e-6
-    bottom_mm = read_json(passes / "model/model_info.json")["min_z"]
-    assert model.points[:, 2].min() > bottom_mm - 1.0  # the second pass's ground is not in it
-
-
-@pytest.mark.slow
-def test_another_object_in_the_second_pass_is_left_out(passes, capsys):
-    other = passes / "other_model"
-    assert stage_main("zeroshop_steps.synthetic", ["--method", "demo_objects", "--object", "tomato_can", "--out", str(other)]) == 0
-    render_and_register(passes / "other", other, 3)
-    cameras = ["--cameras", str(passes / "1/cameras"), str(passes / "other/cameras")]
-    assert stage_main("zeroshop_steps.join", ["--method", "passes", *cameras, "--threads", "1", "--out", str(passes / "alone")]) == 0
-    assert "pass 2 is left out" in capsys.readouterr().err
-    record = read_json(passes / "alone/registration.json")
-    assert record["registered"] == 12 and [one["joined"] for one in record["passes"]] == [True, False]
+    # The second pass's ground is not in it: it would lie around the carton's top.
+    info = read_json(passes / "model/model_info.json")
+    upper = model.points[model.points[:, 2] > 0]
+    assert (np.abs(upper[:, :2]) < np.array([info["size_x"], info["size_y"]]) / 2 + 2.0).all(1).mean() > 0.99
 
 
 def test_passes_without_masks_are_refused(tmp_path, capsys, carton_cameras_without_masks):

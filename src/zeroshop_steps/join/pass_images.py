@@ -7,6 +7,7 @@ from pathlib import Path
 import pycolmap
 
 from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.registered_views import CONFIDENCE
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
@@ -53,7 +54,7 @@ def read_pass(number: int, cameras: Path) -> Pass:
 
 
 def gather(passes: list[Pass], out: Path) -> ImageSet:
-    """Copy the images and masks of all passes into `out`/images and `out`/masks; they are listed pass by pass."""
+    """Copy the images and masks of all passes, and how sure the masks are, into `out`; they are listed pass by pass."""
     paths, masks, sizes_px = [], [], []
     for folder in ("images", "masks"):
         (out / folder).mkdir(parents=True, exist_ok=True)
@@ -61,6 +62,10 @@ def gather(passes: list[Pass], out: Path) -> ImageSet:
         for name in sorted(one.images):
             paths.append(Path(shutil.copyfile(one.images[name], out / "images" / name)))
             masks.append(Path(shutil.copyfile(one.masks[name], out / "masks" / f"{Path(name).stem}.png")))
+            confidence = one.masks[name].parent.with_name(CONFIDENCE) / one.masks[name].name
+            if confidence.is_file():
+                (out / CONFIDENCE).mkdir(exist_ok=True)
+                shutil.copyfile(confidence, out / CONFIDENCE / masks[-1].name)
             height, width = read_image(paths[-1]).shape[:2]
             sizes_px.append((width, height))
     return ImageSet(tuple(paths), tuple(masks), tuple(sizes_px))

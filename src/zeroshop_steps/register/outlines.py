@@ -108,7 +108,7 @@ def _find_cameras(
     rng = np.random.default_rng(seed)
     best_px = np.inf
     for _ in range(ORDERS):
-        way, *others = search(outlines, rng.permutation(len(image_set.images)))
+        way, *others = search(outlines, rng.permutation(len(image_set.images)).tolist())
         stopwatch.lap("search")
         best_px = min(best_px, way.cost)
         figures["outlines"] = {"search_px": round(best_px, 2)}
