@@ -48,6 +48,16 @@ def test_at_the_true_pose_both_crops_show_the_same(seen, style):
     assert likeness(pairs) > likeness(flipped) + 0.2, "the shape is the same, the print is not"
 
 
+def test_geometry_stays_in_single_precision_where_networks_run_in_half(seen):
+    pose, photo, model = seen
+    turn, nothing = torch.tensor([[0.2, -0.1, 0.3]]), torch.zeros(1, 3)
+    exact = cut_pairs(photo, model, pose, FOR_REFINER), apply_update(pose, nothing, turn, 100.0)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        pairs, moved = cut_pairs(photo, model, pose, FOR_REFINER), apply_update(pose, nothing, turn, 100.0)
+    torch.testing.assert_close(pairs.rendered, exact[0].rendered, rtol=0, atol=0)
+    torch.testing.assert_close(moved, exact[1], rtol=0, atol=0)
+
+
 def test_a_pose_that_is_moved_in_depth_shows_it(seen):
     pose, photo, model = seen
     farther = pose.clone()

@@ -109,7 +109,12 @@ class CropPairs:
 
 
 def cut_pairs(seen: Observation, model: DrawnModel, camera_from_model: Tensor, style: CropStyle) -> CropPairs:
-    """Cut out what a network sees of (N, 4, 4) poses in mm of a model in a photo."""
+    """Cut out what a network sees of (N, 4, 4) poses in mm of a model in a photo, in single precision whatever the networks run in."""
+    with torch.autocast(camera_from_model.device.type, enabled=False):
+        return _cut_pairs(seen, model, camera_from_model, style)
+
+
+def _cut_pairs(seen: Observation, model: DrawnModel, camera_from_model: Tensor, style: CropStyle) -> CropPairs:
     corner, side_px = place_windows(camera_from_model, seen.intrinsics, style.margin * model.diameter_mm)
     centres = camera_from_model[:, :3, 3, None, None]
 

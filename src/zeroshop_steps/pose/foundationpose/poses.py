@@ -22,6 +22,7 @@ def apply_update(camera_from_model: Tensor, translation: Tensor, turn: Tensor, d
     zero = torch.zeros_like(x)
     against = torch.stack([zero, z, -y, -z, zero, x, y, -x, zero], dim=1).view(-1, 3, 3)
     moved = camera_from_model.clone()
-    moved[:, :3, :3] = torch.linalg.matrix_exp(against) @ camera_from_model[:, :3, :3]
+    with torch.autocast(moved.device.type, enabled=False):  # the networks may run in half precision, poses may not
+        moved[:, :3, :3] = torch.linalg.matrix_exp(against) @ camera_from_model[:, :3, :3]
     moved[:, :3, 3] += translation * (diameter_mm / 2)
     return moved
