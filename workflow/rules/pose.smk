@@ -43,7 +43,9 @@ def estimator_options(
     return step_options({**(config["pose"].get(wildcards.estimator) or {}), **where})
 
 
-def of_estimator(amount):
+def of_estimator(
+    amount,
+):
     """Memory or time that an estimator declares, more at each attempt."""
     return lambda wildcards, attempt: attempt * getattr(ESTIMATORS[wildcards.estimator], amount)
 

@@ -23,7 +23,11 @@ def mass_option(
     return step_options({"mass_kg": mass_kg})
 
 
-def aligned_mesh(dataset, name, models):
+def aligned_mesh(
+    dataset,
+    name,
+    models,
+):
     """The alignment of the robot's mesh of an object with the true model, in a list; an empty one where it is true, damaged or not."""
     nvs = models.removeprefix("models_delivered_")
     cell = {"dataset": dataset, "object": name, "nvs": nvs, **config["chosen"]["virtual"]}
@@ -44,7 +48,9 @@ def alignments_of(
     return [path for name in objects_of(wildcards.dataset) for path in aligned_mesh(wildcards.dataset, name, wildcards.models)]
 
 
-def robots_of(dataset):
+def robots_of(
+    dataset,
+):
     """The folders of models that robots know in the table: the true ones, and those of every surface method."""
     virtual_dataset(dataset, "Photos have no true models.")
     return ["models", *(f"models_delivered_{nvs}" for nvs in surfaces_with_cameras("the table of grasps"))]
