@@ -15,7 +15,7 @@ PRIOR_PX = 0.3  # for a view that is unusual by one standard deviation
 ROUGH, FINE = 0.3, 0.1  # tolerances of the tangents while a view is laid
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def _look_up(distance, scale, principal, pose, narrower, x, y, z):
     """Signed distance of a point in a view's small mask, between its pixels linearly; as at the border beyond it."""
     depth = pose[6] * x + pose[7] * y + pose[8] * z + pose[11]
@@ -33,7 +33,7 @@ def _look_up(distance, scale, principal, pose, narrower, x, y, z):
     return upper * (1 - v) + lower * v
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _place_on_ray(pose, rim, narrower, depth, point):
     """Fill (3,) `point` at a depth on the ray through a rim."""
     a, b, c = rim[0] * narrower * depth - pose[9], rim[1] * narrower * depth - pose[10], depth - pose[11]
@@ -41,7 +41,7 @@ def _place_on_ray(pose, rim, narrower, depth, point):
         point[k] = pose[k] * a + pose[3 + k] * b + pose[6 + k] * c
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _look_at_depth(number, m, depth, placed, poses, outlines, narrower, enough, point):
     """The least signed distance of a point of a ray in the other masks, or something below `enough`."""
     _place_on_ray(poses[number], outlines.rims[number, m], narrower, depth, point)
@@ -58,7 +58,7 @@ def _look_at_depth(number, m, depth, placed, poses, outlines, narrower, enough, 
     return least
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def measure_view(number, placed, poses, outlines, narrower, every):
     """By how much every so many-th ray of one view misses the other masks, px per 1000 px in the mean."""
     point, total, rays = np.empty(3), 0.0, 0
@@ -85,7 +85,7 @@ def measure_view(number, placed, poses, outlines, narrower, every):
     return total / rays
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def pose_views(views, log_focal, placed, outlines):
     """(N, 15) poses of the placed views."""
     poses = np.zeros((len(outlines.counts), 15))
@@ -103,7 +103,7 @@ def measure_misses(views, log_focal, placed, outlines, every):
     return misses
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def sample_rays(placed, poses, outlines, narrower, every):
     """(R, DEPTHS, 4) points of the rays of placed views, and their least signed distances in the others' masks."""
     rays = (outlines.rims.shape[1] + every - 1) // every

@@ -48,7 +48,7 @@ class Outlines(NamedTuple):
     principal: np.ndarray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def pose_view(view, log_focal, middle, pose):
     """Fill (15,) `pose`: rotation (9) and translation (3) of camera_from_world, and the centre (3)."""
     ca, sa, ce, se = np.cos(view[0]), np.sin(view[0]), np.cos(view[1]), np.sin(view[1])
@@ -66,7 +66,7 @@ def pose_view(view, log_focal, middle, pose):
         pose[12 + k] = -(pose[k] * pose[9] + pose[3 + k] * pose[10] + pose[6 + k] * pose[11])
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def compare_tangents(pose, corners, count, other_pose, other_corners, other_count, narrower, found):
     """Where the two planes through both centres that touch the other outline lie in this picture, beside its own outline.
 
@@ -116,7 +116,7 @@ def compare_tangents(pose, corners, count, other_pose, other_corners, other_coun
     return True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _add_prior(view, size, weight, hessian, gradient, start):
     cost = 0.0
     for a in range(2, 6):
@@ -127,7 +127,7 @@ def _add_prior(view, size, weight, hessian, gradient, start):
     return cost
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def measure_prior(view, size):
     """By how many times what is usual a view differs from an upright one at the usual distance: the sum of squares."""
     total = 0.0
@@ -136,7 +136,7 @@ def measure_prior(view, size):
     return total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def shift_view(view, log_focal, number, placed, poses, outlines, tolerance, pose, found):
     """Move a view beside and along its axis, in place, by one step towards fitting the tangents; returns the cost before it."""
     narrower = np.exp(-log_focal)
@@ -177,7 +177,7 @@ def shift_view(view, log_focal, number, placed, poses, outlines, tolerance, pose
     return cost
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _measure_tangents(views, log_focal, placed, outlines, tolerance):
     poses, found = np.zeros((len(outlines.counts), 15)), np.empty((2, 4))
     for number in placed:
@@ -201,7 +201,7 @@ def _measure_tangents(views, log_focal, placed, outlines, tolerance):
     return cost
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _linearize_tangents(views, log_focal, placed, outlines, tolerance):
     """Gauss and Newton's approximation: (6 K + 1, 6 K + 1) matrix and (6 K + 1,) gradient."""
     count, last = len(placed), SIZE * len(placed)
