@@ -138,7 +138,7 @@ def test_a_surface_without_cameras_ends_with_its_raw_mesh(checkout):
 def test_wrong_options_and_unknown_names_are_said(checkout):
     _, call = checkout
     unknown = call("results/demo/tuna_can/su_h/copied/nerf/mesh.ply")
-    assert unknown.returncode != 0 and "Known: 2dgs, svraster, guess, hull" in unknown.stdout
+    assert unknown.returncode != 0 and "Known: 2dgs, svraster, trellis, guess, hull" in unknown.stdout
 
 
 def test_a_surface_without_cameras_is_a_row_with_its_reason(checkout):
