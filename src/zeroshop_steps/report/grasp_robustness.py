@@ -8,14 +8,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from zeroshop_steps.report.figure_files import write_figure
 from zeroshop_steps.report.grasping import FIRST, SECOND, mark_poses, read_attempts, sum_marks
 from zeroshop_steps.report.robustness import SCALE, UNDERSIDE, damages_of
-from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.runtime.tables import write_table
 
 COLUMNS = ("dataset", "object", "friction", "damage", "amount", "measure", "value")
@@ -35,10 +32,7 @@ def run(args: argparse.Namespace) -> None:
     rows = [row for folder in args.attempts for row in read_shares(folder)]
     write_table(args.out, rows, COLUMNS)
     figure = draw_plot(rows)
-    with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), atomic_write(args.out.with_suffix(".svg")) as temporary:
-        FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
-    with atomic_write(args.out.with_suffix(".png")) as temporary:
-        FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
+    write_figure(figure, args.out)
 
 
 def read_shares(folder: Path) -> list[dict[str, Any]]:

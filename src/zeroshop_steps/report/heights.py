@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from zeroshop_steps.report.figure_files import write_figure
 from zeroshop_steps.report.table import parse_cell
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
-from zeroshop_steps.runtime.files import atomic_write, read_json
+from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 PUBLISHED = Path(__file__).with_name("published_heights.csv")
@@ -77,10 +75,7 @@ def run(args: argparse.Namespace) -> None:
     rows = [make_row(path, args.root, published) for path in args.heights]
     write_table(args.out, [*rows, *list_unmatched(published, rows)], COLUMNS)
     figure = draw_plot(rows, published)
-    with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), atomic_write(args.out.with_suffix(".svg")) as temporary:
-        FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
-    with atomic_write(args.out.with_suffix(".png")) as temporary:
-        FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
+    write_figure(figure, args.out)
 
 
 def read_published_heights() -> list[PublishedHeight]:

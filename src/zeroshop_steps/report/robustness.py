@@ -9,13 +9,10 @@ import argparse
 import re
 from pathlib import Path
 
-import matplotlib
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from zeroshop_steps.report.figure_files import write_figure
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 COLUMNS = ("dataset", "estimator", "masks", "damage", "amount", "measure", "object", "value", "source")
@@ -35,10 +32,7 @@ def run(args: argparse.Namespace) -> None:
     rows = [row for path in args.scores for row in read_run(path)]
     write_table(args.out, rows, COLUMNS)
     figure = draw_plot(rows)
-    with matplotlib.rc_context({"svg.hashsalt": "zeroshop"}), atomic_write(args.out.with_suffix(".svg")) as temporary:
-        FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
-    with atomic_write(args.out.with_suffix(".png")) as temporary:
-        FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
+    write_figure(figure, args.out)
 
 
 def read_run(path: Path) -> list[dict[str, str]]:

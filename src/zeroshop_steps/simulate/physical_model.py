@@ -9,10 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
-import numpy as np
-
-from zeroshop_steps.finish.clean import simplify
-from zeroshop_steps.geometry.mesh_repair import find_triangles
+from zeroshop_steps.assets.convex_parts import split_convex
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.solids import measure_solid
 from zeroshop_steps.runtime.cache import Cached
@@ -23,9 +20,8 @@ from zeroshop_steps.simulate.physical_body import PhysicalBody, write_body
 CACHED = Cached(inputs=("model",))
 MASSES = Path(__file__).with_name("true_masses.csv")
 METRES_PER_MM = 0.001
-MOST_FACES = 3000  # of the model before it is split: CoACD's time grows with them
 CONCAVITY = 0.05  # CoACD's default: up to which a part counts as convex
-SEARCH = {"mcts_nodes": 10, "mcts_iterations": 60, "resolution": 1000, "seed": 0}  # a mug in 8 s; with its defaults it takes minutes
+MOST_PARTS, SEED = -1, 0  # as many parts as that takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,18 +53,7 @@ def find_mass_kg(name: str) -> float:
 
 def make_body(mesh: Mesh, mass_kg: float, name: str) -> PhysicalBody:
     """The body of a closed model in millimetres; `name` is its file's, for messages. Raises StepError where it is open."""
-    vertices = mesh.vertices * METRES_PER_MM
-    solid = measure_solid(Mesh(vertices, mesh.faces), name)
-    return PhysicalBody(split_convex(vertices, mesh.faces), mass_kg, solid.centre, solid.inertia_of(mass_kg))
-
-
-def split_convex(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The (V, 3) corners of convex parts that cover a closed mesh together."""
-    import coacd  # after Open3D, which cannot be loaded once it is there
-
-    coacd.set_log_level("error")
-    joined, position = np.unique(vertices, axis=0, return_inverse=True)
-    corners = position.reshape(-1)[faces]
-    simple = simplify(Mesh(joined, corners[find_triangles(corners)]), MOST_FACES, 0)
-    parts = coacd.run_coacd(coacd.Mesh(simple.vertices, simple.faces), threshold=CONCAVITY, **SEARCH)
-    return tuple(np.asarray(corners, float) for corners, _ in parts)
+    metric = Mesh(mesh.vertices * METRES_PER_MM, mesh.faces)
+    solid = measure_solid(metric, name)
+    parts = tuple(part.vertices for part in split_convex(metric, CONCAVITY, MOST_PARTS, SEED))
+    return PhysicalBody(parts, mass_kg, solid.centre, solid.inertia_of(mass_kg))
