@@ -78,3 +78,24 @@ def test_command_writes_json_and_table(truth, tmp_path):
     assert record["registered"] == record["images"] == 10 and record["mean_centre_error_mm"] < 1e-6
     lines = (tmp_path / "error.csv").read_text().splitlines()
     assert lines[0] == "camera,measure,value" and len(lines) == 1 + 7 + 20
+
+
+def test_cameras_of_a_film_are_found_by_the_frames_taken_from_it(truth, tmp_path):
+    """Image 0 of the capture is frame 6 of the film, and so on: the true cameras go by the film's numbers."""
+    taken = [6, 0, 3, 9]
+    write_cameras(tmp_path / "film" / "cameras", [replace(camera, name=f"{index:06d}.png") for index, camera in enumerate(truth)])
+    write_json(tmp_path / "capture" / "capture.json", {"source_frames": taken})
+    registered = [replace(truth[number], name=f"{index:06d}.png") for index, number in enumerate(taken)]
+    write_cameras(tmp_path / "run" / "sparse", in_another_frame(registered))
+    options = ["--truth", str(tmp_path / "film"), "--film-capture", str(tmp_path / "capture"), "--out", str(tmp_path / "error.json")]
+    assert stage_main("zeroshop_steps.evaluate", ["--method", "camera_error", "--cameras", str(tmp_path / "run"), *options]) == 0
+    error = read_json(tmp_path / "error.json")
+    assert error["images"] == error["registered"] == 4 and error["max_centre_error_mm"] < 1e-6
+
+
+def test_a_capture_of_photos_is_not_compared_with_a_film(truth, tmp_path, capsys):
+    write_cameras(tmp_path / "film" / "cameras", list(truth))
+    write_json(tmp_path / "capture" / "capture.json", {})
+    options = ["--truth", str(tmp_path / "film"), "--film-capture", str(tmp_path / "capture"), "--out", str(tmp_path / "error.json")]
+    assert stage_main("zeroshop_steps.evaluate", ["--method", "camera_error", "--cameras", str(tmp_path), *options]) == 1
+    assert "names no source_frames" in capsys.readouterr().err

@@ -41,6 +41,11 @@ def test_the_truth_itself_is_perfect(carton, truth_side):
     assert figures["psnr_db"] > 40.0 and figures["silhouette_iou"] > 0.999
 
 
+def test_a_film_has_no_held_out_photos(carton, truth_side):
+    figures = graded(carton, (truth_side[0], []), carton.mesh)
+    assert figures["accuracy_mm"] < 1e-3 and "psnr_db" not in figures
+
+
 def test_any_registration_frame_gives_the_same_figures(carton, truth_side):
     registration_from_truth = np.eye(4)
     registration_from_truth[:3, :3] = 0.013 * Rotation.from_euler("xyz", [20, 50, 110], degrees=True).as_matrix()
@@ -108,7 +113,12 @@ def test_the_command_writes_json_and_tidy_csv(carton, tmp_path):
     write_json(tmp_path / "mesh.json", {"frame_facts": {"object_from_registration": np.eye(4).tolist(), "scale": "unknown"}})
     quality.run(
         argparse.Namespace(
-            mesh=tmp_path / "mesh.ply", capture=carton.capture, cameras=carton.cameras, model=carton.model, out=tmp_path / "quality.json"
+            film_truth=None,
+            mesh=tmp_path / "mesh.ply",
+            capture=carton.capture,
+            cameras=carton.cameras,
+            model=carton.model,
+            out=tmp_path / "quality.json",
         )
     )
     figures = read_json(tmp_path / "quality.json")

@@ -32,3 +32,11 @@ def test_the_tables_of_films_cover_every_film(snakemake):
     jobs = planned(run.stdout)
     assert jobs["film"] == jobs["mask_error"] == jobs["height"] >= 10
     assert jobs["mask_table"] == jobs["film_height_table"] == 1
+
+
+def test_the_meshes_of_films_are_measured_against_the_truth(snakemake):
+    run = snakemake("-n", "results/films_white/tables/reconstruction.csv", "results/films_white/tables/cameras.csv")
+    assert run.returncode == 0, run.stdout
+    jobs = planned(run.stdout)
+    assert jobs["film"] == jobs["camera_error"] == jobs["cell"] / 2 == 8  # by two surface methods
+    assert "--truth results/films_white/mug/film/truth --film-capture results/films_white/mug/video/capture" in run.stdout

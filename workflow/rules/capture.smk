@@ -9,13 +9,6 @@ JOINED_PHOTOS = "video_joined"
 CLOCK_TOLERANCE_S = 5  # clocks of file servers differ by a second or two; a capture takes longer
 
 
-def is_filmed(
-    dataset,
-):
-    """Whether a dataset's captures are rendered films; they are processed like a user's own videos."""
-    return dataset_named(dataset)["kind"] == "films"
-
-
 def photos_of(
     wildcards,
 ):

@@ -99,6 +99,11 @@ def is_virtual(dataset):
     return dataset_named(dataset)["kind"] not in ("photos", "films")
 
 
+def is_filmed(dataset):
+    """Whether a dataset's captures are rendered films: they are processed like a user's own videos, and the truth is known."""
+    return dataset_named(dataset)["kind"] == "films"
+
+
 def virtual_dataset(name, remedy=""):
     """`name`, or an error that lists the datasets that have models."""
     return require_known("virtual dataset", name, [dataset for dataset in config["datasets"] if is_virtual(dataset)], remedy)

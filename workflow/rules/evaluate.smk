@@ -13,13 +13,21 @@ def quality_of(
     wildcards,
 ):
     """The quality of a cell, where there is a truth to measure against."""
-    return [f"{CELL}/quality.json".format(**wildcards)] if is_virtual(wildcards.dataset) else []
+    return [f"{CELL}/quality.json".format(**wildcards)] if is_virtual(wildcards.dataset) or is_filmed(wildcards.dataset) else []
+
+
+def film_truth_of(
+    wildcards,
+):
+    """The truth of a rendered film; a virtual capture has its own."""
+    return [f"{OBJECT}/film/truth".format(**wildcards)] if is_filmed(wildcards.dataset) else []
 
 
 rule camera_error:
     input:
         cameras=f"{RUN}/cameras",
         capture=capture_of,
+        film_truth=film_truth_of,
     output:
         figures=f"{RUN}/camera_error.json",
         table=f"{RUN}/camera_error.csv",
@@ -28,14 +36,18 @@ rule camera_error:
     benchmark:
         f"{RUN}/benchmarks/camera_error.tsv"
     wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
+        dataset=datasets_of("demo", "bop", "films"),
     resources:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(5),
+    params:
+        truth=lambda wildcards, input: (
+            f"{input.film_truth} --film-capture {input.capture}" if is_filmed(wildcards.dataset) else f"{input.capture}/truth"
+        ),
     message:
         "Comparing the cameras of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, with the true ones"
     shell:
-        "python -m zeroshop_steps.evaluate --method camera_error --cameras {input.cameras} --truth {input.capture}/truth"
+        "python -m zeroshop_steps.evaluate --method camera_error --cameras {input.cameras} --truth {params.truth}"
         " --out {output.figures} > {log} 2>&1"
 
 
@@ -92,6 +104,7 @@ rule quality:
         capture=f"{SCENE}/capture",
         cameras=f"{RUN}/cameras",
         model=f"{OBJECT}/model",
+        film_truth=film_truth_of,
     output:
         figures=f"{CELL}/quality.json",
         table=f"{CELL}/quality.csv",
@@ -100,15 +113,17 @@ rule quality:
     benchmark:
         f"{CELL}/benchmarks/quality.tsv"
     wildcard_constraints:
-        dataset=datasets_of("demo", "bop"),
+        dataset=datasets_of("demo", "bop", "films"),
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
+    params:
+        film_truth=lambda wildcards, input: step_options({"film_truth": " ".join(input.film_truth) or None}),
     message:
         "Measuring against the truth: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.evaluate --method quality --mesh {input.mesh} --capture {input.capture} --cameras {input.cameras}"
-        " --model {input.model}/model.ply --out {output.figures} --record-failure {output} > {log} 2>&1"
+        " --model {input.model}/model.ply {params.film_truth} --out {output.figures} --record-failure {output} > {log} 2>&1"
 
 
 rule grade:

@@ -67,9 +67,13 @@ def cells_of(
 ):
     """The coordinates of cells as dictionaries: these objects in every combination of the axes, by default those of the config.
 
-    A surface method that needs no cameras has cells of one registration, WITHOUT_CAMERAS, and the others have none of it.
+    A surface method that needs no cameras has cells of one registration, WITHOUT_CAMERAS, and the others have none of it. Rendered films
+    are registered as photos are.
     """
-    virtual_dataset(dataset, "Tables compare with the truth, which photos lack.")
+    if is_filmed(dataset):
+        scenes, registrations = scenes or [WHOLE_SCENE], registrations or [config["chosen"]["photos"]["registration"]]
+    else:
+        virtual_dataset(dataset, "Tables compare with the truth, which photos lack.")
     if not (registrations and nvs):
         say_what_is_left_out("registrations", "nvs")
     axes = {
@@ -151,7 +155,7 @@ def measurements_of(
     """The measurements of a cell, where there is a truth, and its grade; of one that failed, the record of its failure."""
     if wildcards.registration == methods.WITHOUT_CAMERAS:
         return f"{CELL}/outcome.json".format(**wildcards)
-    return outcome_or("quality.csv", "grade.csv")(wildcards) if is_virtual(wildcards.dataset) else outcome_or("grade.csv")(wildcards)
+    return outcome_or(*(["quality.csv"] if quality_of(wildcards) else []), "grade.csv")(wildcards)
 
 
 # On a cluster, what takes a second is done where Snakemake runs.

@@ -1,4 +1,4 @@
-"""Compare registered cameras with the true ones of a virtual capture or of a calibrated dataset.
+"""Compare registered cameras with the true ones of a virtual capture, a rendered film or a calibrated dataset.
 
 The frame of a registration is arbitrary, so the cameras are first aligned by the similarity that best maps their centres. Writes
 a JSON and, beside it, a tidy CSV with one row per measurement.
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.evaluate.film_truth import read_true_cameras
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.runtime.failures import read_failure
@@ -39,13 +40,14 @@ class CameraError:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras")
-    parser.add_argument("--truth", type=Path, required=True, help="COLMAP model of the true cameras, in millimetres")
+    parser.add_argument("--truth", type=Path, required=True, help="COLMAP model of the true cameras, in millimetres; of a film, its truth")
+    parser.add_argument("--film-capture", type=Path, help="the capture that was made from the film, which names its frames")
     parser.add_argument("--out", type=Path, required=True, help="JSON to write; a CSV of the same name goes beside it")
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the JSON and the CSV; for a failed registration, its reason and the errors of the rejected model, if there is one."""
-    truth = read_sparse_model(args.truth).cameras
+    truth = read_true_cameras(args.film_capture, args.truth) if args.film_capture else read_sparse_model(args.truth).cameras
     record: dict = {"images": len(truth), "registered": 0}
     failure = read_failure(args.cameras)
     record |= {"status": "failed", "reason": failure.reason} if failure else {"status": "ok"}

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.evaluate.film_truth import read_source_frames
 from zeroshop_steps.geometry.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image
 from zeroshop_steps.register.record import find_lens, read_registration
 from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.tables import write_table
 
 TILE_HALF = 0.6  # half of the side of a tile, in longer sides of the box around both masks: a margin of a tenth on each side
@@ -77,13 +77,8 @@ def read_frame_masks(cameras: Path, capture: Path, truth: Path) -> list[FrameMas
         StepError: the registration or the segmentation failed, or the capture is not from this film.
     """
     record = read_registration(cameras)
-    frames = read_json(capture / "capture.json").get("source_frames")
-    if frames is None:
-        raise StepError(
-            f"{capture / 'capture.json'} names no source_frames; only captures of a video can be compared with the truth of a film"
-        )
     judged = []
-    for index, number in enumerate(frames):
+    for index, number in enumerate(read_source_frames(capture)):
         path = cameras / "masks" / f"{index:06d}.png"
         true = undistort_mask(read_mask(truth / "masks" / f"{number:06d}.png"), find_lens(record, path.stem))
         judged.append(FrameMasks(path.stem, true, read_mask(path) if path.is_file() else None))

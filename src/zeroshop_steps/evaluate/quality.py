@@ -1,11 +1,11 @@
-"""Measure the finished mesh of a virtual capture against the truth.
+"""Measure the finished mesh of a virtual capture or of a rendered film against the truth.
 
 The mesh is aligned with the truth by the cameras (the similarity from registered to true camera centres), never by ICP, which would
 hide a wrong pose. Accuracy is the mean distance from the mesh to the true surface; an underside that was closed without being seen
 does not count. Completeness is the mean distance from the true surface, as far as two cameras see it, to the mesh. The F-score
-combines both at a threshold. PSNR compares held-out photos with unlit renderings of the mesh, within the bounding box of the mask;
-each is black outside its own silhouette. The scale error compares the scale from the known height with that of the cameras; the
-other figures do not depend on it, because the alignment includes the scale.
+combines both at a threshold. PSNR compares held-out photos, which films lack, with unlit renderings of the mesh, within the bounding
+box of the mask; each is black outside its own silhouette. The scale error compares the scale from the known height with that of the
+cameras; the other figures do not depend on it, because the alignment includes the scale.
 """
 
 import argparse
@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.evaluate.film_truth import read_true_cameras
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
@@ -63,11 +64,19 @@ class GroundTruth:
             read_views(capture / "held_out", sparse="truth")[0],
         )
 
+    @staticmethod
+    def read_film(capture: Path, model: Path, film_truth: Path) -> "GroundTruth":
+        """Read the truth of a capture made from a rendered film of a model, which stands on a table."""
+        surface = read_ply(model)
+        diameter_mm = read_json(model.with_name("model_info.json"))["diameter"]
+        return GroundTruth(surface, diameter_mm, float(surface.vertices[:, 2].min()), read_true_cameras(capture, film_truth), [])
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
-    parser.add_argument("--capture", type=Path, required=True, help="virtual capture with truth/ and held_out/")
+    parser.add_argument("--capture", type=Path, required=True, help="virtual capture with truth/ and held_out/, or that of a film")
+    parser.add_argument("--film-truth", type=Path, help="truth of the rendered film that the capture was made from")
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras")
     parser.add_argument("--model", type=Path, required=True, help="true model.ply; model_info.json beside it gives the diameter")
     parser.add_argument("--out", type=Path, required=True, help="quality.json; a tidy CSV goes beside it")
@@ -78,11 +87,13 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     metadata = read_json(args.mesh.with_suffix(".json"))
     facts = metadata["frame_facts"]
+    film = args.film_truth
+    truth = GroundTruth.read_film(args.capture, args.model, film) if film else GroundTruth.read(args.capture, args.model)
     figures = measure_quality(
         drop_underside(read_ply(args.mesh), metadata),
         np.array(facts["object_from_registration"]),
         read_sparse_model(args.cameras / "sparse").cameras,
-        GroundTruth.read(args.capture, args.model),
+        truth,
     )
     figures["scale_known"] = facts["scale"] == "known"
     if not figures["scale_known"]:
@@ -96,7 +107,7 @@ def run(args: argparse.Namespace) -> None:
     write_table(args.out.with_suffix(".csv"), [{"measure": key, "value": value} for key, value in measured.items()])
     print(
         f"quality: accuracy {figures['accuracy_mm']} mm, completeness {figures['completeness_mm']} mm, "
-        f"F at 1 % {figures['f_score_1_percent']}, PSNR {figures['psnr_db']} dB",
+        f"F at 1 % {figures['f_score_1_percent']}",
         file=sys.stderr,
     )
 
@@ -133,7 +144,8 @@ def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered
         "up_error_deg": np.degrees(np.arccos(np.clip(up_in_truth[2], -1.0, 1.0))),
         "faces": len(mesh.faces),
     }
-    figures |= _measure_appearance(mesh, np.linalg.inv(truth_from_object), truth.held_out)
+    if truth.held_out:
+        figures |= _measure_appearance(mesh, np.linalg.inv(truth_from_object), truth.held_out)
     return {key: round(float(value), 5) if not isinstance(value, int | list) else value for key, value in figures.items()}
 
 
