@@ -39,4 +39,6 @@ def test_the_meshes_of_films_are_measured_against_the_truth(snakemake):
     assert run.returncode == 0, run.stdout
     jobs = planned(run.stdout)
     assert jobs["film"] == jobs["camera_error"] == jobs["cell"] / 2 == 8  # by two surface methods
+    mesh = snakemake("-n", "results/films_white/mug/video/colmap/2dgs/quality.json").stdout
+    assert "--model results/demo/mug/model/model.ply --film-truth results/films_white/mug/film/truth" in mesh
     assert "--truth results/films_white/mug/film/truth --film-capture results/films_white/mug/video/capture" in run.stdout

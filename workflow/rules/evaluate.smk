@@ -23,6 +23,13 @@ def film_truth_of(
     return [f"{OBJECT}/film/truth".format(**wildcards)] if is_filmed(wildcards.dataset) else []
 
 
+def true_model_of(
+    wildcards,
+):
+    """The model that was rendered or filmed."""
+    return filmed_model(wildcards) if is_filmed(wildcards.dataset) else f"{OBJECT}/model".format(**wildcards)
+
+
 rule camera_error:
     input:
         cameras=f"{RUN}/cameras",
@@ -103,7 +110,7 @@ rule quality:
         mesh=f"{CELL}/mesh.ply",
         capture=f"{SCENE}/capture",
         cameras=f"{RUN}/cameras",
-        model=f"{OBJECT}/model",
+        model=true_model_of,
         film_truth=film_truth_of,
     output:
         figures=f"{CELL}/quality.json",
