@@ -70,13 +70,19 @@ def test_the_lines_at_the_end_are_of_the_cell_that_the_config_chooses(tmp_path, 
     (tmp_path / "config/config.yaml").write_text("chosen: {photos: {scene: video_segmented, registration: vggt}}\n")
     monkeypatch.setattr(workflow, "find_project", lambda: tmp_path)
     assert workflow.read_chosen_cell({}) == ("video_segmented", "vggt")
-    settings = workflow.settings_of_network(tmp_path / "net.onnx")
-    assert workflow.read_chosen_cell(settings) == ("video_segmented", "auto") and "register" not in settings
+    changed = {"chosen": {"photos": {"registration": "auto"}}}
+    assert workflow.read_chosen_cell(changed) == ("video_segmented", "auto")
+
+
+def test_network_and_downloaded_weights_reach_the_workflow(tmp_path, monkeypatch):
+    monkeypatch.setattr(workflow, "find_project", lambda: tmp_path)
+    assert workflow.settings_of_inputs(None) == {}
+    assert workflow.settings_of_inputs(tmp_path / "net.onnx") == {"segment": {"saliency": {"weights": str(tmp_path / "net.onnx")}}}
     for name in REGISTRATIONS["aliked"].weights:
         path = tmp_path / "resources/weights" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
-    assert workflow.settings_of_network(tmp_path / "net.onnx")["register"]["auto"]["weights"] == str(tmp_path / "resources/weights/aliked")
+    assert workflow.settings_of_inputs(None) == {"register": {"auto": {"weights": str(tmp_path / "resources/weights/aliked")}}}
 
 
 def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):

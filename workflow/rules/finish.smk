@@ -60,7 +60,8 @@ def chosen_quality(
     wildcards,
 ):
     """The quality of the chosen cell, where there is a truth to measure against."""
-    return [f"{chosen_cell(wildcards)}/quality.json"] if is_virtual(wildcards.dataset) else []
+    known = is_virtual(wildcards.dataset) or is_filmed(wildcards.dataset)
+    return [f"{chosen_cell(wildcards)}/quality.json"] if known else []
 
 
 def quality_option(

@@ -97,7 +97,7 @@ def _check(args: argparse.Namespace) -> int:
 
 def _make(args: argparse.Namespace) -> int:
     from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name
-    from zeroshop_steps.app.workflow import JOINED_PHOTOS, read_chosen_cell, run_workflow, settings_of_network
+    from zeroshop_steps.app.workflow import JOINED_PHOTOS, read_chosen_cell, run_workflow, settings_of_inputs
 
     sources = [_require_source(path) for path in args.source]
     if len(sources) > MOST_PASSES or len(set(sources)) < len(sources):
@@ -111,7 +111,7 @@ def _make(args: argparse.Namespace) -> int:
         raise StepError(f"--cores is {args.cores}; at least 1 is needed")
     if args.network and not args.network.is_file():
         raise StepError(f"--network names {args.network}, which is no file; give the ONNX file of a salient-object network")
-    settings = settings_of_network(args.network.resolve()) if args.network else {}
+    settings = settings_of_inputs(args.network.resolve() if args.network else None)
     folder = args.into.resolve()
     by_board = args.board is not None
     capture = Capture(

@@ -104,9 +104,9 @@ def read_chosen_cell(settings: Mapping[str, Any]) -> tuple[str, str]:
     return chosen["scene"], chosen["registration"]
 
 
-def settings_of_network(network: Path) -> dict[str, Any]:
-    """The settings by which a salient-object network finds the object, also to register it alone where photos share too little else."""
-    settings: dict[str, Any] = {"segment": {"saliency": {"weights": str(network)}}, "chosen": {"photos": {"registration": "auto"}}}
+def settings_of_inputs(network: Path | None) -> dict[str, Any]:
+    """The settings by which a salient-object network finds the object, and the weights of learned features, where they are there."""
+    settings: dict[str, Any] = {"segment": {"saliency": {"weights": str(network)}}} if network else {}
     # Downloaded weights lie in the project, and the working directory may be another one.
     weights = [find_project() / WEIGHTS_FOLDER / name for name in REGISTRATIONS["aliked"].weights]
     if all(path.is_file() for path in weights):
