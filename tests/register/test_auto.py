@@ -6,12 +6,17 @@ import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
+from zeroshop_steps.evaluate.mask_error import undistort_mask
+from zeroshop_steps.geometry.cameras import write_cameras
+from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
 from zeroshop_steps.register.image_set import read_masks
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_agreement import compute_overlap
+
+LENS = {"model": "SIMPLE_RADIAL", "width_px": 160, "height_px": 120, "params": [170.0, 80.0, 60.0, 0.5]}
 
 
 def succeed(folder):
@@ -78,7 +83,8 @@ def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
 
     def register_ball(image_set, folder, options, prepare):
         taken.extend(read_masks(image_set).values())
-        return succeed(folder)
+        write_cameras(folder / "sparse", list(ball_cameras()))
+        return succeed(folder) | {"lens": LENS}
 
     monkeypatch.setattr(auto.colmap, "register", lambda image_set, folder, options: fail(3)(folder))
     monkeypatch.setattr(auto.aliked, "register", register_ball)
@@ -90,6 +96,10 @@ def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
     auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "saliency.onnx")]))
     assert records[0]["masks_by"] == "saliency.onnx" and records[0]["tried"]["colmap"]["reason"] == "3 of 20 images registered"
     assert [round(compute_overlap(mask, ball_mask(camera)), 1) for mask, camera in zip(taken, ball_cameras(), strict=True)] == [1.0] * 12
+    kept = sorted(path.name for path in (tmp_path / "cameras/saliency").iterdir())
+    assert kept == [*(f"{index:06d}.png" for index in range(12)), "network.json"]
+    seen = read_mask(tmp_path / "cameras/saliency/000003.png")
+    assert compute_overlap(seen, undistort_mask(taken[3], LENS)) > 0.97 > compute_overlap(seen, taken[3])
     with pytest.raises(StepError, match="missing.onnx does not exist"):
         auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "missing.onnx")]))
 

@@ -9,13 +9,15 @@ import pytest
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from register.test_outline_check import shifted
 from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.register.found_masks import check_by_found_masks, is_thin
+from zeroshop_steps.networks.saliency_maps import find_maps
+from zeroshop_steps.register.found_masks import WIDTH_PX, check_by_found_masks, is_thin
 from zeroshop_steps.register.record import RegistrationFailed
 
 
 def network_of(masks):
     """A network that answers with these masks."""
-    return SimpleNamespace(path=Path("saliency.onnx"), find_main_things=lambda paths, sizes_px, width_px: masks)
+    maps = [np.float32(mask) for mask in masks]
+    return SimpleNamespace(path=Path("saliency.onnx"), find_maps=lambda paths, width_px: maps, describe=lambda: {"sha256": "of this one"})
 
 
 def test_thin_is_what_few_points_hold():
@@ -23,12 +25,23 @@ def test_thin_is_what_few_points_hold():
     assert is_thin(figures | {"points": 500}) and not is_thin(figures | {"points": 5000})
 
 
-def test_right_cameras_pass_and_nothing_is_left(tmp_path):
+def test_right_cameras_pass_and_what_the_network_saw_is_kept(tmp_path):
     masks = write_ball_scene(tmp_path)
     before = sorted(path.name for path in tmp_path.iterdir())
     record = check_by_found_masks(tmp_path, {"registered": 12}, network_of([masks[0] & False, *masks[1:]]))
     assert record["checked_by"] == "saliency.onnx" and record["outlines_miss_px"] < 3 and record["registered"] == 12
-    assert before == sorted(path.name for path in tmp_path.iterdir())
+    assert sorted([*before, "saliency"]) == sorted(path.name for path in tmp_path.iterdir())
+    asked = []
+    network = network_of([])
+    network.find_maps = lambda paths, width_px: asked.extend(paths) or [np.zeros((3, 4), np.float32)] * len(paths)
+    images = sorted((tmp_path / "images").iterdir())
+    (tmp_path / "saliency/000004.png").unlink()
+    found = find_maps(tmp_path, network, images, WIDTH_PX)
+    assert [path.name for path in asked] == ["000004.png"]
+    assert all((one > 0.5).sum() == mask.sum() for index, (one, mask) in enumerate(zip(found, masks, strict=True)) if index not in (0, 4))
+    network.describe = lambda: {"sha256": "of another"}
+    find_maps(tmp_path, network, images, WIDTH_PX)
+    assert asked[1:] == images
 
 
 def test_wrong_cameras_are_refused(tmp_path):

@@ -4,8 +4,10 @@ Any network will do that takes one RGB image and gives one map of its size: U2-N
 BiRefNet (Zheng et al. 2024) and what was trained like them. Nothing is shipped or downloaded: the licences of such weights differ.
 """
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -96,10 +98,16 @@ class SalientObjectNetwork:
             maps.append(self.predict(image, (width, round(image.shape[0] * width / image.shape[1]))))
         return maps
 
-    def find_main_things(self, paths: Sequence[Path], sizes_px: Sequence[tuple[int, int]], width_px: int) -> list[np.ndarray]:
-        """(H, W) bool masks of the main thing in each photo, of the photos' (width, height); maps are at most `width_px` wide."""
-        maps = self.find_maps(paths, width_px)
-        return [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
+    def describe(self) -> dict[str, Any]:
+        """What its maps depend on: the file's SHA-256 and what it expects of an image."""
+        values = {"mean": self._mean.ravel().tolist(), "deviation": self._deviation.ravel().tolist()}
+        with self.path.open("rb") as file:
+            return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), **values}
+
+
+def cut_main_things(maps: Sequence[np.ndarray], sizes_px: Sequence[tuple[int, int]]) -> list[np.ndarray]:
+    """(H, W) bool masks of the main thing in each photo, of the photos' (width, height), by their maps."""
+    return [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
 
 
 def keep_main_thing(found: np.ndarray) -> np.ndarray:

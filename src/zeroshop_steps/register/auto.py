@@ -24,7 +24,6 @@ from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write
 from zeroshop_steps.register.structure import add_matching_arguments
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
-from zeroshop_steps.runtime.files import scratch_directory
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights", "saliency_weights"), ignored=("threads", "device"))
 METHOD = {"title": "automatic", "rank": 4, "tries": ("colmap", "aliked"), "saliency": True}
@@ -60,9 +59,9 @@ def run(args: argparse.Namespace) -> None:
         def register_object(folder: Path) -> dict[str, Any]:
             if network is None:
                 return aliked.register(image_set, folder, learned, prepare)
-            with scratch_directory(folder, "masks") as scratch:
-                masked = found_masks.find_masks(image_set, network, scratch)
-                return aliked.register(masked, folder, learned, prepare) | {"masks_by": network.path.name}
+            return found_masks.register_by_found_masks(
+                folder, image_set, network, lambda masked: aliked.register(masked, folder, learned, prepare)
+            )
 
         attempts["aliked"] = register_object
     if image_set.masks is not None:

@@ -5,21 +5,26 @@ The network takes the thing in the middle of each photo. Masks that show somethi
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+import pycolmap
 
+from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
+from zeroshop_steps.networks.saliency_maps import write_maps
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, cut_main_things
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.outline_check import measure_outline_misses_px
-from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.record import RegistrationFailed, find_lens
+from zeroshop_steps.register.undistort import make_undistortion_map
 from zeroshop_steps.runtime.files import scratch_directory
 
 WIDTH_PX = 480  # of the network's answers: finer ones cost time and bring nothing to features
@@ -49,13 +54,49 @@ def load_network(args: argparse.Namespace) -> SalientObjectNetwork | None:
     return SalientObjectNetwork(args.saliency_weights, args.saliency_mean, args.saliency_deviation)
 
 
-def find_masks(image_set: ImageSet, network: SalientObjectNetwork, folder: Path) -> ImageSet:
+def register_by_found_masks(
+    folder: Path, image_set: ImageSet, network: SalientObjectNetwork, register: Callable[[ImageSet], dict[str, Any]]
+) -> dict[str, Any]:
+    """Register the object alone by a network's masks; what it saw in the photos is kept beside the cameras.
+
+    Args:
+        folder: the registration.
+        image_set: photos without masks.
+        network: what finds the object in each.
+        register: fills `folder` from images with masks, and returns its record.
+
+    Raises:
+        RegistrationFailed: the network sees a thing in too few photos, or the registration fails.
+    """
+    maps = network.find_maps(image_set.images, WIDTH_PX)
+    with scratch_directory(folder, "masks") as scratch:
+        record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), network, scratch))
+    by_stem = {path.stem: (found, size) for path, found, size in zip(image_set.images, maps, image_set.sizes_px, strict=True)}
+    undistorted = {
+        camera.name: _undistort_map(*by_stem[stem], find_lens(record, stem))
+        for camera in read_sparse_model(folder / "sparse").cameras
+        if (stem := Path(camera.name).stem) in by_stem
+    }
+    write_maps(folder, network, {Path(name).stem: found for name, found in undistorted.items()}, WIDTH_PX)
+    return record | {"masks_by": network.path.name}
+
+
+def _undistort_map(found: np.ndarray, size_px: tuple[int, int], lens: dict[str, Any] | None) -> np.ndarray:
+    """The map, (h, w), of a photo of (width, height) as its undistorted image shows it."""
+    if not lens:
+        return found
+    camera = pycolmap.Camera(model=lens["model"], width=size_px[0], height=size_px[1], params=lens["params"])
+    map_x, map_y = make_undistortion_map(camera)[1]
+    whole = cv2.remap(cv2.resize(found, size_px), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.resize(whole, found.shape[::-1], interpolation=cv2.INTER_AREA))
+
+
+def _mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientObjectNetwork, folder: Path) -> ImageSet:
     """The images in which the network sees a thing, with masks that are written to `folder`.
 
     Raises:
         RegistrationFailed: it sees one in too few.
     """
-    found = network.find_main_things(image_set.images, image_set.sizes_px, WIDTH_PX)
     chosen, masks = _write_useful(found, image_set.images, folder)
     if len(chosen) < MIN_IMAGES:
         raise RegistrationFailed(
@@ -90,9 +131,9 @@ def check_by_found_masks(folder: Path, record: dict[str, Any], network: SalientO
     """
     views, model = read_views(folder)[0], read_reconstruction(folder / "sparse")
     views = views[:: math.ceil(len(views) / CHECKED_VIEWS)]
-    found = network.find_main_things(
-        [view.image_path for view in views], [(view.camera.width_px, view.camera.height_px) for view in views], WIDTH_PX
-    )
+    maps = network.find_maps([view.image_path for view in views], WIDTH_PX)
+    write_maps(folder, network, {view.image_path.stem: seen for view, seen in zip(views, maps, strict=True)}, WIDTH_PX)
+    found = cut_main_things(maps, [(view.camera.width_px, view.camera.height_px) for view in views])
     record = record | {"checked_by": network.path.name}
     with scratch_directory(folder, "masks") as scratch:
         chosen, paths = _write_useful(found, [view.image_path for view in views], scratch)

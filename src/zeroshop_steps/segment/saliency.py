@@ -15,7 +15,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
+from zeroshop_steps.networks.saliency_maps import find_maps
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, cut_main_things
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
     views, model = read_views(args.scene)
-    maps = load_network(args).find_maps([view.image_path for view in views], args.image_width_px)
+    maps = find_maps(args.scene, load_network(args), [view.image_path for view in views], args.image_width_px)
     prior = weigh_maps(maps, [view.camera for view in views])
     with show_rejected_masks([view.image_path for view in views], args.rejected):
         try:
@@ -80,7 +81,7 @@ def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argpar
     Raises:
         StepError: the network is missing or damaged, or too few masks are good.
     """
-    masks = load_network(args).find_main_things(paths, sizes_px, args.image_width_px)
+    masks = cut_main_things(load_network(args).find_maps(paths, args.image_width_px), sizes_px)
     _, qualities = assess_masks(masks, None)
     names = [path.name for path in paths]
     check_enough_good(qualities, names, masks)
