@@ -41,6 +41,12 @@ def test_exactly_one_way_must_be_right_and_none_open(found, right):
         assert "pass 2 is left out" in explain(2, found)
 
 
+def test_the_reason_names_what_contradicts():
+    assert "outlines of pass 2 contradict" in explain(2, [judged(100, 2 * LARGEST_MISS_PX, SAME)])
+    assert "the pictures differ" in explain(2, [judged(100, 0.2, OTHER)])
+    assert "too little print" in explain(2, [judged(20, 0.2, NOTHING)])
+
+
 def render_and_register(folder, model, seed):
     common = ["--width", "400", "--height", "300", "--seed", str(seed), "--threads", "1", "--views-per-ring", "6"]
     words = ["--method", "raycast", "--model", str(model / "model.ply"), "--scene", "su_h", *common, "--out", str(folder / "capture")]

@@ -15,7 +15,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import PASSES
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.join.evidence import Judgement, judge, make_group, make_views
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, judge, make_group, make_views
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass
@@ -110,6 +110,11 @@ def explain(number: int, found: list[Judgement]) -> str:
         )
     if sum(one.verdict != "wrong" for one in found) > 1:
         return f"pass {number} fits to pass 1 in several ways, because sides of the object look alike: {left_out}"
-    if found[0].miss_px and found[0].verdict == "wrong":
+    if found[0].miss_px > LARGEST_MISS_PX:
         return f"print matches, but the outlines of pass {number} contradict those of pass 1: {left_out}. Has the object changed its shape?"
+    if found[0].verdict == "wrong":
+        return (
+            f"print and outlines of pass {number} fit to pass 1, but where they lie on each other the pictures differ: {left_out}. Take both"
+            " passes in the same soft light, without highlights; was it the same object?"
+        )
     return f"pass {number} fits to pass 1, but too little print shows that it is right: {left_out}"
