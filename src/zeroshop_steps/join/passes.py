@@ -114,7 +114,7 @@ def explain(number: int, found: list[Judgement]) -> str:
         return f"print matches, but the outlines of pass {number} contradict those of pass 1: {left_out}. Has the object changed its shape?"
     if found[0].verdict == "wrong":
         return (
-            f"print and outlines of pass {number} fit to pass 1, but where they lie on each other the pictures differ: {left_out}. Take both"
-            " passes in the same soft light, without highlights; was it the same object?"
+            f"print and outlines of pass {number} fit to pass 1, but where they lie on each other the pictures differ: {left_out}."
+            " Take both passes in the same soft light, without highlights; was it the same object?"
         )
     return f"pass {number} fits to pass 1, but too little print shows that it is right: {left_out}"
