@@ -97,7 +97,7 @@ def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
     assert records[0]["masks_by"] == "saliency.onnx" and records[0]["tried"]["colmap"]["reason"] == "3 of 20 images registered"
     assert [round(compute_overlap(mask, ball_mask(camera)), 1) for mask, camera in zip(taken, ball_cameras(), strict=True)] == [1.0] * 12
     kept = sorted(path.name for path in (tmp_path / "cameras/saliency").iterdir())
-    assert kept == [*(f"{index:06d}.png" for index in range(12)), "network.json"]
+    assert kept == [*(f"{index:06d}.png" for index in range(12)), "finder.json"]
     seen = read_mask(tmp_path / "cameras/saliency/000003.png")
     assert compute_overlap(seen, undistort_mask(taken[3], LENS)) > 0.97 > compute_overlap(seen, taken[3])
     with pytest.raises(StepError, match="missing.onnx does not exist"):
@@ -109,5 +109,5 @@ def test_without_masks_and_network_the_reason_says_what_would_help(tmp_path):
     parser = argparse.ArgumentParser()
     auto.add_arguments(parser)
     words = ["--capture", tmp_path / "capture", "--scene", "video", "--out", tmp_path / "cameras", "--weights", tmp_path / "nowhere"]
-    with pytest.raises(RegistrationFailed, match=r"they need their weights, .* and masks of the object, .*segment\.saliency\.weights"):
+    with pytest.raises(RegistrationFailed, match=r"they need their weights, .*Masks of the object help them, .*segment\.saliency\.weights"):
         auto.run(parser.parse_args(list(map(str, words))))

@@ -17,7 +17,9 @@ from zeroshop_steps.register.record import RegistrationFailed
 def network_of(masks):
     """A network that answers with these masks."""
     maps = [np.float32(mask) for mask in masks]
-    return SimpleNamespace(path=Path("saliency.onnx"), find_maps=lambda paths, width_px: maps, describe=lambda: {"sha256": "of this one"})
+    return SimpleNamespace(
+        name="saliency.onnx", path=Path("saliency.onnx"), find_maps=lambda paths, width_px: maps, describe=lambda: {"sha256": "of this one"}
+    )
 
 
 def test_thin_is_what_few_points_hold():

@@ -7,11 +7,13 @@ from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
 from helpers.table_scene import table_views
 from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.networks.saliency_maps import write_maps
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, keep_main_thing
+from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment.mask_agreement import compute_overlap, render_common_hull
-from zeroshop_steps.segment.saliency import PRIOR_ODDS, weigh_maps
+from zeroshop_steps.segment.prior_maps import PRIOR_ODDS, weigh_maps
 from zeroshop_steps.segment.support_plane import find_masks
 
 OTHER = (1.3, 0.9, 0.2)
@@ -40,6 +42,17 @@ def test_the_object_is_found_where_there_is_no_ground(workplace):
     for path, truth in zip(list_images(folder / "cameras/images"), masks, strict=True):
         found = read_mask(folder / "cameras/masks" / f"{path.stem}.png", truth.shape[::-1])
         assert compute_overlap(found, truth) > 0.93
+
+
+@pytest.mark.slow
+def test_what_contrasted_with_a_plain_ground_when_registering_gives_the_masks(workplace):
+    """The object was registered alone: there are no points of a ground, and the maps of single photos vote."""
+    folder, masks = workplace
+    images = list_images(folder / "scene/images")
+    write_maps(folder / "scene", GroundContrast(), {path.stem: np.float32(mask) for path, mask in zip(images, masks, strict=True)}, 480)
+    assert stage_main("zeroshop_steps.segment", ["--method", "support_plane", "--scene", "scene", "--out", "cameras"]) == 0
+    record = read_json(folder / "cameras/segmentation.json")
+    assert record["method"] == "support_plane" and record["prior"] == "ground_contrast" and record["good_masks"] == 12
 
 
 def test_what_few_photos_see_says_nothing():

@@ -8,7 +8,8 @@ import pytest
 from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.scene_support import find_focus, fit_scene_support
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.support_plane import find_masks, tidy_mask
+from zeroshop_steps.segment.support_plane import find_masks
+from zeroshop_steps.segment.tidy_mask import tidy_mask
 
 
 def overlap(one, other):

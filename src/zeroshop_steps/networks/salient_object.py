@@ -7,7 +7,7 @@ BiRefNet (Zheng et al. 2024) and what was trained like them. Nothing is shipped 
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -24,6 +24,20 @@ USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and 
 THREADS = 2  # always the same number, because sums in another order change single pixels
 CHANNELS = 3
 WARNINGS = 3  # the severity from which onnxruntime speaks: errors; it warns of unused weights otherwise
+
+
+class ObjectFinder(Protocol):
+    """What finds the object in single photos: a network, or the contrast to a plain ground."""
+
+    @property
+    def name(self) -> str:
+        """For records."""
+
+    def describe(self) -> dict[str, Any]:
+        """What its maps depend on."""
+
+    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
+        """Maps of the photos, (h, w) float32, 0 to 1, at most `width_px` wide."""
 
 
 class SalientObjectNetwork:
@@ -97,6 +111,11 @@ class SalientObjectNetwork:
             width = min(width_px, image.shape[1])
             maps.append(self.predict(image, (width, round(image.shape[0] * width / image.shape[1]))))
         return maps
+
+    @property
+    def name(self) -> str:
+        """The file's name, for records."""
+        return self.path.name
 
     def describe(self) -> dict[str, Any]:
         """What its maps depend on: the file's SHA-256 and what it expects of an image."""

@@ -4,8 +4,9 @@ The record says which gave the cameras, and why the others did not.
 
 Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives. Learned features are tried only with masks, which
 check their cameras: on whole photos of plain tables they match other sides and other things too readily. Photos without masks get them
-by a salient-object network, if one is named; then SIFT's cameras, too, are checked by such masks where few points hold them. Outlines
-alone are tried with given masks only: a network's are too rough for them.
+by a salient-object network, if one is named; then SIFT's cameras, too, are checked by such masks where few points hold them. Without a
+network, what contrasts with a plain ground gives the masks for learned features. Outlines alone are tried with given masks only: found
+ones are too rough for them.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import pycolmap
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks, outlines
+from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
 from zeroshop_steps.register.structure import add_matching_arguments
@@ -52,22 +54,23 @@ def run(args: argparse.Namespace) -> None:
 
     attempts: dict[str, Attempt] = {"colmap": register_scene}
     there = all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER))
-    has_masks = image_set.masks is not None or network is not None
-    if there and has_masks:
+    if there:
         prepare = aliked.make_matcher(args, learned)
 
         def register_object(folder: Path) -> dict[str, Any]:
-            if network is None:
+            if image_set.masks is not None:
                 return aliked.register(image_set, folder, learned, prepare)
             return found_masks.register_by_found_masks(
-                folder, image_set, network, lambda masked: aliked.register(masked, folder, learned, prepare)
+                folder, image_set, network or GroundContrast(), lambda masked: aliked.register(masked, folder, learned, prepare)
             )
 
         attempts["aliked"] = register_object
     if image_set.masks is not None:
         scene = colmap.read_options(args)
         attempts["outlines"] = lambda folder: outlines.register(image_set, folder, outlines.OutlineOptions(scene.sift, scene.structure))
-    write_registration(args.out, lambda folder: register(folder, attempts, _advise(there, has_masks)))
+    write_registration(
+        args.out, lambda folder: register(folder, attempts, _advise(there, image_set.masks is not None or network is not None))
+    )
 
 
 def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[str, Any]:
@@ -101,15 +104,15 @@ def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[
 
 
 def _advise(there: bool, has_masks: bool) -> str:
-    """What would let learned features find the cameras, as the end of a sentence; empty where they were tried."""
-    needs = []
+    """What would let learned features find the cameras, as the end of a reason; empty where they had all that helps."""
+    advice = ""
     if not there:
         rows = [read_table()[f"{FOLDER}/{name}"] for name in (EXTRACTOR, MATCHER)]
         megabytes = sum(row.size_bytes or 0 for row in rows) / 1e6
-        needs.append(
-            f"their weights, which `snakemake {WEIGHTS_FOLDER / FOLDER}/{{{EXTRACTOR},{MATCHER}}}` downloads"
-            f" ({megabytes:.0f} MB, {rows[0].licence})"
+        advice += (
+            f". Learned features may find the cameras; they need their weights, which `snakemake {WEIGHTS_FOLDER / FOLDER}/"
+            f"{{{EXTRACTOR},{MATCHER}}}` downloads ({megabytes:.0f} MB, {rows[0].licence})"
         )
     if not has_masks:
-        needs.append("masks of the object, yours or by a salient-object network (segment.saliency.weights)")
-    return f". Learned features may find the cameras; they need {' and '.join(needs)}" if needs else ""
+        advice += ". Masks of the object help them, yours or by a salient-object network (segment.saliency.weights)"
+    return advice

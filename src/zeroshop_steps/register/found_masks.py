@@ -1,6 +1,7 @@
-"""Masks of photos by a salient-object network: enough to register the object alone, and to check cameras that little else holds.
+"""Masks of photos by a salient-object network, or by their contrast to a plain ground.
 
-The network takes the thing in the middle of each photo. Masks that show something else are found by the registration.
+They are enough to register the object alone, and a network's to check cameras that little else holds. Both take the thing in the middle
+of each photo. Masks that show something else are found by the registration.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.networks.saliency_maps import write_maps
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, cut_main_things
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, ObjectFinder, SalientObjectNetwork, cut_main_things
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.outline_check import measure_outline_misses_px
@@ -55,30 +56,30 @@ def load_network(args: argparse.Namespace) -> SalientObjectNetwork | None:
 
 
 def register_by_found_masks(
-    folder: Path, image_set: ImageSet, network: SalientObjectNetwork, register: Callable[[ImageSet], dict[str, Any]]
+    folder: Path, image_set: ImageSet, finder: ObjectFinder, register: Callable[[ImageSet], dict[str, Any]]
 ) -> dict[str, Any]:
-    """Register the object alone by a network's masks; what it saw in the photos is kept beside the cameras.
+    """Register the object alone by masks that are found in each photo; what was seen in the photos is kept beside the cameras.
 
     Args:
         folder: the registration.
         image_set: photos without masks.
-        network: what finds the object in each.
+        finder: what finds the object in each.
         register: fills `folder` from images with masks, and returns its record.
 
     Raises:
-        RegistrationFailed: the network sees a thing in too few photos, or the registration fails.
+        RegistrationFailed: it sees a thing in too few photos, or the registration fails.
     """
-    maps = network.find_maps(image_set.images, WIDTH_PX)
+    maps = finder.find_maps(image_set.images, WIDTH_PX)
     with scratch_directory(folder, "masks") as scratch:
-        record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), network, scratch))
+        record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), finder, scratch))
     by_stem = {path.stem: (found, size) for path, found, size in zip(image_set.images, maps, image_set.sizes_px, strict=True)}
     undistorted = {
         camera.name: _undistort_map(*by_stem[stem], find_lens(record, stem))
         for camera in read_sparse_model(folder / "sparse").cameras
         if (stem := Path(camera.name).stem) in by_stem
     }
-    write_maps(folder, network, {Path(name).stem: found for name, found in undistorted.items()}, WIDTH_PX)
-    return record | {"masks_by": network.path.name}
+    write_maps(folder, finder, {Path(name).stem: found for name, found in undistorted.items()}, WIDTH_PX)
+    return record | {"masks_by": finder.name}
 
 
 def _undistort_map(found: np.ndarray, size_px: tuple[int, int], lens: dict[str, Any] | None) -> np.ndarray:
@@ -91,8 +92,8 @@ def _undistort_map(found: np.ndarray, size_px: tuple[int, int], lens: dict[str, 
     return np.asarray(cv2.resize(whole, found.shape[::-1], interpolation=cv2.INTER_AREA))
 
 
-def _mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientObjectNetwork, folder: Path) -> ImageSet:
-    """The images in which the network sees a thing, with masks that are written to `folder`.
+def _mask_images(image_set: ImageSet, found: list[np.ndarray], finder: ObjectFinder, folder: Path) -> ImageSet:
+    """The images in which the finder sees a thing, with masks that are written to `folder`.
 
     Raises:
         RegistrationFailed: it sees one in too few.
@@ -100,7 +101,7 @@ def _mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientO
     chosen, masks = _write_useful(found, image_set.images, folder)
     if len(chosen) < MIN_IMAGES:
         raise RegistrationFailed(
-            f"{network.path} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
+            f"{finder.name} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
         )
     return replace(
         image_set,

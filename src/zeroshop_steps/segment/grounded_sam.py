@@ -25,7 +25,7 @@ from zeroshop_steps.segment.detector import Box, Detector, choose_box, describe_
 from zeroshop_steps.segment.mask_agreement import assess_masks, compute_overlap, find_corners
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
-from zeroshop_steps.segment.support_plane import tidy_mask
+from zeroshop_steps.segment.tidy_mask import tidy_mask
 from zeroshop_steps.segment.tracker import ObjectTracker, TrackedMask
 
 PROMPT = "object in the middle."

@@ -10,22 +10,18 @@ import time
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.networks.saliency_maps import find_maps
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, cut_main_things
-from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
-from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, describe_quality, find_rim_px, move_rim
+from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
+from zeroshop_steps.segment.prior_maps import Masks, find_by_maps
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 
 METHOD: dict[str, Any] = {"rank": 1, "own_weights": True, "runtime_min": 60}
-PRIOR_ODDS = 2.5
-"""Log odds where the network is sure and the photos agree: more than the ground or colours can say, less than both."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,16 +52,12 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     views, model = read_views(args.scene)
     maps = find_maps(args.scene, load_network(args), [view.image_path for view in views], args.image_width_px)
-    prior = weigh_maps(maps, [view.camera for view in views])
+
+    def find_on_ground(prior: list[np.ndarray]) -> Masks:
+        return support_plane.find_masks(views, model, args.image_width_px, args.seed, prior)
+
     with show_rejected_masks([view.image_path for view in views], args.rejected):
-        try:
-            masks, record = support_plane.find_masks(views, model, args.image_width_px, args.seed, prior)
-        except MasksRejected:
-            raise
-        except StepError as error:
-            print(f"no ground that helps: {error}")
-            masks, record = find_without_ground(maps, views)
-            record["without_ground"] = str(error)
+        masks, record = find_by_maps(maps, views, find_on_ground)
     record |= {"method": "saliency", "network": args.weights.name, "seconds": round(time.monotonic() - start_s, 2)}
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
@@ -86,39 +78,3 @@ def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argpar
     names = [path.name for path in paths]
     check_enough_good(qualities, names, masks)
     return masks, {"method": "saliency", "network": args.weights.name, **describe_quality(qualities, names)}
-
-
-def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
-    """Log odds of the object, (h, w), at most `PRIOR_ODDS` either way, by maps of these sizes.
-
-    They are 0 where a photo contradicts the hull of all: it takes something else along, or a part for the whole. At the hull's rim,
-    which is as coarse as its voxels, the photo decides.
-    """
-    hulls, _ = assess_masks([found > 0.5 for found in maps], _resize_cameras(cameras, maps))
-    weighed = []
-    for found, hull in zip(maps, hulls, strict=True):
-        odds = PRIOR_ODDS * (2 * found - 1)
-        grown, shrunk = move_rim(hull, find_rim_px(hull))
-        contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
-        weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))
-    return weighed
-
-
-def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list[np.ndarray], dict[str, Any]]:
-    """(H, W) bool masks by the network alone, without what lies off the hull that they share, and the record of their quality.
-
-    Raises:
-        StepError: too few agree.
-    """
-    cameras = _resize_cameras([view.camera for view in views], maps)
-    hulls, _ = assess_masks([found > 0.5 for found in maps], cameras)
-    tidied = [support_plane.tidy_mask(found, hull) if hull.any() else found for found, hull in zip(maps, hulls, strict=True)]
-    _, qualities = assess_masks([mask > 0.5 for mask in tidied], cameras)
-    names = [view.camera.name for view in views]
-    check_enough_good(qualities, names, tidied)
-    sizes_px = [(view.camera.width_px, view.camera.height_px) for view in views]
-    return [cv2.resize(mask, size) > 0.5 for mask, size in zip(tidied, sizes_px, strict=True)], describe_quality(qualities, names)
-
-
-def _resize_cameras(cameras: list[Camera], maps: list[np.ndarray]) -> list[Camera]:
-    return [camera.resized(found.shape[1], found.shape[0]) for camera, found in zip(cameras, maps, strict=True)]

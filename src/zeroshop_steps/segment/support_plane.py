@@ -15,20 +15,21 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.networks.saliency_maps import read_maps
+from zeroshop_steps.register.found_masks import WIDTH_PX as MAPS_WIDTH_PX
+from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.segment.ground import MOST_ODDS, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
 from zeroshop_steps.segment.plain_ground import find_risen_points, fit_plain_ground, join_odds
 from zeroshop_steps.segment.plane_search import find_scene_support, has_settled, settle_support
+from zeroshop_steps.segment.prior_maps import Masks, find_by_maps
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
+from zeroshop_steps.segment.tidy_mask import tidy_mask
 
 WIDTH_PX = 480  # images are cut at this width at most; time grows with its square
-# Shares of a mask's area: separate parts below the first are dropped, holes up to the second are filled.
-LEAST_ISLAND, LARGEST_FILLED_HOLE = 0.05, 0.003
-MOSTLY = 0.5  # of a separate part must lie in the common hull
-CLOSED_SHARE = 0.9  # a larger hole is filled if this share of it lies in the hull: the other views see no way through
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}
 
@@ -43,9 +44,18 @@ def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
     start_s = time.monotonic()
     views, model = read_views(args.scene)
-    with show_rejected_masks([view.image_path for view in views], args.rejected):
-        masks, record = find_masks(views, model, args.image_width_px, args.seed)
-    record["seconds"] = round(time.monotonic() - start_s, 2)
+    images = [view.image_path for view in views]
+
+    def find_on_ground(prior: list[np.ndarray] | None = None) -> Masks:
+        return find_masks(views, model, args.image_width_px, args.seed, prior)
+
+    with show_rejected_masks(images, args.rejected):
+        # Where the object was registered alone, there are no points of the ground, but there are masks of each photo alone.
+        alone = read_maps(args.scene, GroundContrast(), MAPS_WIDTH_PX)
+        masks, record = find_by_maps([alone[path.stem] for path in images], views, find_on_ground) if alone else find_on_ground()
+    if alone:
+        record["prior"] = GroundContrast.name
+    record |= {"method": "support_plane", "seconds": round(time.monotonic() - start_s, 2)}
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
@@ -124,22 +134,3 @@ def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[
         cameras.append(camera)
         images.append(cv2.resize(view.image(), (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32))
     return cameras, images
-
-
-def tidy_mask(mask: np.ndarray, hull: np.ndarray) -> np.ndarray:
-    """The (H, W) float32 mask without small or separate parts off the common hull's silhouette, (H, W) bool, and without small holes.
-
-    A larger hole is filled where the other views see no way through: print may have the ground's colours.
-    """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((mask > 0.5).astype(np.uint8), connectivity=8)
-    if count < 2:
-        return np.zeros_like(mask)
-    areas = stats[1:, cv2.CC_STAT_AREA]
-    shared = np.bincount(labels[hull], minlength=count)[1:]
-    kept = np.flatnonzero((areas >= LEAST_ISLAND * areas.max()) & (shared > MOSTLY * areas)) + 1
-    mask = np.where((mask <= 0.5) | np.isin(labels, kept), mask, 0.0)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((mask <= 0.5).astype(np.uint8), connectivity=4)
-    covered = np.bincount(labels[hull], minlength=count) / np.maximum(stats[:, cv2.CC_STAT_AREA], 1)
-    small = stats[:, cv2.CC_STAT_AREA] <= LARGEST_FILLED_HOLE * areas.sum()
-    holes = [number for number in range(1, count) if small[number] or covered[number] > CLOSED_SHARE]
-    return np.where(np.isin(labels, holes), 1.0, mask).astype(np.float32)

@@ -1,0 +1,105 @@
+"""Masks of single photos of a thing on a plain table, without a network and without cameras: what differs from the smooth ground.
+
+Over a plain table, colour changes slowly from place to place. A quadratic surface is fitted to the Lab colours around the middle of the
+photo, robustly (iteratively reweighted least squares with Cauchy's weights, Holland and Welsch 1977). What differs from it by several
+deviations, lies near the middle and does not run out of the photo is the object; GrabCut (Rother et al. 2004) then finds its outline. A
+shadow, a mirror image or a thing behind may come along, so these masks only lead learned features to the object. The cameras that they
+give are checked as all others are, and the photos vote before the final masks are cut.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.networks.salient_object import keep_main_thing
+
+WORK_WIDTH_PX = 240  # finer pictures bring the noise of the camera and cost time
+MIDDLE = 0.35  # the share of the way to the border within which the ground is not fitted: there, the object hides it
+BORDER = 0.5  # from here on, differences tell how even the ground is
+LEAST_DEVIATION = 0.8  # of L, a and b: noise and compression of a perfectly even ground
+DIFFERENT = 3.0  # deviations
+ITERATIONS, CUTS = 12, 4  # of the fit, and of GrabCut
+SURE_PX, FAR_PX = 3, 12  # what lies so deep in the difference is the object, what lies so far from it is not
+
+
+class GroundContrast:
+    """Finds the object in photos of a plain table, as `SalientObjectNetwork` does."""
+
+    name = "ground_contrast"
+
+    def describe(self) -> dict[str, Any]:
+        """What its maps depend on."""
+        return {"method": self.name}
+
+    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
+        """Maps of the object, (h, w) float32, 0 or 1 but for the rim, at most `width_px` wide; all 0 where nothing differs."""
+        maps = []
+        for path in paths:
+            image = read_image(path)
+            width = min(width_px, image.shape[1])
+            found = find_contrasting_thing(image).astype(np.float32)
+            maps.append(cv2.resize(found, (width, round(image.shape[0] * width / image.shape[1]))))
+        return maps
+
+
+def find_contrasting_thing(image: np.ndarray) -> np.ndarray:
+    """The thing near the middle of an (H, W, 3) RGB photo that differs from the ground around it: (h, w) bool, at most 240 px wide."""
+    width = min(WORK_WIDTH_PX, image.shape[1])
+    resized = cv2.resize(image, (width, round(image.shape[0] * width / image.shape[1])), interpolation=cv2.INTER_AREA)
+    small = np.asarray(cv2.bilateralFilter(resized, 5, 20, 3))
+    different = (measure_contrast(small) > DIFFERENT).astype(np.uint8)
+    thing = _keep_inner_thing(cv2.morphologyEx(different, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0)
+    thing = fill_holes(cv2.morphologyEx(thing.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0)
+    return _cut_outline(small, thing) if thing.any() else thing
+
+
+def measure_contrast(image: np.ndarray) -> np.ndarray:
+    """By how many deviations each pixel of an (h, w, 3) RGB photo differs from the smooth ground, (h, w)."""
+    height, width = image.shape[:2]
+    y, x = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1).reshape(-1, 6)
+    colors = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB).reshape(-1, 3).astype(float)
+    out = np.maximum(np.abs(x), np.abs(y)).ravel()
+    around = (out > MIDDLE).astype(float)
+    weights, contrast = around, np.zeros(len(out))
+    for _ in range(ITERATIONS):
+        fit = np.linalg.lstsq(terms * weights[:, None], colors * weights[:, None], rcond=None)[0]
+        residual = colors - terms @ fit
+        deviation = 1.4826 * np.median(np.abs(residual[out > BORDER]), axis=0) + LEAST_DEVIATION
+        contrast = np.sqrt(((residual / deviation) ** 2).mean(axis=1))
+        weights = around / (1 + (contrast / 2) ** 2)
+    return contrast.reshape(height, width)
+
+
+def fill_holes(mask: np.ndarray) -> np.ndarray:
+    """An (h, w) bool mask without the holes that do not reach the border."""
+    _, labels = cv2.connectedComponents((~mask).astype(np.uint8))
+    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    return mask | ~np.isin(labels, np.unique(rim))
+
+
+def _keep_inner_thing(different: np.ndarray) -> np.ndarray:
+    """The main thing of an (h, w) bool map, where possible of those that do not run out of the photo, as walls and other things do."""
+    _, labels = cv2.connectedComponents(different.astype(np.uint8), connectivity=8)
+    rim = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    inner = different & ~np.isin(labels, rim)
+    return keep_main_thing((inner if inner.any() else different).astype(np.float32)) > 0.5
+
+
+def _cut_outline(image: np.ndarray, thing: np.ndarray) -> np.ndarray:
+    """The thing, (h, w) bool, cut along colours and edges of the (h, w, 3) RGB photo."""
+    labels = np.where(thing, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    inside = cv2.distanceTransform(thing.astype(np.uint8), cv2.DIST_L2, 3)
+    outside = cv2.distanceTransform((~thing).astype(np.uint8), cv2.DIST_L2, 3)
+    labels[inside > SURE_PX], labels[outside > FAR_PX] = cv2.GC_FGD, cv2.GC_BGD
+    if not ((labels == cv2.GC_FGD).any() and (labels == cv2.GC_BGD).any()):
+        return thing
+    cv2.setRNGSeed(0)  # GrabCut starts from k-means
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(np.ascontiguousarray(image[..., ::-1]), labels, (0, 0, 1, 1), *models, CUTS, cv2.GC_INIT_WITH_MASK)
+    cut = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+    return keep_main_thing(cut.astype(np.float32)) > 0.5
