@@ -1,4 +1,4 @@
-"""Train both optimizers for a few steps on a small ball and print a digest of what comes out, once for each number of threads given."""
+"""Train both optimizers for a few steps on a small ball and print a digest of what comes out; the argument is the number of threads."""
 
 import hashlib
 import sys
@@ -48,5 +48,4 @@ def train(threads: int) -> None:
 
 
 if __name__ == "__main__":
-    for word in sys.argv[1:]:
-        train(int(word))
+    train(int(sys.argv[1]))

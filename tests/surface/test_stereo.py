@@ -34,8 +34,8 @@ def some_seeds(views: list[TrainingView]) -> Seeds:
 
 @pytest.mark.slow
 def test_stereo_finds_the_surface_and_its_normals() -> None:
-    enlarged = 3
-    views, depths = ball_views(enlarged * SIZE_PX, fineness=3.0)
+    enlarged = 2
+    views, depths = ball_views(enlarged * SIZE_PX, fineness=2.0)
     hull = VisualHull.carve([view.camera for view in views], [view.mask.numpy() > 0 for view in views], 1.0, 48, misses_allowed=1)
     seeds = find_seeds(views, hull, seed=0)
     radius = np.linalg.norm(seeds.positions, axis=1)
