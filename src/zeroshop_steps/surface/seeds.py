@@ -6,6 +6,7 @@ The visual hull closes every hollow with a lid. Wherever the surface has shading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from zeroshop_steps.geometry.registered_views import View, find_possible, read_o
 from zeroshop_steps.geometry.visual_hull import VisualHull
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
-from zeroshop_steps.surface.training_views import TrainingView
+
+if TYPE_CHECKING:  # it imports torch, which takes longer than most steps that only read seeds
+    from zeroshop_steps.surface.training_views import TrainingView
 
 HULL_RESOLUTION = 128
 """Voxels along an edge of the cube of the visual hull."""
@@ -41,7 +44,7 @@ class Seeds:
     carved_hull: VisualHull
 
 
-def carve_hull(grid: Sequence[TrainingView]) -> VisualHull:
+def carve_hull(grid: Sequence["TrainingView"]) -> VisualHull:
     """The visual hull of the masks, in normalized coordinates; grid: the views at the pixels at which stereo estimates planes."""
     masks = [view.find_possible() for view in grid]
     return VisualHull.carve([view.camera for view in grid], masks, half_extent=1.0, resolution=HULL_RESOLUTION, misses_allowed=1)
