@@ -6,7 +6,6 @@ is used.
 
 import fcntl
 import os
-import shutil
 from pathlib import Path
 
 import pytest
@@ -107,20 +106,12 @@ def carton_capture(tmp_path_factory) -> Path:
 
 
 def _capture_carton(folder: Path) -> None:
-    from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
+    from zeroshop_steps.synthetic.camera_rings import Rings
     from zeroshop_steps.synthetic.demo_objects import write_demo_object
     from zeroshop_steps.synthetic.raycast import capture
 
     write_demo_object("gelatin_carton", folder / "model")
-    capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "whole")
-    ring = folder / "ring"
-    names = [f"{index:06d}.png" for index in range(10, 20)]
-    for part in ("images", "masks", "depth"):
-        (ring / part).mkdir(parents=True)
-        for name in names:
-            shutil.copy(folder / "whole" / part / name, ring / part / name)
-    cameras = read_sparse_model(folder / "whole" / "truth").cameras
-    write_cameras(ring / "truth", [camera for camera in cameras if camera.name in names])
+    capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "ring", rings=Rings(elevations_deg=(45.0,)))
 
 
 @pytest.fixture(scope="session")

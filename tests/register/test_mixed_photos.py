@@ -101,4 +101,4 @@ def test_turned_and_reduced_photos_are_registered_as_well(carton_capture, tmp_pa
     error_mm = np.linalg.norm(transform_points(found, align_to_truth(pairs)) - true, axis=1)
     assert len(pairs) == 10 and error_mm.mean() < 1.0
     record = read_json(out / "registration.json")
-    assert record["lens"] is None and record["lenses"]["000010"]["width_px"] == 360
+    assert record["lens"] is None and record["lenses"]["000000"]["width_px"] == 360

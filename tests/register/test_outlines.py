@@ -17,7 +17,7 @@ from zeroshop_steps.register.outline_tangents import adjust_by_tangents
 from zeroshop_steps.register.outlines import OutlineOptions, make_cameras, read_way, register
 from zeroshop_steps.register.record import RegistrationFailed
 
-VIEWS, FOCAL_PX, SIZE_PX, FINER = 12, 1050.0, (800, 600), 4
+VIEWS, FOCAL_PX, SIZE_PX, FINER = 8, 1050.0, (800, 600), 4
 ARMS_MM = (((-50, -10, 0), (50, 10, 20)), ((20, -10, 0), (50, 60, 15)), ((-50, -12, 0), (-30, 12, 70)))
 """Corners of boxes: an object with arms of different lengths."""
 GUESSED_PX = np.full(VIEWS, 960.0)
@@ -67,9 +67,14 @@ def write_capture(folder, masks):
     return read_image_set(folder)
 
 
+@pytest.fixture(scope="module")
+def masks_of_arms(cameras):
+    return {camera.name: draw_mask(camera, arms()) for camera in cameras}
+
+
 @pytest.mark.slow
-def test_cameras_around_a_plain_object_are_found(cameras, tmp_path):
-    image_set = write_capture(tmp_path / "capture", {camera.name: draw_mask(camera, arms()) for camera in cameras})
+def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_path):
+    image_set = write_capture(tmp_path / "capture", masks_of_arms)
     (tmp_path / "out").mkdir()
     record = register(image_set, tmp_path / "out", OutlineOptions())
     error = compare_cameras(read_sparse_model(tmp_path / "out/sparse").cameras, cameras)
@@ -95,8 +100,8 @@ def test_right_cameras_of_an_object_of_revolution_fit_elsewhere_too(cameras, tmp
 
 
 @pytest.mark.slow
-def test_tangents_bring_shaken_views_back(cameras):
-    outlines = prepare_outlines([draw_mask(camera, arms()) for camera in cameras], GUESSED_PX)
+def test_tangents_bring_shaken_views_back(masks_of_arms):
+    outlines = prepare_outlines(list(masks_of_arms.values()), GUESSED_PX)
     rng = np.random.default_rng(0)
     azimuths = 2 * np.pi * np.arange(VIEWS) / VIEWS
     views = np.zeros((VIEWS, 6))
@@ -109,9 +114,9 @@ def test_tangents_bring_shaken_views_back(cameras):
     assert before_px > 10.0 and after_px < 1.0, (before_px, after_px)
 
 
-def test_an_object_that_is_cut_off_is_refused(cameras, tmp_path):
-    masks = {camera.name: draw_mask(camera, arms()) for camera in cameras}
-    first = next(iter(masks))
+def test_an_object_that_is_cut_off_is_refused(masks_of_arms, tmp_path):
+    first = next(iter(masks_of_arms))
+    masks = {name: mask.copy() for name, mask in masks_of_arms.items()}
     masks[first][:, :200] = True
     with pytest.raises(RegistrationFailed, match=f"cut off in 1, such as {first}"):
         register(write_capture(tmp_path, masks), tmp_path / "out", OutlineOptions())

@@ -101,7 +101,7 @@ def test_true_encodings_are_the_true_cameras(carton_capture, frames):
 @pytest.mark.slow
 @pytest.mark.parametrize("encoding", [[0] * 9, [0, 0, 1, 0, 0, 0, 1, 0, 0.8], [0, 0, 1, 0, 0, 0, 1, 0.8, np.nan]])
 def test_what_is_no_camera_is_refused(frames, encoding):
-    with pytest.raises(RegistrationFailed, match="found no camera for 000010.png"):
+    with pytest.raises(RegistrationFailed, match="found no camera for 000000.png"):
         decode_cameras(np.array([encoding] * 10, float), frames)
 
 

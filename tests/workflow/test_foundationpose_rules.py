@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from helpers.running import planned
-from helpers.small_dataset import BOX, make_dataset
+from helpers.small_dataset import CAN, make_dataset
 from helpers.small_foundationpose import write_checkpoints
 from zeroshop_steps.bop.estimates import read_estimates
 from zeroshop_steps.bop.targets import Target, write_targets
@@ -27,7 +27,7 @@ def test_the_table_of_the_benchmark_is_planned_where_the_weights_are(snakemake, 
 def test_poses_are_estimated_by_the_rule(snakemake, tmp_path):
     write_checkpoints(tmp_path)
     made = make_dataset(tmp_path / "made")
-    write_targets(made.targets_path, [Target(1, 0, BOX, 1)])
+    write_targets(made.targets_path, [Target(1, 0, CAN, 1)])
     folder = tmp_path / "results/demo/bop"
     folder.mkdir(parents=True)
     for part in ("models", "test", "test_targets_bop19.json"):
