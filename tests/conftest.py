@@ -106,12 +106,14 @@ def carton_capture(tmp_path_factory) -> Path:
 
 
 def _capture_carton(folder: Path) -> None:
+    from helpers.coarse_ground import coarse_ground
     from zeroshop_steps.synthetic.camera_rings import Rings
     from zeroshop_steps.synthetic.demo_objects import write_demo_object
     from zeroshop_steps.synthetic.raycast import capture
 
     write_demo_object("gelatin_carton", folder / "model")
-    capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "ring", rings=Rings(elevations_deg=(45.0,)))
+    with coarse_ground(2048):
+        capture(folder / "model" / "model.ply", "su_h", 480, 360, 0, folder / "ring", rings=Rings(elevations_deg=(45.0,)))
 
 
 @pytest.fixture(scope="session")

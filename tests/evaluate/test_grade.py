@@ -1,5 +1,4 @@
 import csv
-import functools
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ import trimesh
 
 from helpers import ball_scene, damage
 from helpers.carton_scene import SIZE_MM, camera_at
+from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.evaluate import photo_measures
 from zeroshop_steps.evaluate.grading import GRADES, grade_by_worst
 from zeroshop_steps.evaluate.photo_measures import measure_photo_agreement
@@ -27,7 +27,6 @@ from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED, UNSEEN
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic import lighting, scene_meshes
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
 
@@ -40,9 +39,7 @@ def mesh_of(shape: trimesh.Trimesh) -> Mesh:
 
 def small_case(name: str, folder: Path) -> damage.Case:
     write_demo_object(name, folder / "model")
-    with pytest.MonkeyPatch.context() as patch:  # as fine as these small photos can show
-        patch.setattr(lighting, "SURFACE_CELLS", 24)
-        patch.setattr(scene_meshes, "make_rich_texture", functools.partial(scene_meshes.make_rich_texture, texels=1024))
+    with coarse_ground(1024):
         capture(folder / "model" / "model.ply", "su_h", WIDTH_PX, HEIGHT_PX, 0, folder / "capture")
     return damage.read_case(folder / "capture", folder / "model" / "model.ply")
 

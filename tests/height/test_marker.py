@@ -1,12 +1,12 @@
 """The board in rendered scenes: beside the object, and in photos of the empty scene that are placed among the object's."""
 
-import functools
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import list_images, read_image, write_image
 from zeroshop_steps.geometry.registered_views import read_views
@@ -14,7 +14,6 @@ from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic import lighting, scene_meshes
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
 
@@ -39,11 +38,9 @@ def registered_ring(whole: Path, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def coarse_ground():
-    """A ground with half the texels on a side, still finer than these photos show, and light that is sampled more coarsely."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lighting, "SURFACE_CELLS", 24)
-        patch.setattr(scene_meshes, "make_rich_texture", functools.partial(scene_meshes.make_rich_texture, texels=2048))
+def ground():
+    """A ground that is still finer than these photos show."""
+    with coarse_ground(2048):
         yield
 
 

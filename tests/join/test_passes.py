@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.registered_views import choose_standing, read_views
 from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SURE_PAIRS, Judgement
@@ -48,9 +49,10 @@ def test_the_reason_names_what_contradicts():
 
 
 def render_and_register(folder, model, seed):
-    common = ["--width", "400", "--height", "300", "--seed", str(seed), "--threads", "1", "--views-per-ring", "6"]
+    common = ["--width", "320", "--height", "240", "--seed", str(seed), "--threads", "1", "--views-per-ring", "6"]
     words = ["--method", "raycast", "--model", str(model / "model.ply"), "--scene", "su_h", *common, "--out", str(folder / "capture")]
-    assert stage_main("zeroshop_steps.synthetic", words) == 0
+    with coarse_ground(2048):
+        assert stage_main("zeroshop_steps.synthetic", words) == 0
     words = [
         "--method",
         "truth",

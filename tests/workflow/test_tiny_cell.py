@@ -150,7 +150,7 @@ def test_a_failure_after_the_registration_is_a_row_too(cell, tmp_path):
     repaired = again(folder, f"{CELL}/raw_mesh.ply")
     assert repaired.returncode == 0 and len(read_ply(folder / CELL / "raw_mesh.ply").faces) > 100, repaired.stdout
     rest = planned(again(folder, "-n", "results/demo/mustard_bottle/cells.csv").stdout)
-    assert {"clean", "close", "texture", "export", "grade", "cells"} <= set(rest), "nothing stays of the failure"
+    assert {"clean", "close", "texture", "export", "grade", "cell"} <= set(rest), "nothing stays of the failure"
 
 
 def test_views_of_several_sizes_make_as_good_a_mesh(cell, tmp_path):

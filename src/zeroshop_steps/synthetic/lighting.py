@@ -97,12 +97,12 @@ def bake_light(
     lights: Lights,
     seed: int,
     merged_mm: float | None = None,
-    surface_cells: int = SURFACE_CELLS,
+    surface_cells: int | None = None,
 ) -> BakedLight:
     """Compute the light at all samples. `parts[0]` is the object (geometry 0), `parts[1]`, if any, the surface.
 
     Samples of the object that lie within about `merged_mm` of each other and face the same way share theirs, where it is given.
-    The surface's samples are the middles of `surface_cells` squared cells.
+    The surface's samples are the middles of `surface_cells` squared cells, of SURFACE_CELLS by default.
     """
     part = parts[0]
     corners = part.vertices[part.faces]
@@ -113,7 +113,7 @@ def bake_light(
     bounce = SURFACE_BOUNCE if len(parts) > 1 else 0.0
     chosen, share = _merge_samples(points, normals, merged_mm) if merged_mm else (slice(None), slice(None))
     object_light = _bake_points(scene, points[chosen], normals[chosen], lights, bounce, seed)[share]
-    cells = surface_cells if len(parts) > 1 else 2
+    cells = (surface_cells or SURFACE_CELLS) if len(parts) > 1 else 2
     side_mm = 2 * SURFACE_BAKED_IN_SIZES * bounds.largest_mm
     origin_mm = bounds.centre_mm[:2] - side_mm / 2
     surface_light: np.ndarray = np.ones((cells, cells, CHANNELS), np.float32)

@@ -53,7 +53,7 @@ class SceneRenderer:
         lights: lighting.Lights | None = None,
         merged_mm: float | None = None,
         mirror: float = 0.0,
-        surface_cells: int = lighting.SURFACE_CELLS,
+        surface_cells: int | None = None,
     ) -> None:
         self.scene = ray_caster(*((part.vertices, part.faces) for part in parts))
         self._mirror, self._surface_mm = mirror, bounds.bottom_mm
