@@ -14,6 +14,7 @@ from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.synthetic.camera_rings import Rings
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
 
@@ -25,8 +26,8 @@ def run(stage: str, *words: object) -> int:
 
 
 def registered_ring(whole: Path, folder: Path) -> Path:
-    """The raised ring of ten views of a capture with its true cameras, triangulated."""
-    names = [f"{index:06d}.png" for index in range(10, 20)]
+    """The raised ring, the last ten views of a capture, with its true cameras, triangulated."""
+    names = [path.name for path in list_images(whole / "images")[-10:]]
     for part in ("images", "masks"):
         (folder / "ring" / part).mkdir(parents=True)
         for name in names:
@@ -64,7 +65,7 @@ def beside(model, tmp_path_factory) -> Path:
 def apart(model, tmp_path_factory) -> tuple[Path, Path]:
     """Registered views of the carton without a board, and photos of the empty scene with it."""
     folder = tmp_path_factory.mktemp("apart")
-    capture(model, "su_h", 640, 480, 0, folder / "capture")
+    capture(model, "su_h", 640, 480, 0, folder / "capture", rings=Rings(elevations_deg=(45.0,)))
     words = ("--method", "board_scene", "--view", "empty", "--model", model, *SIZE, "--out", folder / "empty")
     assert run("synthetic", *words) == 0
     return registered_ring(folder / "capture", folder), folder / "empty"

@@ -89,7 +89,7 @@ def run(args):
     write_json(args.out.with_suffix(".json"), {"seconds": 0.0})
 '''
 CONFIG = """
-capture: {image_width_px: 320, image_height_px: 240}
+capture: {image_width_px: 320, image_height_px: 240, views_per_ring: 6}
 finish: {texture_size_px: 256, clean: {max_faces: 3000}}
 register: {copied: {greeting: welcome}}
 nvs: {hull: {voxels: 40}}
