@@ -54,10 +54,18 @@ def bowl(tmp_path_factory) -> damage.Case:
     return small_case("bowl", tmp_path_factory.mktemp("bowl"))
 
 
-@pytest.fixture(autouse=True)
-def fewer_samples(monkeypatch):
-    monkeypatch.setattr(surface_distance, "SAMPLES", 10_000)
-    monkeypatch.setattr(photo_measures, "SAMPLES", 2000)
+@pytest.fixture(scope="module", autouse=True)
+def fewer_samples():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(surface_distance, "SAMPLES", 10_000)
+        patch.setattr(photo_measures, "SAMPLES", 2000)
+        yield
+
+
+@pytest.fixture(scope="module")
+def undamaged(bottle) -> dict:
+    """The grade of the bottle's fused surface: the first step of every damage is none."""
+    return damage.grade_of(bottle, damage.fused(bottle))
 
 
 def test_the_worst_measure_decides_and_is_named():
@@ -149,9 +157,9 @@ def test_the_lid_of_a_visual_hull_is_found_by_photos_alone(bowl):
 @pytest.mark.parametrize(
     "name", ["camera noise, degrees", "views kept of 20", "bite out of the masks", "cropped from the top", "smoothing steps"]
 )
-def test_the_grade_falls_in_order_with_damage(bottle, name):
+def test_the_grade_falls_in_order_with_damage(bottle, undamaged, name):
     """Three of six steps here; the command of damage.py shows all of them, and other objects."""
-    graded = [content for _, _, content in damage.graded_damages(bottle, [name], numbers=(0, 2, 5))]
+    graded = [undamaged, *(content for _, _, content in damage.graded_damages(bottle, [name], numbers=(2, 5)))]
     for side in ("photos", "truth"):
         order = [GRADES.index(content[side]["grade"]) for content in graded]
         assert order == sorted(order, reverse=True)
@@ -160,8 +168,8 @@ def test_the_grade_falls_in_order_with_damage(bottle, name):
 
 
 @pytest.mark.slow
-def test_few_photos_are_no_good_even_if_all_have_their_cameras(bottle):
-    graded = [content for _, _, content in damage.graded_damages(bottle, ["photos taken of 20"], numbers=(0, 5))]
+def test_few_photos_are_no_good_even_if_all_have_their_cameras(bottle, undamaged):
+    graded = [undamaged, *(content for _, _, content in damage.graded_damages(bottle, ["photos taken of 20"], numbers=(5,)))]
     assert [content["photos"]["grade"] for content in graded] == ["good", "sparse"]
     assert GRADES.index(graded[-1]["truth"]["grade"]) < GRADES.index("good")
 
