@@ -5,6 +5,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.report.grasp_robustness import draw_scale_plot
 from zeroshop_steps.report.grasping import FIRST, OVERLAP_POSED, OVERLAP_SEGMENTED, SECOND
 from zeroshop_steps.report.thesis_entries import SUBSTITUTED, WAITING, list_grasps
 from zeroshop_steps.runtime.cli import stage_main
@@ -78,13 +80,37 @@ def test_damaged_models_are_drawn_over_their_error(tmp_path: Path) -> None:
         for models, good in (("models", 8), ("models_scaled_minus_10", 4), ("models_scaled_plus_10", 2), ("models_without_underside", 6))
     ]
     words = ["--method", "grasp_robustness", "--attempts", *map(str, folders), "--out", str(tmp_path / "grasp_robustness.csv")]
+    words += ["--scale-plot", str(tmp_path / "grasp_scale.svg"), "--underside-plot", str(tmp_path / "grasp_underside.svg")]
     assert stage_main("zeroshop_steps.report", words) == 0
     rows = read_table(tmp_path / "grasp_robustness.csv")
     first = rows[rows.measure == FIRST]
     assert dict(zip(first.damage + " " + first.amount, first.value, strict=True)) == {
         "scale 0 %": "100.0", "underside there": "100.0", "scale -10 %": "50.0", "scale +10 %": "25.0", "underside missing": "75.0",
     }  # fmt: skip
-    assert (tmp_path / "grasp_robustness.svg").stat().st_size > 1000 and (tmp_path / "grasp_robustness.png").stat().st_size > 1000
+    for name in ("grasp_scale", "grasp_underside"):
+        assert read_image(tmp_path / f"{name}.png").shape[0] == 600
+        assert "<svg" in (tmp_path / f"{name}.svg").read_text()
+
+
+def test_each_friction_has_a_line_of_its_own() -> None:
+    shares = {"0.5": ("100.0", "90.0"), "0.25": ("50.0", "40.0")}
+    rows = [
+        {"dataset": "demo", "object": "mug", "friction": friction, "damage": "scale", "amount": amount, "measure": FIRST, "value": value}
+        for friction, values in shares.items()
+        for amount, value in zip(("0 %", "+10 %"), values, strict=True)
+    ]
+    drawn = draw_scale_plot(rows).axes[0].get_lines()
+    assert [(line.get_label(), list(line.get_xdata()), list(line.get_ydata())) for line in drawn] == [
+        ("mug, friction 0.5", [0.0, 10.0], [100.0, 90.0]), ("mug, friction 0.25", [0.0, 10.0], [51.0, 41.0]),
+    ]  # fmt: skip
+
+
+def test_scenes_of_several_things_have_a_table_of_their_own(table: Path) -> None:
+    scenes, out = table.parent / "ycbv/bop/sightings/models_delivered_2dgs", table.with_name("grasp_scenes.csv")
+    assert stage_main("zeroshop_steps.report", ["--method", "grasp_scenes", "--scenes", str(scenes), "--out", str(out)]) == 0
+    rows = read_table(out)
+    assert value_of(rows.assign(object=""), OVERLAP_SEGMENTED) == "75"
+    assert list(rows[(rows.source == "thesis") & (rows.models == "models_2dgs")].value) == ["63", "100"]
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -7,7 +7,9 @@ results/DATASET/bop/grasping/MODELS/OBJECT/attempts.csv   eight poses, with the 
 results/DATASET/bop/grasp_scenes                      several things on a table, clear and overlapping
 results/DATASET/bop/sightings/MODELS                  what the robot makes of them
 results/DATASET/tables/grasp.csv, grasp.md            the thesis's Table 4.6 in simulation
-results/DATASET/tables/grasp_robustness.csv, .svg     the same with true models of a wrong scale, or without the underside
+results/DATASET/tables/grasp_scenes.csv               the scenes of several things alone
+results/DATASET/tables/grasp_robustness.csv           attempts with true models of a wrong scale, or without the underside
+results/DATASET/tables/grasp_scale.svg, grasp_underside.svg   its two plots
 MODELS: models (true), models_delivered_NVS, or true ones damaged on purpose (robustness.smk)
 """
 
@@ -84,6 +86,7 @@ def attempts_of_robustness(
 
 localrules:
     grasp_table,
+    grasp_scenes_table,
     grasp_robustness_table,
 
 
@@ -195,11 +198,12 @@ rule grasp_scenes:
         mem_mb=per_attempt(4000),
         runtime=per_attempt(20),
     params:
+        counts=step_options({key: config["simulate"][key] for key in ("clear_scenes", "overlapping_scenes")}),
         seed=config["seed"],
     message:
         "Photographing several things of {wildcards.dataset} on a table"
     shell:
-        "python -m zeroshop_steps.simulate --method scenes --models {input.models} --seed {params.seed} --threads {threads}"
+        "python -m zeroshop_steps.simulate --method scenes --models {input.models} {params.counts} --seed {params.seed} --threads {threads}"
         " --out {output.scenes} > {log} 2>&1"
 
 
@@ -257,19 +261,44 @@ rule grasp_table:
         " --out {output.table} > {log} 2>&1"
 
 
+rule grasp_scenes_table:
+    input:
+        scenes=sightings_of_table,
+    output:
+        table=f"{TABLES}/grasp_scenes.csv",
+    log:
+        f"{TABLES}/logs/grasp_scenes.log",
+    benchmark:
+        f"{TABLES}/benchmarks/grasp_scenes.tsv"
+    resources:
+        mem_mb=per_attempt(500),
+        runtime=per_attempt(5),
+    message:
+        "Gathering what robots make of several things of {wildcards.dataset}"
+    shell:
+        "python -m zeroshop_steps.report --method grasp_scenes --scenes {input.scenes} --out {output.table} > {log} 2>&1"
+
+
 rule grasp_robustness_table:
     input:
         attempts=attempts_of_robustness,
     output:
         table=f"{TABLES}/grasp_robustness.csv",
-        plot=report(
-            f"{TABLES}/grasp_robustness.svg",
+        scale=report(
+            f"{TABLES}/grasp_scale.svg",
             caption="../report/grasp.rst",
             category="Tables",
             subcategory="{dataset}",
-            labels={"table": "robustness of grasps"},
+            labels={"table": "grasps with a wrong scale"},
         ),
-        picture=f"{TABLES}/grasp_robustness.png",
+        underside=report(
+            f"{TABLES}/grasp_underside.svg",
+            caption="../report/grasp.rst",
+            category="Tables",
+            subcategory="{dataset}",
+            labels={"table": "grasps without the underside"},
+        ),
+        pictures=[f"{TABLES}/grasp_scale.png", f"{TABLES}/grasp_underside.png"],
     log:
         f"{TABLES}/logs/grasp_robustness.log",
     benchmark:
@@ -280,4 +309,5 @@ rule grasp_robustness_table:
     message:
         "Gathering how grasps of {wildcards.dataset} fail with damaged models"
     shell:
-        "python -m zeroshop_steps.report --method grasp_robustness --attempts {input.attempts} --out {output.table} > {log} 2>&1"
+        "python -m zeroshop_steps.report --method grasp_robustness --attempts {input.attempts} --out {output.table}"
+        " --scale-plot {output.scale} --underside-plot {output.underside} > {log} 2>&1"

@@ -27,7 +27,7 @@ from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.failure_pictures import draw_outline, silhouette
 from zeroshop_steps.simulate.measure import SEGMENTED_IOU, mask_iou, pose_error_mm
 from zeroshop_steps.simulate.perception import Perception
-from zeroshop_steps.simulate.scenes import is_clear
+from zeroshop_steps.simulate.scenes import read_layouts
 
 READS_FAILURES = True
 COLUMNS = ("kind", "scene", "object_id", "visible_share", "segmented", "iou", "pose_right", "pose_error_mm", "pose_error_diameters")
@@ -53,10 +53,10 @@ def run(args: argparse.Namespace) -> None:
     )
     rows = []
     with atomic_directory(args.out) as folder:
-        scenes = list_scenes(args.scenes)
+        scenes, layouts = list_scenes(args.scenes), read_layouts(args.scenes)
         for scene_id, scene in track(scenes.items(), "scenes", len(scenes)):
             found, picture = examiner.examine(read_scene(scene)[0])
-            rows += [{"kind": "clear" if is_clear(scene_id) else "overlapping", "scene": scene_id, **row} for row in found]
+            rows += [{"kind": layouts[scene_id], "scene": scene_id, **row} for row in found]
             write_image(folder / f"{scene_id:06d}.png", picture)
         write_table(folder / "scenes.csv", rows, COLUMNS)
     right = sum(row["pose_right"] for row in rows)

@@ -1,6 +1,6 @@
 """Things lying close together on a table: each at rest as it would stand or lie, none touching another."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import manifold3d
@@ -60,10 +60,19 @@ def choose_rest(body: RigidBody, rng: np.random.Generator) -> np.ndarray:
     return transform
 
 
-def place_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator, gap_mm: float = GAP_MM) -> list[np.ndarray]:
+def place_bodies(
+    bodies: Sequence[RigidBody],
+    rng: np.random.Generator,
+    gap_mm: float = GAP_MM,
+    accept: Callable[[int, np.ndarray], bool] = lambda index, table_from_model: True,
+) -> list[np.ndarray]:
     """(4, 4) table_from_model of each body, in mm, z up, the table at 0: as near to the middle as a few tries find room.
 
-    Convex hulls keep `gap_mm` from each other, so meshes never intersect.
+    Args:
+        bodies: the shapes.
+        rng: of everything random.
+        gap_mm: that convex hulls keep from each other, so that meshes never intersect.
+        accept: asked last, with the body's index and its (4, 4) place; what it accepts is taken.
 
     Raises:
         StepError: a body finds no room.
@@ -76,7 +85,7 @@ def place_bodies(bodies: Sequence[RigidBody], rng: np.random.Generator, gap_mm: 
             radius_mm, angle = (FIRST_RADIUS_MM + RADIUS_STEP_MM * attempt) * np.sqrt(rng.uniform()), rng.uniform(0, 2 * np.pi)
             transform[:2, 3] += radius_mm * np.array([np.cos(angle), np.sin(angle)])
             shape = manifold3d.Manifold.hull_points(transform_points(body.hull, transform))
-            if all(shape.min_gap(other, gap_mm) >= gap_mm for other in placed):
+            if all(shape.min_gap(other, gap_mm) >= gap_mm for other in placed) and accept(len(transforms), transform):
                 placed.append(shape)
                 transforms.append(transform)
                 break
