@@ -55,7 +55,7 @@ def draw_scale_plot(rows: list[dict[str, Any]]) -> Figure:
     for number, (name, own) in enumerate(_lines(rows).items()):
         steps = sorted((float(amount.removesuffix(" %")), value) for damage, amount, value in own if damage == SCALE)
         axes.plot(*zip(*steps, strict=True), marker="o", color=f"C{number}", label=name)
-    axes.set(xlabel="error of the scale of the robot's models in %", ylabel=FIRST, ylim=(-3.0, 108.0))
+    axes.set(xlabel="error of the scale of the robot's models in %", ylabel=FIRST, ylim=_limits(rows))
     axes.grid(alpha=0.3)
     axes.legend()
     return figure
@@ -70,7 +70,7 @@ def draw_underside_plot(rows: list[dict[str, Any]]) -> Figure:
         steps = [(place, shares[amount]) for place, amount in enumerate(AMOUNTS) if amount in shares]
         axes.plot(*zip(*steps, strict=True), marker="o", color=f"C{number}", label=name)
     axes.set(
-        xlabel="underside of the robot's models", ylabel=FIRST, xticks=[0, 1], xticklabels=AMOUNTS, xlim=(-0.3, 1.3), ylim=(-3.0, 108.0)
+        xlabel="underside of the robot's models", ylabel=FIRST, xticks=[0, 1], xticklabels=AMOUNTS, xlim=(-0.3, 1.3), ylim=_limits(rows)
     )
     axes.grid(alpha=0.3)
     axes.legend()
@@ -87,3 +87,8 @@ def _lines(rows: list[dict[str, Any]]) -> dict[str, list[tuple[str, str, float]]
         name: [(damage, amount, value + APART_PERCENT * number) for damage, amount, value in own]
         for number, (name, own) in enumerate(lines.items())
     }
+
+
+def _limits(rows: list[dict[str, Any]]) -> tuple[float, float]:
+    """Of the shares' axis: from 0 to 100 with a margin, and room for the lines that are moved upwards."""
+    return -3.0, 103.0 + APART_PERCENT * len(_lines(rows))
