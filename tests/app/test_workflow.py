@@ -2,8 +2,9 @@
 
 import pytest
 
-from zeroshop_steps.app.summary import find_reason
+from zeroshop_steps.app.summary import find_reason, name_photos
 from zeroshop_steps.app.workflow import Progress
+from zeroshop_steps.runtime.files import write_json
 
 REPORT = """\
 Job stats:
@@ -47,3 +48,10 @@ def test_the_reason_of_a_failure_is_found(tmp_path, log, reason):
     (tmp_path / "log").write_text(log)
     found = find_reason(tmp_path / "log")
     assert len(found) == len(reason) and all(line.startswith(start) for line, start in zip(found, reason, strict=True))
+
+
+def test_photos_go_by_the_users_names(tmp_path):
+    said = "too bright in 000001.png, 000007.png"
+    assert name_photos(said, tmp_path) == said
+    write_json(tmp_path / "video/capture/capture.json", {"source_names": ["IMG_7.jpg", "IMG_9.heic"]})
+    assert name_photos(said, tmp_path) == "too bright in IMG_9.heic, 000007.png"

@@ -138,12 +138,13 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _print_outcome(cell: Path, log: Path, done: bool, start_s: float) -> None:
-    from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason
+    from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason, name_photos
 
     results = cell.parents[2]
     mesh = results / f"{cell.name}.ply"
     lines = [*describe_mesh(mesh), *describe_unseen(mesh)] if done else [f"Failed    {line}" for line in find_reason(log)]
     lines += describe_advice(cell, cell.parent / "cameras") + describe_warnings(results, start_s)
+    lines = [name_photos(line, results) for line in lines]
     lines.append(f"Time      {(time.time() - start_s) / 60:.1f} min; everything that was said: {log}")
     print("\n".join(lines))
 

@@ -64,6 +64,23 @@ def describe_warnings(folder: Path, start_s: float) -> list[str]:
     return lines + ([f"          and {len(found) - SHOWN} more in the logs below {folder}"] if len(found) > SHOWN else [])
 
 
+def name_photos(line: str, folder: Path) -> str:
+    """A line with the names of the user's photos in place of those of their copies; frames of a film keep theirs.
+
+    Args:
+        line: what a step said.
+        folder: the results of the object.
+    """
+    record = folder / "video/capture/capture.json"
+    names = read_json(record).get("source_names", []) if record.is_file() else []
+
+    def name(copy: re.Match[str]) -> str:
+        index = int(copy[1])
+        return str(names[index]) if index < len(names) else copy[0]
+
+    return re.sub(r"\b(\d{6})\.png\b", name, line)
+
+
 def find_reason(log: Path) -> list[str]:
     """The errors that the steps of a failed run ended with, from Snakemake's report; its last lines where none is marked."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in log.read_text(errors="replace").splitlines()]
