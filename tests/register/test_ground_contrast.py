@@ -40,6 +40,14 @@ def test_its_print_leaves_no_hole_and_things_that_run_out_of_the_photo_do_not_co
     assert compute_overlap(find_contrasting_thing(photo), thing_mask()) > 0.95
 
 
+def test_a_soft_shadow_is_no_part_of_the_thing():
+    photo = photograph_table().astype(float)
+    photo[100:140, 130:190] *= 0.85
+    photo = photo.astype(np.uint8)
+    photo[THING] = (200, 60, 50)
+    assert compute_overlap(find_contrasting_thing(photo), thing_mask()) > 0.95
+
+
 def test_an_empty_table_shows_nothing():
     assert not find_contrasting_thing(photograph_table()).any()
 

@@ -22,6 +22,7 @@ MIDDLE = 0.35  # the share of the way to the border within which the ground is n
 BORDER = 0.5  # from here on, differences tell how even the ground is
 LEAST_DEVIATION = 0.8  # of L, a and b: noise and compression of a perfectly even ground
 DIFFERENT = 3.0  # deviations
+DARKER = 0.5  # how much darkness alone counts: shadows and mirror images are darker, too
 ITERATIONS, CUTS = 12, 4  # of the fit, and of GrabCut
 SURE_PX, FAR_PX = 3, 12  # what lies so deep in the difference is the object, what lies so far from it is not
 
@@ -69,6 +70,7 @@ def measure_contrast(image: np.ndarray) -> np.ndarray:
     for _ in range(ITERATIONS):
         fit = np.linalg.lstsq(terms * weights[:, None], colors * weights[:, None], rcond=None)[0]
         residual = colors - terms @ fit
+        residual[:, 0] *= np.where(residual[:, 0] < 0, DARKER, 1.0)
         deviation = 1.4826 * np.median(np.abs(residual[out > BORDER]), axis=0) + LEAST_DEVIATION
         contrast = np.sqrt(((residual / deviation) ** 2).mean(axis=1))
         weights = around / (1 + (contrast / 2) ** 2)

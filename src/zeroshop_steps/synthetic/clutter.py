@@ -78,7 +78,7 @@ def place_bodies(
         StepError: a body finds no room.
     """
     placed: list[manifold3d.Manifold] = []
-    transforms = []
+    transforms: list[np.ndarray] = []
     for body in bodies:
         for attempt in range(ATTEMPTS):
             transform = choose_rest(body, rng)
