@@ -168,9 +168,9 @@ def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
     assert run.returncode == 0, run.stdout
     twice = dict.fromkeys(["register_photos", "segment"], 2)
     assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", *CELL], 1) | twice
-    assert "--pictures results/photos/cup/video/colmap/cameras " in run.stdout
-    assert "--method support_plane --scene results/photos/cup/video/colmap/scene" in run.stdout
-    assert "--method user_masks --scene results/photos/cup/video_segmented/colmap/scene" in run.stdout
+    assert "--pictures results/photos/cup/video/auto/cameras " in run.stdout
+    assert "--method support_plane --scene results/photos/cup/video/auto/scene" in run.stdout
+    assert "--method user_masks --scene results/photos/cup/video_segmented/auto/scene" in run.stdout
 
 
 def test_the_height_is_measured_as_the_row_says(snakemake, tmp_path):
