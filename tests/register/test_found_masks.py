@@ -9,8 +9,8 @@ import pytest
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from register.test_outline_check import shifted
 from zeroshop_steps.geometry.cameras import write_cameras
-from zeroshop_steps.networks.saliency_maps import find_maps
-from zeroshop_steps.register.found_masks import WIDTH_PX, check_by_found_masks, is_thin
+from zeroshop_steps.networks.saliency_maps import WIDTH_PX, find_maps
+from zeroshop_steps.register.found_masks import check_by_found_masks, is_thin
 from zeroshop_steps.register.record import RegistrationFailed
 
 

@@ -7,8 +7,9 @@ from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
 from helpers.table_scene import table_views
 from zeroshop_steps.geometry.images import list_images, read_mask
+from zeroshop_steps.networks.object_finder import keep_main_thing
 from zeroshop_steps.networks.saliency_maps import write_maps
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, keep_main_thing
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
@@ -49,7 +50,7 @@ def test_what_contrasted_with_a_plain_ground_when_registering_gives_the_masks(wo
     """The object was registered alone: there are no points of a ground, and the maps of single photos vote."""
     folder, masks = workplace
     images = list_images(folder / "scene/images")
-    write_maps(folder / "scene", GroundContrast(), {path.stem: np.float32(mask) for path, mask in zip(images, masks, strict=True)}, 480)
+    write_maps(folder / "scene", GroundContrast(), {path.stem: np.float32(mask) for path, mask in zip(images, masks, strict=True)})
     assert stage_main("zeroshop_steps.segment", ["--method", "support_plane", "--scene", "scene", "--out", "cameras"]) == 0
     record = read_json(folder / "cameras/segmentation.json")
     assert record["method"] == "support_plane" and record["prior"] == "ground_contrast" and record["good_masks"] == 12

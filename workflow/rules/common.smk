@@ -104,6 +104,11 @@ def is_filmed(dataset):
     return dataset_named(dataset)["kind"] == "films"
 
 
+def knows_truth(dataset):
+    """Whether meshes of a dataset can be measured against a true model: those of rendered images and films."""
+    return is_virtual(dataset) or is_filmed(dataset)
+
+
 def virtual_dataset(name, remedy=""):
     """`name`, or an error that lists the datasets that have models."""
     return require_known("virtual dataset", name, [dataset for dataset in config["datasets"] if is_virtual(dataset)], remedy)

@@ -13,7 +13,7 @@ def quality_of(
     wildcards,
 ):
     """The quality of a cell, where there is a truth to measure against."""
-    return [f"{CELL}/quality.json".format(**wildcards)] if is_virtual(wildcards.dataset) or is_filmed(wildcards.dataset) else []
+    return [f"{CELL}/quality.json".format(**wildcards)] if knows_truth(wildcards.dataset) else []
 
 
 def film_truth_of(

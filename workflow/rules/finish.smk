@@ -60,8 +60,7 @@ def chosen_quality(
     wildcards,
 ):
     """The quality of the chosen cell, where there is a truth to measure against."""
-    known = is_virtual(wildcards.dataset) or is_filmed(wildcards.dataset)
-    return [f"{chosen_cell(wildcards)}/quality.json"] if known else []
+    return [f"{chosen_cell(wildcards)}/quality.json"] if knows_truth(wildcards.dataset) else []
 
 
 def quality_option(

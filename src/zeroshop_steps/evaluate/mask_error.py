@@ -10,13 +10,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pycolmap
 
 from zeroshop_steps.evaluate.film_truth import read_source_frames
 from zeroshop_steps.geometry.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image
 from zeroshop_steps.register.record import find_lens, read_registration
-from zeroshop_steps.register.undistort import make_undistortion_map
+from zeroshop_steps.register.undistort import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 
@@ -106,11 +105,7 @@ def draw_mask_errors(frames: list[FrameMasks], images: list[np.ndarray]) -> np.n
 
 def undistort_mask(mask: np.ndarray, lens: dict | None) -> np.ndarray:
     """The (H, W) bool mask of a distorted image in the undistorted one; `lens` is that of the registration, None without distortion."""
-    if not lens:
-        return mask
-    camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
-    map_x, map_y = make_undistortion_map(camera)[1]
-    return cv2.remap(mask.astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
+    return undistort_by_lens(mask.astype(np.uint8), lens, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE) > 0
 
 
 def intersection_over_union(mask: np.ndarray, other: np.ndarray) -> float:

@@ -7,11 +7,9 @@ measured. The scale is the median ratio on the object.
 import argparse
 import os
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 
 from zeroshop_steps.geometry.image_files import check_kind
 from zeroshop_steps.geometry.images import decode_image
@@ -21,7 +19,7 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.register.record import find_lens
-from zeroshop_steps.register.undistort import make_undistortion_map
+from zeroshop_steps.register.undistort import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -82,7 +80,8 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
     record = read_json(record_path) if record_path.is_file() else {}
     ratios, off = {}, {}
     for view, path in files:
-        measured_mm = _undistort(read_depth(path, view), find_lens(record, Path(view.camera.name).stem)) * step_mm
+        lens = find_lens(record, Path(view.camera.name).stem)
+        measured_mm = undistort_by_lens(read_depth(path, view), lens, cv2.INTER_NEAREST, cv2.BORDER_CONSTANT) * step_mm
         depth = renderer.cast_rays(view.camera).depth
         inside = cv2.erode((view.mask() & (depth > 0)).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2), borderValue=0) > 0
         inside &= measured_mm > 0
@@ -148,12 +147,3 @@ def _check_unit(path: Path, median_mm: float, step_mm: float) -> None:
             f"depth image {path} puts the object {median_mm:g} mm away: it looks like another unit (metres, tenths of millimetres) than the"
             f" {step_mm:g} mm a step that are expected; export millimetres, or give the unit as height.depth_camera.step_mm"
         )
-
-
-def _undistort(depth: np.ndarray, lens: dict[str, Any] | None) -> np.ndarray:
-    """A depth image, aligned with the original photo, as the undistorted photo; `lens` is the photo's, None without distortion."""
-    if not lens:
-        return depth
-    camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
-    map_x, map_y = make_undistortion_map(camera)[1]
-    return cv2.remap(depth, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)

@@ -12,16 +12,17 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.images import decode_image, write_image
-from zeroshop_steps.networks.salient_object import ObjectFinder
+from zeroshop_steps.networks.object_finder import ObjectFinder
 from zeroshop_steps.runtime.files import read_json, write_json
 
 FOLDER = "saliency"
 LEVELS = 255
+WIDTH_PX = 480  # of the maps that are kept: finer ones cost time and bring nothing to features
 
 
-def write_maps(scene: Path, finder: ObjectFinder, maps: Mapping[str, np.ndarray], width_px: int) -> None:
-    """Keep the maps, (h, w) of 0 to 1, at most `width_px` wide, of a scene's images, by their stems."""
-    write_json(scene / FOLDER / "finder.json", _describe(finder, width_px))
+def write_maps(scene: Path, finder: ObjectFinder, maps: Mapping[str, np.ndarray]) -> None:
+    """Keep the maps, (h, w) of 0 to 1, at most `WIDTH_PX` wide, of a scene's images, by their stems."""
+    write_json(scene / FOLDER / "finder.json", _describe(finder, WIDTH_PX))
     for stem, found in maps.items():
         write_image(scene / FOLDER / f"{stem}.png", np.round(LEVELS * found).astype(np.uint8))
 

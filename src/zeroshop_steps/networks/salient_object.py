@@ -7,7 +7,7 @@ BiRefNet (Zheng et al. 2024) and what was trained like them. Nothing is shipped 
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,25 +19,10 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
 IMAGE_MEAN, IMAGE_DEVIATION = [128.0, 128.0, 128.0], [256.0, 256.0, 256.0]  # of IS-Net's images, 0 to 255
-PART_GAP = 0.05  # shares of the square root of the main thing's area: what is nearer to it is a part of it
 USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and BiRefNet were trained on this
 THREADS = 2  # always the same number, because sums in another order change single pixels
 CHANNELS = 3
 WARNINGS = 3  # the severity from which onnxruntime speaks: errors; it warns of unused weights otherwise
-
-
-class ObjectFinder(Protocol):
-    """What finds the object in single photos: a network, or the contrast to a plain ground."""
-
-    @property
-    def name(self) -> str:
-        """For records."""
-
-    def describe(self) -> dict[str, Any]:
-        """What its maps depend on."""
-
-    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
-        """Maps of the photos, (h, w) float32, 0 to 1, at most `width_px` wide."""
 
 
 class SalientObjectNetwork:
@@ -122,23 +107,3 @@ class SalientObjectNetwork:
         values = {"mean": self._mean.ravel().tolist(), "deviation": self._deviation.ravel().tolist()}
         with self.path.open("rb") as file:
             return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), **values}
-
-
-def cut_main_things(maps: Sequence[np.ndarray], sizes_px: Sequence[tuple[int, int]]) -> list[np.ndarray]:
-    """(H, W) bool masks of the main thing in each photo, of the photos' (width, height), by their maps."""
-    return [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
-
-
-def keep_main_thing(found: np.ndarray) -> np.ndarray:
-    """A map, (h, w), with only the largest thing near the middle of the photo, and what nearly touches it: without cameras, nothing else
-    tells the object from other things."""
-    count, labels, stats, centroids = cv2.connectedComponentsWithStats((found > 0.5).astype(np.uint8), connectivity=8)
-    if count <= 2:
-        return found
-    middle = np.array([found.shape[1], found.shape[0]]) / 2
-    away = np.linalg.norm(centroids[1:] - middle, axis=1) / np.linalg.norm(middle)
-    main = 1 + int((stats[1:, cv2.CC_STAT_AREA] * (1 - away)).argmax())
-    reach = max(1, round(PART_GAP * float(np.sqrt(stats[main, cv2.CC_STAT_AREA]))))
-    near = cv2.distanceTransform((labels != main).astype(np.uint8), cv2.DIST_L2, 3) <= reach
-    kept = np.isin(labels, [0, *np.unique(labels[near])])
-    return np.where(kept, found, np.float32(0))

@@ -13,22 +13,21 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
-from zeroshop_steps.networks.saliency_maps import write_maps
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, ObjectFinder, SalientObjectNetwork, cut_main_things
+from zeroshop_steps.networks.object_finder import ObjectFinder, cut_main_things
+from zeroshop_steps.networks.saliency_maps import WIDTH_PX, write_maps
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.outline_check import measure_outline_misses_px
 from zeroshop_steps.register.record import RegistrationFailed, find_lens
-from zeroshop_steps.register.undistort import make_undistortion_map
+from zeroshop_steps.register.undistort import undistort_by_lens
 from zeroshop_steps.runtime.files import scratch_directory
 
-WIDTH_PX = 480  # of the network's answers: finer ones cost time and bring nothing to features
 THIN_OBSERVATIONS = 250
 """Points seen by an image, in the mean. On plain tables, cameras with 80 to 170 were bent or folded at times; print gives a thousand."""
 
@@ -72,13 +71,9 @@ def register_by_found_masks(
     maps = finder.find_maps(image_set.images, WIDTH_PX)
     with scratch_directory(folder, "masks") as scratch:
         record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), finder, scratch))
-    by_stem = {path.stem: (found, size) for path, found, size in zip(image_set.images, maps, image_set.sizes_px, strict=True)}
-    undistorted = {
-        camera.name: _undistort_map(*by_stem[stem], find_lens(record, stem))
-        for camera in read_sparse_model(folder / "sparse").cameras
-        if (stem := Path(camera.name).stem) in by_stem
-    }
-    write_maps(folder, finder, {Path(name).stem: found for name, found in undistorted.items()}, WIDTH_PX)
+    seen = {path.stem: (found, size_px) for path, found, size_px in zip(image_set.images, maps, image_set.sizes_px, strict=True)}
+    stems = [Path(camera.name).stem for camera in read_sparse_model(folder / "sparse").cameras]
+    write_maps(folder, finder, {stem: _undistort_map(*seen[stem], find_lens(record, stem)) for stem in stems})
     return record | {"masks_by": finder.name}
 
 
@@ -86,9 +81,7 @@ def _undistort_map(found: np.ndarray, size_px: tuple[int, int], lens: dict[str, 
     """The map, (h, w), of a photo of (width, height) as its undistorted image shows it."""
     if not lens:
         return found
-    camera = pycolmap.Camera(model=lens["model"], width=size_px[0], height=size_px[1], params=lens["params"])
-    map_x, map_y = make_undistortion_map(camera)[1]
-    whole = cv2.remap(cv2.resize(found, size_px), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    whole = undistort_by_lens(cv2.resize(found, size_px), lens, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
     return np.asarray(cv2.resize(whole, found.shape[::-1], interpolation=cv2.INTER_AREA))
 
 
@@ -133,7 +126,7 @@ def check_by_found_masks(folder: Path, record: dict[str, Any], network: SalientO
     views, model = read_views(folder)[0], read_reconstruction(folder / "sparse")
     views = views[:: math.ceil(len(views) / CHECKED_VIEWS)]
     maps = network.find_maps([view.image_path for view in views], WIDTH_PX)
-    write_maps(folder, network, {view.image_path.stem: seen for view, seen in zip(views, maps, strict=True)}, WIDTH_PX)
+    write_maps(folder, network, {view.image_path.stem: seen for view, seen in zip(views, maps, strict=True)})
     found = cut_main_things(maps, [(view.camera.width_px, view.camera.height_px) for view in views])
     record = record | {"checked_by": network.path.name}
     with scratch_directory(folder, "masks") as scratch:

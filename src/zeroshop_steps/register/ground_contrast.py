@@ -13,9 +13,10 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.networks.salient_object import keep_main_thing
+from zeroshop_steps.networks.object_finder import keep_main_thing
 
 WORK_WIDTH_PX = 240  # finer pictures bring the noise of the camera and cost time
 MIDDLE = 0.35  # the share of the way to the border within which the ground is not fitted: there, the object hides it
@@ -54,7 +55,7 @@ def find_contrasting_thing(image: np.ndarray) -> np.ndarray:
     small = np.asarray(cv2.bilateralFilter(resized, 5, 20, 3))
     different = (measure_contrast(small) > DIFFERENT).astype(np.uint8)
     thing = _keep_inner_thing(cv2.morphologyEx(different, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0)
-    thing = fill_holes(cv2.morphologyEx(thing.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0)
+    thing = ndimage.binary_fill_holes(cv2.morphologyEx(thing.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)), np.ones((3, 3)))
     return _cut_outline(small, thing) if thing.any() else thing
 
 
@@ -75,13 +76,6 @@ def measure_contrast(image: np.ndarray) -> np.ndarray:
         contrast = np.sqrt(((residual / deviation) ** 2).mean(axis=1))
         weights = around / (1 + (contrast / 2) ** 2)
     return contrast.reshape(height, width)
-
-
-def fill_holes(mask: np.ndarray) -> np.ndarray:
-    """An (h, w) bool mask without the holes that do not reach the border."""
-    _, labels = cv2.connectedComponents((~mask).astype(np.uint8))
-    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    return mask | ~np.isin(labels, np.unique(rim))
 
 
 def _keep_inner_thing(different: np.ndarray) -> np.ndarray:

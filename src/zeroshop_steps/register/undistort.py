@@ -1,6 +1,7 @@
 """Undistortion: images, masks, cameras and image points go together from a lens with distortion to a pinhole."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -80,6 +81,21 @@ def undistort_masks(model: pycolmap.Reconstruction, image_set: ImageSet) -> tupl
 
 def _remap_mask(path: Path, map_x: np.ndarray, map_y: np.ndarray) -> np.ndarray:
     return cv2.remap(read_mask(path).astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
+
+
+def undistort_by_lens(image: np.ndarray, lens: dict[str, Any] | None, interpolation: int, border: int) -> np.ndarray:
+    """An (H, W) image of a registered photo's size as its undistorted photo shows it.
+
+    Args:
+        image: aligned with the photo as it was taken.
+        lens: of the photo, from the registration's record (`record.find_lens`); None without distortion.
+        interpolation, border: as for `cv2.remap`.
+    """
+    if not lens:
+        return image
+    camera = pycolmap.Camera(model=lens["model"], width=lens["width_px"], height=lens["height_px"], params=lens["params"])
+    map_x, map_y = make_undistortion_map(camera)[1]
+    return cv2.remap(image, map_x, map_y, interpolation, borderMode=border)
 
 
 def make_undistortion_map(camera: pycolmap.Camera) -> tuple[pycolmap.Camera, tuple[np.ndarray, np.ndarray]]:

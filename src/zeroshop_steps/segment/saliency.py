@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.saliency_maps import find_maps
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork, cut_main_things
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality

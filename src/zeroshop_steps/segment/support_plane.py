@@ -15,8 +15,8 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
-from zeroshop_steps.register.found_masks import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.segment.ground import MOST_ODDS, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality

@@ -1,0 +1,44 @@
+"""Finders of the object in single photos, such as a salient-object network, and the main thing of what they find."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+PART_GAP = 0.05  # shares of the square root of the main thing's area: what is nearer to it is a part of it
+
+
+class ObjectFinder(Protocol):
+    """What finds the object in single photos: a network, or the contrast to a plain ground."""
+
+    @property
+    def name(self) -> str:
+        """For records."""
+
+    def describe(self) -> dict[str, Any]:
+        """What its maps depend on."""
+
+    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
+        """Maps of the photos, (h, w) float32, 0 to 1, at most `width_px` wide."""
+
+
+def cut_main_things(maps: Sequence[np.ndarray], sizes_px: Sequence[tuple[int, int]]) -> list[np.ndarray]:
+    """(H, W) bool masks of the main thing in each photo, of the photos' (width, height), by their maps."""
+    return [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
+
+
+def keep_main_thing(found: np.ndarray) -> np.ndarray:
+    """A map, (h, w), with only the largest thing near the middle of the photo, and what nearly touches it: without cameras, nothing else
+    tells the object from other things."""
+    count, labels, stats, centroids = cv2.connectedComponentsWithStats((found > 0.5).astype(np.uint8), connectivity=8)
+    if count <= 2:
+        return found
+    middle = np.array([found.shape[1], found.shape[0]]) / 2
+    away = np.linalg.norm(centroids[1:] - middle, axis=1) / np.linalg.norm(middle)
+    main = 1 + int((stats[1:, cv2.CC_STAT_AREA] * (1 - away)).argmax())
+    reach = max(1, round(PART_GAP * float(np.sqrt(stats[main, cv2.CC_STAT_AREA]))))
+    near = cv2.distanceTransform((labels != main).astype(np.uint8), cv2.DIST_L2, 3) <= reach
+    kept = np.isin(labels, [0, *np.unique(labels[near])])
+    return np.where(kept, found, np.float32(0))
