@@ -6,10 +6,6 @@ results/DATASET/bop/models_delivered_NVS              the chosen cells' meshes a
 results/DATASET/bop/grasping/MODELS/OBJECT/attempts.csv   eight poses, with the usual friction and half of it; failures/ has pictures
 results/DATASET/bop/grasp_scenes                      several things on a table, clear and overlapping
 results/DATASET/bop/sightings/MODELS                  what the robot makes of them
-results/DATASET/tables/grasp.csv, grasp.md            the thesis's Table 4.6 in simulation
-results/DATASET/tables/grasp_scenes.csv               the scenes of several things alone
-results/DATASET/tables/grasp_robustness.csv           attempts with true models of a wrong scale, or without the underside
-results/DATASET/tables/grasp_scale.svg, grasp_underside.svg   its two plots
 MODELS: models (true), models_delivered_NVS, or true ones damaged on purpose (robustness.smk)
 """
 
@@ -48,46 +44,6 @@ def alignments_of(
 ):
     """The same for all objects of a dataset."""
     return [path for name in objects_of(wildcards.dataset) for path in aligned_mesh(wildcards.dataset, name, wildcards.models)]
-
-
-def robots_of(
-    dataset,
-):
-    """The folders of models that robots know in the table: the true ones, and those of every surface method."""
-    virtual_dataset(dataset, "Photos have no true models.")
-    return ["models", *(f"models_delivered_{nvs}" for nvs in surfaces_with_cameras("the table of grasps"))]
-
-
-def attempts_of_table(
-    wildcards,
-):
-    """The attempts with every object of a dataset, by every robot."""
-    names = objects_of(wildcards.dataset)
-    robots = robots_of(wildcards.dataset)
-    return [f"{GRASPING}/{name}".format(dataset=wildcards.dataset, models=models) for models in robots for name in names]
-
-
-def sightings_of_table(
-    wildcards,
-):
-    """What every robot makes of several things on a table."""
-    return [SIGHTINGS.format(dataset=wildcards.dataset, models=models) for models in robots_of(wildcards.dataset)]
-
-
-def attempts_of_robustness(
-    wildcards,
-):
-    """The attempts with every object of a dataset, by robots that know true models or damaged ones."""
-    virtual_dataset(wildcards.dataset, "Photos have no true models.")
-    robots = ["models", *(f"models_{damage}" for damage in DAMAGES)]
-    names = objects_of(wildcards.dataset)
-    return [f"{GRASPING}/{name}".format(dataset=wildcards.dataset, models=models) for models in robots for name in names]
-
-
-localrules:
-    grasp_table,
-    grasp_scenes_table,
-    grasp_robustness_table,
 
 
 rule physical_model:
@@ -232,82 +188,3 @@ rule sightings:
     shell:
         "python -m zeroshop_steps.simulate --method sightings --scenes {input.scenes} --truth {input.truth} --models {input.models}"
         " --templates {input.templates} {params.aligned} --out {output.sightings} > {log} 2>&1"
-
-
-rule grasp_table:
-    input:
-        attempts=attempts_of_table,
-        scenes=sightings_of_table,
-    output:
-        table=f"{TABLES}/grasp.csv",
-        page=report(
-            f"{TABLES}/grasp.md",
-            caption="../report/grasp.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "grasps in simulation"},
-        ),
-    log:
-        f"{TABLES}/logs/grasp.log",
-    benchmark:
-        f"{TABLES}/benchmarks/grasp.tsv"
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
-    message:
-        "Gathering the grasps of {wildcards.dataset} in simulation"
-    shell:
-        "python -m zeroshop_steps.report --method grasping --attempts {input.attempts} --scenes {input.scenes} --page {output.page}"
-        " --out {output.table} > {log} 2>&1"
-
-
-rule grasp_scenes_table:
-    input:
-        scenes=sightings_of_table,
-    output:
-        table=f"{TABLES}/grasp_scenes.csv",
-    log:
-        f"{TABLES}/logs/grasp_scenes.log",
-    benchmark:
-        f"{TABLES}/benchmarks/grasp_scenes.tsv"
-    resources:
-        mem_mb=per_attempt(500),
-        runtime=per_attempt(5),
-    message:
-        "Gathering what robots make of several things of {wildcards.dataset}"
-    shell:
-        "python -m zeroshop_steps.report --method grasp_scenes --scenes {input.scenes} --out {output.table} > {log} 2>&1"
-
-
-rule grasp_robustness_table:
-    input:
-        attempts=attempts_of_robustness,
-    output:
-        table=f"{TABLES}/grasp_robustness.csv",
-        scale=report(
-            f"{TABLES}/grasp_scale.svg",
-            caption="../report/grasp.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "grasps with a wrong scale"},
-        ),
-        underside=report(
-            f"{TABLES}/grasp_underside.svg",
-            caption="../report/grasp.rst",
-            category="Tables",
-            subcategory="{dataset}",
-            labels={"table": "grasps without the underside"},
-        ),
-        pictures=[f"{TABLES}/grasp_scale.png", f"{TABLES}/grasp_underside.png"],
-    log:
-        f"{TABLES}/logs/grasp_robustness.log",
-    benchmark:
-        f"{TABLES}/benchmarks/grasp_robustness.tsv"
-    resources:
-        mem_mb=per_attempt(1000),
-        runtime=per_attempt(5),
-    message:
-        "Gathering how grasps of {wildcards.dataset} fail with damaged models"
-    shell:
-        "python -m zeroshop_steps.report --method grasp_robustness --attempts {input.attempts} --out {output.table}"
-        " --scale-plot {output.scale} --underside-plot {output.underside} > {log} 2>&1"

@@ -1,0 +1,47 @@
+"""What `snakemake -n` plans for photos."""
+
+import pytest
+
+from helpers.plans import CELL, photo_table
+from helpers.pretend import pretend
+from helpers.running import planned
+
+
+def test_photos(snakemake, tmp_path):
+    for name in ("images", "masks"):
+        (tmp_path / "my cup" / name).mkdir(parents=True)
+        (tmp_path / "my cup" / name / "a.png").touch()
+    table = photo_table(tmp_path, tmp_path / "my cup/images", tmp_path / "my cup/masks", "0.12")
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *table)
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "register_photos", "segment", *CELL], 1)
+    assert "--images 'my cup/images' --masks 'my cup/masks'" in run.stdout
+
+
+@pytest.mark.slow
+def test_the_row_of_a_photographed_cell_is_its_grade_alone(snakemake, tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images/a.png").touch()
+    cell = "results/photos/cup/video/colmap/2dgs"
+    pretend(lambda *words: snakemake(*words, *photo_table(tmp_path, tmp_path / "images", "")), tmp_path, f"{cell}/cell.csv")
+    assert (tmp_path / cell / "grade.csv").exists() and not (tmp_path / cell / "quality.csv").exists()
+
+
+@pytest.mark.slow
+def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
+    """Given masks are there before anything is registered; without weights, others are found in the registered whole scene."""
+    for name in ("images", "masks"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.png").touch()
+    chosen = "chosen={photos: {scene: video_segmented}}"
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", tmp_path / "masks"), chosen)
+    assert run.returncode == 0, run.stdout
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", "register_photos", "segment", *CELL], 1)
+    assert "--pictures results/photos/cup/video/capture " in run.stdout and "--scene video_segmented" in run.stdout
+    run = snakemake("-n", "results/photos/cup/2dgs.ply", *photo_table(tmp_path, tmp_path / "images", ""), chosen)
+    assert run.returncode == 0, run.stdout
+    twice = dict.fromkeys(["register_photos", "segment"], 2)
+    assert planned(run.stdout) == dict.fromkeys(["capture_photos", "capture_object", *CELL], 1) | twice
+    assert "--pictures results/photos/cup/video/auto/cameras " in run.stdout
+    assert "--method support_plane --scene results/photos/cup/video/auto/scene" in run.stdout
+    assert "--method user_masks --scene results/photos/cup/video_segmented/auto/scene" in run.stdout
