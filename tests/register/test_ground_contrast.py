@@ -48,6 +48,17 @@ def test_a_soft_shadow_is_no_part_of_the_thing():
     assert compute_overlap(find_contrasting_thing(photo), thing_mask()) > 0.95
 
 
+def test_a_dark_contact_shadow_is_no_part_of_the_thing():
+    """Right at the foot a shadow is as dark as a thing may be; it fades into the table, which a thing does not."""
+    photo = photograph_table().astype(float)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    away = np.hypot(np.maximum(np.abs(x - 120) - 30, 0), np.maximum(np.abs(y - 122) - 8, 0))
+    photo *= (1 - 0.5 * np.clip(1 - away / 30, 0, 1))[..., None]
+    photo = photo.astype(np.uint8)
+    photo[THING] = (200, 60, 50)
+    assert compute_overlap(find_contrasting_thing(photo), thing_mask()) > 0.95
+
+
 def test_an_empty_table_shows_nothing():
     assert not find_contrasting_thing(photograph_table()).any()
 

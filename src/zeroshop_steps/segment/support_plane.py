@@ -17,19 +17,20 @@ from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
-from zeroshop_steps.register.ground_contrast import GroundContrast
+from zeroshop_steps.register.ground_contrast import GroundContrast, find_contrasting_thing
 from zeroshop_steps.segment.ground import MOST_ODDS, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
 from zeroshop_steps.segment.plain_ground import find_risen_points, fit_plain_ground, join_odds
 from zeroshop_steps.segment.plane_search import find_scene_support, has_settled, settle_support
-from zeroshop_steps.segment.prior_maps import Masks, find_by_maps
+from zeroshop_steps.segment.prior_maps import PRIOR_ODDS, Masks, find_by_maps, weigh_maps
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
 from zeroshop_steps.segment.tidy_mask import tidy_mask
 
 WIDTH_PX = 480  # images are cut at this width at most; time grows with its square
+CONTRAST_ODDS = 1.0  # log odds by the contrast to a plain table in single images: less than what the table's colour or all views say
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}
 
@@ -81,6 +82,8 @@ def find_masks(
     priors = [np.zeros(size[::-1], np.float32) for size in sizes]
     if prior is not None:
         priors = [cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) for odds, size in zip(prior, sizes, strict=True)]
+    if prior is None and fit_plain_ground(build_ground_picture(support, cameras, images)):
+        priors = _weigh_contrast(images, cameras)
     selection, refined, own = _find_on_plane(support, cameras, images, priors, model)
     settled = None if fitted else settle_support(support, cameras, images, refined.masks, selection.grid, refined.occupied)
     if settled and not has_settled(support, settled):
@@ -124,6 +127,14 @@ def _find_on_plane(
     selection = select_object(support, cameras, evidence, risen)
     own = selection.own_points(risen) if risen is not None else np.zeros((0, 3))
     return selection, refine_masks(support, selection, cameras, images, by_place, by_table, priors, own), own
+
+
+def _weigh_contrast(images: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
+    """Log odds, (H, W), of the object by what differs from the plain ground in each image alone, once the images have voted."""
+    sizes = [(camera.width_px, camera.height_px) for camera in cameras]
+    found = [find_contrasting_thing(image.clip(0, 255).astype(np.uint8)).astype(np.float32) for image in images]
+    maps = [cv2.resize(thing, size, interpolation=cv2.INTER_LINEAR) for thing, size in zip(found, sizes, strict=True)]
+    return [odds * CONTRAST_ODDS / PRIOR_ODDS for odds in weigh_maps(maps, cameras)]
 
 
 def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
