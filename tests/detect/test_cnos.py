@@ -1,11 +1,13 @@
 """CNOS with small random networks: the same command and files as with the published ones, whose weights no test has."""
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
 
-from helpers.fastsam_cases import SMALL, parameters
 from helpers.painted_scene import CAN, CARTON, detect
+from helpers.small_detectors import save_fastsam
 from zeroshop_steps import methods
 from zeroshop_steps.bop.detections import decode_mask, read_detections
 from zeroshop_steps.detect.cnos import assign_objects, describe_views, score_objects
@@ -13,7 +15,6 @@ from zeroshop_steps.detect.cnos.crops import MEAN, CropDescriber, crop_masked
 from zeroshop_steps.detect.cnos.segment_anything import SegmentAnything, drop_duplicate_masks, drop_small_masks, measure_stability
 from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.geometry.images import read_image, read_mask
-from zeroshop_steps.networks.fastsam.model import FastSam
 from zeroshop_steps.runtime.cli import stage_methods
 
 
@@ -29,13 +30,11 @@ def test_the_command_writes_what_random_networks_find(dataset, weights):
 
 
 @pytest.mark.slow
-def test_regions_come_from_fastsam_where_it_is_asked_for(dataset, weights, monkeypatch, capsys):
+def test_regions_come_from_fastsam_where_it_is_asked_for(dataset, weights, capsys):
     assert detect(dataset, "cnos", "--proposals", "fastsam") == 1
     assert "FastSAM-x.pt are not there" in capsys.readouterr().err
-    small = FastSam(SMALL)
-    small.load_state_dict(parameters({name: tuple(tensor.shape) for name, tensor in small.state_dict().items()}), strict=False)
-    monkeypatch.setattr("zeroshop_steps.detect.proposals.require_weights", lambda name: name)
-    monkeypatch.setattr("zeroshop_steps.detect.proposals.load_fastsam", lambda path: small.eval())
+    save_fastsam(weights)
+    shutil.rmtree(dataset.scene / "depth")
     assert detect(dataset, "cnos", "--proposals", "fastsam", "--width-px", "160", "--device", "cpu") == 0
     found = read_detections(dataset.folder / "detections.json")
     assert found and all(decode_mask(one.mask).shape == (240, 320) for one in found)

@@ -1,8 +1,11 @@
-"""SAM and DINOv2 with the right parts and random weights, tiny, in folders as `save_pretrained` writes them."""
+"""SAM, DINOv2 and FastSAM with the right parts and random weights, tiny, in files like the published ones."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
+
+from zeroshop_steps.runtime.files import write_json
 
 # Transformers takes seconds to import, so only the functions that need it do.
 
@@ -25,10 +28,22 @@ def save_segmenter(folder: Path) -> None:
     model.save_pretrained(folder / "sam-vit-huge")
 
 
-def save_describer(folder: Path) -> None:
+def save_describer(folder: Path, name: str = "dinov2-large") -> None:
     """DINOv2, tiny."""
     from transformers import Dinov2Config, Dinov2Model
 
     torch.manual_seed(1)
     config = Dinov2Config(hidden_size=32, num_hidden_layers=2, num_attention_heads=2, image_size=224, patch_size=56)
-    Dinov2Model(config).save_pretrained(folder / "dinov2-large")
+    Dinov2Model(config).save_pretrained(folder / name)
+
+
+def save_fastsam(folder: Path) -> None:
+    """FastSAM, tiny: a whole pickled module, as the publisher saved it, with its sizes beside it."""
+    from helpers.fastsam_cases import SMALL, parameters
+    from zeroshop_steps.networks.fastsam.model import NAME, SIZES, FastSam
+
+    model = FastSam(SMALL)
+    model.load_state_dict(parameters({name: tuple(tensor.shape) for name, tensor in model.state_dict().items()}), strict=False)
+    folder.mkdir(parents=True, exist_ok=True)
+    torch.save({"epoch": -1, "model": model.half(), "ema": None}, folder / NAME)
+    write_json((folder / NAME).with_suffix(SIZES), asdict(SMALL))

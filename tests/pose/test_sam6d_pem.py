@@ -1,7 +1,6 @@
 """SAM-6D's pose estimation: with features made from the truth it returns the true pose, and it runs with small random weights."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from helpers.painted_scene import CAN, CARTON, carton
-from helpers.sam6d_cases import SMALL, parameters
+from helpers.small_sam6d import write_pem
 from helpers.true_features import TrueNetwork
 from zeroshop_steps.bop.detections import Detection, encode_mask, write_detections
 from zeroshop_steps.bop.estimates import read_estimates
@@ -96,12 +95,7 @@ def test_the_memory_of_the_published_network_is_foreseen():
 
 @pytest.fixture
 def weights(tmp_path):
-    """Small random weights with their sizes beside them."""
-    network = Sam6dPem(SMALL)
-    network.load_state_dict(parameters({name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}), strict=False)
-    torch.save(network.state_dict(), tmp_path / "small.pth")
-    (tmp_path / "small.json").write_text(json.dumps(asdict(SMALL)))
-    return tmp_path / "small.pth"
+    return write_pem(tmp_path / "small.pth")
 
 
 def estimate(dataset, weights, *options):

@@ -2,12 +2,13 @@
 
 import argparse
 import csv
+import json
 import pickle
 import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from zeroshop_steps.networks.wheels import WheelFile, take_from_wheel
 from zeroshop_steps.runtime.downloads import download, verify
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     Tensors = dict[str, torch.Tensor]
 
+Settings = TypeVar("Settings")
 WEIGHTS_FOLDER = Path("resources/weights")
 TABLE = Path(__file__).with_name("weights.csv")
 SHOWN = 5
@@ -151,6 +153,18 @@ def fetch_weights(name: str, path: Path) -> None:
     else:
         download(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
     _check_size(row, path)
+
+
+def read_own_sizes(beside: Path, settings: type[Settings]) -> Settings:
+    """The sizes of a network: the published ones, which are the default, or those in the JSON file beside one's own weights.
+
+    Raises:
+        StepError: the file is damaged or has other keys.
+    """
+    try:
+        return settings(**json.loads(beside.read_text())) if beside.is_file() else settings()
+    except (TypeError, ValueError) as error:
+        raise StepError(f"{beside} has no {settings.__name__} ({error}); delete it for the sizes of the published network") from None
 
 
 def load_strictly(

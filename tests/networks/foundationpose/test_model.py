@@ -86,5 +86,5 @@ def test_weights_are_loaded_whole_or_not_at_all(tmp_path):
     with pytest.raises(StepError, match=r"of another shape \(encodeA.0.net.0.weight \(8, 6, 7, 7\) instead of \(64, 6, 7, 7\)"):
         load_network(RefineNet, path, torch.device("cpu"))
     write_json(tmp_path / "model_best.settings.json", {"depth": 3})
-    with pytest.raises(StepError, match="tells no sizes"):
+    with pytest.raises(StepError, match="has no FoundationPoseSettings"):
         load_network(RefineNet, path, torch.device("cpu"))

@@ -140,5 +140,5 @@ def test_sizes_beside_the_weights_are_taken_and_other_weights_are_refused(networ
     loaded = load_sam6d_pem(path)
     assert torch.equal(loaded.describe(given["crop"], given["chosen"]), network.describe(given["crop"], given["chosen"]))
     (tmp_path / "small.json").write_text('{"depth": 3}')
-    with pytest.raises(StepError, match="no sizes of SAM-6D's network"):
+    with pytest.raises(StepError, match="has no Sam6dSettings"):
         load_sam6d_pem(path)

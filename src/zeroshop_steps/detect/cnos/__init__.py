@@ -24,19 +24,17 @@ from zeroshop_steps.detect.detector_io import (
     suppress_boxes,
     warn_of_plain_models,
 )
-from zeroshop_steps.detect.proposals import FILES, add_proposal_arguments, load_proposer
+from zeroshop_steps.detect.proposals import add_network_arguments, load_networks
 from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.networks.devices import DEVICES, choose_device
-from zeroshop_steps.networks.pretrained import require_model
 
-DESCRIBER = "dinov2-large"
 NEAREST_VIEWS = 5  # whose mean cosine is the score of an object
 LEAST_SCORE = 0.01  # less likely detections are not written
 MOST_IOU = 0.25  # of the boxes of two detections of one object; with more, the less confident one is dropped
 
 METHOD = {
     "rank": 1,
-    "weights": ("dinov2-large/model.safetensors", "dinov2-large/config.json"),
+    "models": {"describer": ("dinov2-large", ("config.json", "model.safetensors"))},
     "choices": {"proposals": {"sam": ("sam-vit-huge/model.safetensors", "sam-vit-huge/config.json"), "fastsam": ("FastSAM-x.pt",)}},
     "mem_mb": 12000,
     "runtime_min": 240,
@@ -47,7 +45,7 @@ METHOD = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_image_arguments(parser)
-    add_proposal_arguments(parser)
+    add_network_arguments(parser)
     parser.add_argument("--device", choices=DEVICES, default="auto", help="(default: %(default)s)")
 
 
@@ -60,8 +58,7 @@ def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: 
     """The detector of these models, with its networks loaded."""
     device = torch.device(choose_device(args.device))
     warn_of_plain_models(models)
-    propose = load_proposer(args, device)
-    describer = CropDescriber(require_model(DESCRIBER, FILES), device)
+    propose, describer = load_networks(args, device)
     views = {number: describe_views(views_of(number), describer) for number in models}
 
     def detect(frame: Frame) -> list[ObjectMask]:

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from zeroshop_steps.bop.detections import mask_to_box
+from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_pretrained
 
 SIDE_PX, CROPS_AT_ONCE = 224, 16  # DINOv2's usual input; so many crops go through the network at a time, which bounds its memory
@@ -37,14 +38,14 @@ class CropDescriber:
             patches.append(_unit(tokens[:, 1:]) * cover_patches(masks, tokens.shape[1] - 1)[..., None])
         return np.concatenate(wholes).astype(np.float32), np.concatenate(patches).astype(np.float32)
 
-    @torch.inference_mode()
     def _run(self, regions: Sequence[tuple[np.ndarray, np.ndarray]]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """(n, 1 + P, D) tokens and (n, SIDE_PX, SIDE_PX) masks, 0..255, of some regions after the other."""
         for start in range(0, len(regions), CROPS_AT_ONCE):
             some = regions[start : start + CROPS_AT_ONCE]
             crops = torch.from_numpy(np.stack([crop_masked(image, mask) for image, mask in some]))
-            tokens = self._model(crops.to(self._device)).last_hidden_state
-            yield tokens.float().cpu().numpy(), np.stack([cut_square(mask.astype(np.uint8) * 255, mask) for _, mask in some])
+            with run_network(self._device, "DINOv2"):
+                tokens = self._model(crops.to(self._device)).last_hidden_state.float().cpu().numpy()
+            yield tokens, np.stack([cut_square(mask.astype(np.uint8) * 255, mask) for _, mask in some])
 
 
 def crop_masked(image: np.ndarray, mask: np.ndarray) -> np.ndarray:

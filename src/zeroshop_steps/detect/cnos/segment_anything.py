@@ -9,6 +9,7 @@ from torch.nn import functional
 
 from zeroshop_steps.bop.detections import mask_to_box
 from zeroshop_steps.detect.detector_io import suppress_boxes
+from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_pretrained
 
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])  # ImageNet's, of 0..255
@@ -28,7 +29,6 @@ class SegmentAnything:
         self._model, self._device = load_pretrained(SamModel, folder, device), device
         self._side_px = self._model.config.vision_config.image_size
 
-    @torch.inference_mode()
     def segment(self, image: np.ndarray, points_per_side: int, least_iou: float, least_stability: float) -> list[np.ndarray]:
         """Segment everything in an image.
 
@@ -40,7 +40,14 @@ class SegmentAnything:
 
         Returns:
             (height, width) bool masks, the most confident first.
+
+        Raises:
+            StepError: out of memory.
         """
+        with run_network(self._device, "SAM"):
+            return self._segment(image, points_per_side, least_iou, least_stability)
+
+    def _segment(self, image: np.ndarray, points_per_side: int, least_iou: float, least_stability: float) -> list[np.ndarray]:
         height, width = image.shape[:2]
         scale = self._side_px / max(height, width)
         inner = max(1, round(width * scale)), max(1, round(height * scale))
@@ -55,9 +62,9 @@ class SegmentAnything:
             some = torch.from_numpy(points[None, start : start + POINTS_AT_ONCE].astype(np.float32)).to(self._device)
             labels = torch.ones(some.shape[:3], dtype=torch.long, device=self._device)
             answer = self._model(input_points=some, input_labels=labels, image_embeddings=embeddings, multimask_output=True)
-            predicted = answer.iou_scores.flatten()
+            predicted = answer.iou_scores.flatten().float()
             likely = predicted > least_iou
-            logits = answer.pred_masks.flatten(0, 2)[likely]
+            logits = answer.pred_masks.flatten(0, 2)[likely].float()
             if not len(logits):
                 continue
             logits = self._resize_to_image(logits, inner, (height, width))

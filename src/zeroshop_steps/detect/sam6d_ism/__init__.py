@@ -14,7 +14,7 @@ import torch
 from zeroshop_steps.bop.detections import mask_to_box
 from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.detect.cnos import DESCRIBER, MOST_IOU, score_objects
+from zeroshop_steps.detect.cnos import MOST_IOU, score_objects
 from zeroshop_steps.detect.cnos.crops import CropDescriber
 from zeroshop_steps.detect.detector_io import (
     Detector,
@@ -27,7 +27,7 @@ from zeroshop_steps.detect.detector_io import (
     suppress_boxes,
     warn_of_plain_models,
 )
-from zeroshop_steps.detect.proposals import FILES, add_proposal_arguments, load_proposer
+from zeroshop_steps.detect.proposals import add_network_arguments, load_networks
 from zeroshop_steps.detect.sam6d_ism.scores import (
     combine_scores,
     compare_views,
@@ -39,7 +39,6 @@ from zeroshop_steps.detect.sam6d_ism.scores import (
 from zeroshop_steps.detect.templates import Templates
 from zeroshop_steps.geometry.surface_distance import sample_surface
 from zeroshop_steps.networks.devices import DEVICES, choose_device
-from zeroshop_steps.networks.pretrained import require_model
 
 NO_DEPTH = "and this detector needs depth: add depth images, or use --method cnos, which needs colour only"
 LEAST_MEANING = 0.2  # mean cosine of the class tokens; regions with less show no object
@@ -48,7 +47,7 @@ MODEL_POINTS = 2048  # whose box is compared with that of the region
 METHOD = {
     "title": "SAM-6D ISM",
     "rank": 2,
-    "weights": ("dinov2-large/model.safetensors", "dinov2-large/config.json"),
+    "models": {"describer": ("dinov2-large", ("config.json", "model.safetensors"))},
     "choices": {"proposals": {"sam": ("sam-vit-huge/model.safetensors", "sam-vit-huge/config.json"), "fastsam": ("FastSAM-x.pt",)}},
     "mem_mb": 12000,
     "runtime_min": 240,
@@ -75,7 +74,7 @@ class ObjectViews:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_image_arguments(parser)
-    add_proposal_arguments(parser)
+    add_network_arguments(parser)
     parser.add_argument("--device", choices=DEVICES, default="auto", help="(default: %(default)s)")
 
 
@@ -88,8 +87,7 @@ def prepare(args: argparse.Namespace, models: dict[int, ObjectModel], views_of: 
     """The detector of these models, with its networks loaded."""
     device = torch.device(choose_device(args.device))
     warn_of_plain_models(models)
-    propose = load_proposer(args, device)
-    describer = CropDescriber(require_model(DESCRIBER, FILES), device)
+    propose, describer = load_networks(args, device)
     objects = {number: describe_object(model, views_of(number), describer) for number, model in models.items()}
 
     def detect(frame: Frame) -> list[ObjectMask]:

@@ -9,9 +9,11 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from zeroshop_steps.networks.fastsam.checkpoint import read_pickled_modules
-from zeroshop_steps.networks.weights import load_strictly
+from zeroshop_steps.networks.weights import load_strictly, read_own_sizes
 
 NAME = "FastSAM-x.pt"
+SIZES = ".json"
+"""Suffix of the file beside weights that tells the sizes of a network of one's own, such as FastSAM-s."""
 STRIDES = (8, 16, 32)  # of the three sizes, in pixels
 BINS = 16  # in which the distance of a side of a box from its cell is told, in strides
 PROTOTYPES = 32  # of masks, which a box mixes
@@ -220,8 +222,16 @@ def locate_cells(pyramid: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
 
 
 def load_fastsam(path: Path, settings: FastSamSettings | None = None) -> FastSam:
-    """The network with the weights in `path`. Raises StepError if they are damaged or of another network."""
-    network = FastSam(settings)
+    """The network with the weights in `path`.
+
+    Args:
+        path: the checkpoint.
+        settings: its sizes; by default those in a JSON file of the same stem beside it, or else the published ones.
+
+    Raises:
+        StepError: the weights are damaged or of another network.
+    """
+    network = FastSam(settings or read_own_sizes(path.with_suffix(SIZES), FastSamSettings))
     load_strictly(network, path, read=read_pickled_modules)
     return network.eval().requires_grad_(False)
 

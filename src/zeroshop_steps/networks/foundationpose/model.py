@@ -4,7 +4,6 @@ Both compare a rendering of the model at a pose with the photo, as (N, 6, H, W) 
 coordinates of the points less those of the pose's centre, in radii of the object; 0 where nothing is there.
 """
 
-import json
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,8 +12,7 @@ from torch import Tensor, nn
 
 from zeroshop_steps.networks.foundationpose.layers import PositionTable, encode_pairs, make_image_encoder, make_pair_encoder
 from zeroshop_steps.networks.foundationpose.settings import FoundationPoseSettings
-from zeroshop_steps.networks.weights import load_strictly
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.networks.weights import load_strictly, read_own_sizes
 
 SIZES = ".settings.json"
 """Suffix of the file beside weights that tells the sizes of a network of one's own."""
@@ -79,12 +77,7 @@ def load_network(kind: type[Network], weights: Path, device: torch.device) -> Ne
     Raises:
         StepError: the weights are damaged, or of another network.
     """
-    beside = weights.with_suffix(SIZES)
-    try:
-        settings = FoundationPoseSettings(**json.loads(beside.read_text())) if beside.is_file() else FoundationPoseSettings()
-    except (TypeError, ValueError) as error:
-        raise StepError(f"{beside} tells no sizes of FoundationPose's networks ({error}); delete it for the published ones") from None
     with torch.device("meta"):
-        network = kind(settings)
+        network = kind(read_own_sizes(weights.with_suffix(SIZES), FoundationPoseSettings))
     load_strictly(network, weights)
     return network.eval().requires_grad_(False).to(device)

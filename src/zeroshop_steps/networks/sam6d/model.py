@@ -1,6 +1,5 @@
 """The whole network: features of pixels, coarse and fine matching of points, and the pose."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +12,7 @@ from zeroshop_steps.networks.sam6d.points import sample_farthest, take
 from zeroshop_steps.networks.sam6d.poses import find_coarse_pose, find_fine_pose
 from zeroshop_steps.networks.sam6d.settings import Sam6dSettings
 from zeroshop_steps.networks.sam6d.vision import FeatureExtraction
-from zeroshop_steps.networks.weights import load_strictly
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.networks.weights import load_strictly, read_own_sizes
 
 NAME = "sam-6d-pem-base.pth"
 SIZES = ".json"
@@ -124,13 +122,8 @@ def load_sam6d_pem(path: Path) -> Sam6dPem:
         StepError: the weights are damaged or of another network.
     """
     path = Path(path)
-    beside = path.with_suffix(SIZES)
-    try:
-        settings = Sam6dSettings(**json.loads(beside.read_text())) if beside.is_file() else Sam6dSettings()
-    except (TypeError, ValueError) as error:
-        raise StepError(f"{beside} has no sizes of SAM-6D's network ({error}); delete it for the published network's") from None
     with torch.device("meta"):
-        network = Sam6dPem(settings)
+        network = Sam6dPem(read_own_sizes(path.with_suffix(SIZES), Sam6dSettings))
     load_strictly(network, path, _rename)
     return network.eval().requires_grad_(False)
 
