@@ -15,6 +15,9 @@ ALIKED := resources/weights/aliked/aliked-n16.pth resources/weights/aliked/alike
 # Threads that wait sleep, as steps with two threads share the two cores with other processes.
 TESTS := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
 
+# Bytecode is kept even where the environment says not to: each process of the tests and each step would compile all sources again.
+export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: mesh check test faults lint types style bench viewer
 .DELETE_ON_ERROR:
 
