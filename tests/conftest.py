@@ -5,6 +5,7 @@ is used.
 """
 
 import fcntl
+import gc
 import os
 from pathlib import Path
 
@@ -40,6 +41,12 @@ what other files use, too."""
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rank = {REPOSITORY / "tests" / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
+def pytest_collection_finish() -> None:
+    """The modules of all tests stay until the end: garbage collections pass over them, which takes a seventh off the tests' time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)
