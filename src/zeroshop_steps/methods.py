@@ -62,6 +62,7 @@ class Method:
     Of surfaces:
         stereo, registration: whether it reads confirmed depths, and registered cameras; without those it reads the capture.
         generated: its raw mesh is a likely shape with colours, not a measured one.
+        cameras_optional: it can do without registered cameras, too: then it reads the capture and the object's height.
         model: the file of its trained model, below its folder of the cell; None where it makes the raw mesh in one step.
         mesh: the method of this stage that takes the raw mesh from the model.
         rules: the names of its rules: training (or the only one), and taking the mesh.
@@ -103,6 +104,7 @@ class Method:
     stereo: bool = True
     generated: bool = False
     registration: bool = True
+    cameras_optional: bool = False
     model: str | None = None
     mesh: str | None = None
     rules: tuple[str, ...] = ()

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 from helpers.running import planned
@@ -43,6 +44,23 @@ def test_the_rule_runs_with_small_random_networks(snakemake, registered, tmp_pat
     record = json.loads((tmp_path / target).with_suffix(".json").read_text())
     mesh = read_ply(tmp_path / target)
     assert record["generated"] and len(record["views"]) == 2 and record["faces"] == len(mesh.faces) and mesh.colors is not None
+
+
+@pytest.mark.slow
+def test_without_cameras_the_mesh_is_as_high_as_the_user_says(snakemake, registered, carton, tmp_path):
+    write_networks(tmp_path / "resources/weights/small-trellis")
+    write_encoder(tmp_path / "resources/weights/small-dino")
+    for part in ("images", "masks"):
+        shutil.copytree(carton.cameras / part, tmp_path / "results/photos/box/video/capture" / part)
+    cell = "results/photos/box/video/none/trellis"
+    run = snakemake(f"{cell}/raw_mesh.ply", *registered, "--allowed-rules", "train_without_cameras_trellis")
+    log = tmp_path / f"{cell}/logs/train_without_cameras.log"
+    assert run.returncode == 0 and "Traceback" not in log.read_text(), run.stdout + log.read_text()
+    record, mesh = json.loads((tmp_path / cell / "raw_mesh.json").read_text()), read_ply(tmp_path / cell / "raw_mesh.ply")
+    assert (record["unit"], record["scale"], record["height_m"], len(record["views"])) == ("millimetre", "known", 0.09, 2)
+    assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(90.0, abs=1e-3) and mesh.colors is not None
+    finished = snakemake("-n", f"{cell}/mesh.ply", *registered)
+    assert finished.returncode != 0 and "a cell of registration none ends with its raw mesh" in finished.stdout
 
 
 def test_a_generated_mesh_completes_a_measured_one_where_that_is_asked_for(snakemake, registered, tmp_path):

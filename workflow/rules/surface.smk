@@ -5,6 +5,7 @@ Stereo comes first, once for all methods of a registration that read it; the opt
 """
 
 import dataclasses
+import itertools
 
 SURFACES = {name: with_own_weights("nvs", name, method) for name, method in methods.SURFACES.items()}
 
@@ -67,7 +68,24 @@ rule stereo:
         " --seed {params.seed} --threads {threads} --record-failure {output} > {log} 2>&1"
 
 
-for method in map(surface_method, SURFACES):
+def ways_of(
+    method,
+):
+    """A surface method as its rules run it: with cameras or without, or in both ways."""
+    if not method.cameras_optional:
+        return [method]
+    return [method, dataclasses.replace(method, registration=False, rules=(f"train_without_cameras_{method.name}",))]
+
+
+def height_option(
+    wildcards,
+):
+    """The height that the user gives, for a method that has no cameras to measure it."""
+    given = wildcards.registration == methods.WITHOUT_CAMERAS and not is_virtual(wildcards.dataset)
+    return step_options({"height_m": photos_of(wildcards)["height_m"]} if given else {})
+
+
+for method in itertools.chain(*map(ways_of, map(surface_method, SURFACES))):
     inputs = surface_inputs(method)
     folder = f"{RUN}/{method.name}"
     made = [f"{folder}/raw_mesh.ply", f"{folder}/raw_mesh.json"]
@@ -89,7 +107,11 @@ for method in map(surface_method, SURFACES):
         benchmark:
             f"{folder}/benchmarks/{logs[0]}.tsv"
         wildcard_constraints:
-            registration="[^/]+" if method.registration else methods.WITHOUT_CAMERAS,
+            registration=(
+                methods.WITHOUT_CAMERAS
+                if not method.registration
+                else f"(?!{methods.WITHOUT_CAMERAS}/)[^/]+" if method.cameras_optional else "[^/]+"
+            ),
         threads: method.threads
         resources:
             mem_mb=per_attempt(method.mem_mb),
@@ -100,6 +122,7 @@ for method in map(surface_method, SURFACES):
             inputs=lambda wildcards, input: " ".join(f"--{name} {path}" for name, path in input.items()),
             out=str(Path(made[0]).parent) if method.model else made[0],
             options=step_options(surface_section(method, 0)),
+            height=height_option if method.cameras_optional else "",
             resume="--resume" if method.model else "",
             seed=config["seed"],
             weights=weights_stamp("nvs", method.name, method),
@@ -108,7 +131,7 @@ for method in map(surface_method, SURFACES):
         shell:
             # Snakemake reads this when the job runs, so it names nothing of the loop.
             "python -m zeroshop_steps.surface --method {params.method} {params.inputs}"
-            " --out {params.out} {params.options} --seed {params.seed} --threads {threads} {params.resume}"
+            " --out {params.out} {params.options} {params.height} --seed {params.seed} --threads {threads} {params.resume}"
             " --record-failure {output} > {log} 2>&1"
 
     if method.model:

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from zeroshop_steps.capture.known_height import read_known_height_m
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.height.object_pose import ObjectPose, measure_object_pose
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.runtime.files import read_json, write_json
+from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.segment.record import read_mask_record
 
 UNKNOWN = (
     "the scale is unknown: no height is given, so the mesh keeps the registration's arbitrary scale. Give the object's height in "
     "metres as height_m in config/objects.tsv, or measure it with a printed board (config/README.md)."
 )
-HEIGHT_RANGE_M = (0.005, 3.0)  # of a height that a user gives; the table of photos has the same bounds
 RULER_M = 0.0005  # standard deviation of a height that is read off a ruler
 CONTRADICTION = 0.03
 """Share by which a known height must differ from the measured one to contradict it, and by DEVIATIONS as well."""
@@ -167,19 +167,3 @@ def describe_height(pose: ObjectPose, scale: Scale | None) -> dict[str, Any]:
 def format_height(content: dict[str, Any]) -> str:
     """One line to print, for a known scale."""
     return f"height: {content['height_m'] * 1000:.1f} mm +- {content['height_deviation_m'] * 1000:.1f} mm, from {content['scale_source']}"
-
-
-def read_known_height_m(path: Path, given_m: float | None = None) -> float | None:
-    """The height that the user gives, or else that in capture.json; None where neither is known."""
-    if given_m is not None:
-        low, high = HEIGHT_RANGE_M
-        if not low <= given_m <= high:
-            hint = " (is it in centimetres or millimetres?)" if given_m > high else ""
-            raise StepError(f"height {given_m:g} m is out of range{hint}; give the height in metres, {low:g} to {high:g}, or none")
-        return given_m
-    height_m = read_json(path).get("known_height_m")
-    if height_m is None:
-        return None
-    if not isinstance(height_m, int | float) or not 0.001 <= height_m <= 10.0:
-        raise StepError(f"{path}: known_height_m is {height_m}; expected metres between 0.001 and 10")
-    return float(height_m)

@@ -3,7 +3,7 @@
 Two views from opposite sides, about 45 degrees above the object, go into the network, without their cameras. Of several meshes, each
 from noise of its own, the one whose outlines and colours fit the photos best is kept. A similarity brings it into the registration's
 frame. It is a likely shape, not a measured one: where no photo looks, all of it is a guess. The weights, 2.7 GB (MIT) and 1.2 GB of
-DINOv2 (Apache-2.0), must be there.
+DINOv2 (Apache-2.0), must be there. Without cameras (registration none), the mesh is as high as the user says.
 """
 
 import argparse
@@ -18,6 +18,7 @@ METHOD: dict[str, Any] = {
     "rank": 2,
     "stereo": False,
     "generated": True,
+    "cameras_optional": True,
     "models": {
         "networks": (
             "trellis",
@@ -32,7 +33,9 @@ METHOD: dict[str, Any] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
-    parser.add_argument("--cameras", type=Path, required=True, help="folder of a registration, with images and masks")
+    parser.add_argument("--cameras", type=Path, help="folder of a registration, with images and masks")
+    parser.add_argument("--capture", type=Path, help="in place of it, photos with masks whose cameras are not known")
+    parser.add_argument("--height-m", type=float, help="height of the object in metres, where cameras are not known")
     parser.add_argument("--generations", type=int, default=6, help="meshes of which the best is kept (default: %(default)s)")
     usual = SamplerSettings()
     parser.add_argument("--steps", type=int, default=usual.steps, help="of each flow from noise to data (default: %(default)s)")

@@ -74,10 +74,10 @@ class PhotoComparison:
         self.photos, self._colors, self._faces = photos, mesh.colors.astype(np.float32) / 255.0, mesh.faces
         self._renderer = MeshRenderer(mesh)
 
-    def measure(self, photos_from_mesh: np.ndarray) -> PhotoFit:
-        """How the mesh fits under a (4, 4) similarity."""
+    def measure(self, photos_from_mesh: np.ndarray, photos: Sequence[ComparedPhoto] | None = None) -> PhotoFit:
+        """How the mesh fits under a (4, 4) similarity, by default in all photos."""
         ours, theirs, joined, together = [], [], 0, 0
-        for photo, hits in self._cast(photos_from_mesh):
+        for photo, hits in self._cast(photos_from_mesh, self.photos if photos is None else photos):
             both = hits.mask & photo.mask
             ours.append(self._color(hits, both))
             theirs.append(photo.color[both])
@@ -97,7 +97,7 @@ class PhotoComparison:
             middle: (3,) about which it changes.
         """
         rows, gaps, weights = [], [], []
-        for photo, hits in self._cast(photos_from_mesh):
+        for photo, hits in self._cast(photos_from_mesh, self.photos):
             contour = hits.mask & ~binary_erosion(hits.mask, border_value=1)
             row, column = np.nonzero(contour)
             if len(row) == 0:
@@ -119,10 +119,10 @@ class PhotoComparison:
             weights.append(1.0 / (1.0 + np.abs(gaps[-1])))
         return np.concatenate(rows)[None], np.concatenate(gaps)[None], np.concatenate(weights)[None]
 
-    def _cast(self, photos_from_mesh: np.ndarray) -> list[tuple[ComparedPhoto, RayHits]]:
+    def _cast(self, photos_from_mesh: np.ndarray, photos: Sequence[ComparedPhoto]) -> list[tuple[ComparedPhoto, RayHits]]:
         """The photos, and what their rays hit of the moved mesh: the mesh stays, and the cameras move instead."""
         back = np.linalg.inv(photos_from_mesh)
-        return [(photo, self._renderer.cast_rays(transform_camera(photo.camera, back))) for photo in self.photos]
+        return [(photo, self._renderer.cast_rays(transform_camera(photo.camera, back))) for photo in photos]
 
     def _color(self, hits: RayHits, where: np.ndarray) -> np.ndarray:
         """(N, 3) colours of the mesh at the pixels `where`."""

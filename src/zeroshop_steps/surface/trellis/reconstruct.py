@@ -3,13 +3,14 @@
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 
+from zeroshop_steps.capture.known_height import read_known_height_m
 from zeroshop_steps.geometry.crops import fit_object_sphere
 from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.geometry.registered_views import read_views
@@ -20,11 +21,12 @@ from zeroshop_steps.networks.trellis.conditioning import frame_object
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface
 from zeroshop_steps.networks.trellis.generator import Generator, encode_pictures, read_settings
 from zeroshop_steps.networks.trellis.memory import predict_memory
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.surface.training_views import read_camera_set
 from zeroshop_steps.surface.trellis.alignment import PhotoAligner, describe_fit
 from zeroshop_steps.surface.trellis.photo_fit import PhotoFit
+from zeroshop_steps.surface.trellis.uncalibrated import as_generated, choose_likeliest, read_pictures, scale_by_height
 from zeroshop_steps.surface.trellis.view_choice import choose_opposite_views
 
 LEAST_FACES = 500
@@ -33,6 +35,8 @@ LEAST_OVERLAP = 0.5
 """Of its outlines with the masks, intersection over union; below, the network made another thing."""
 
 Generate = Callable[[int], ColoredSurface]
+Start = Callable[[Sequence[np.ndarray]], Generate]
+"""Loads the networks and encodes pictures of `frame_object`; gives what makes a mesh of each seed."""
 
 
 @dataclass(frozen=True)
@@ -57,38 +61,76 @@ def reconstruct(args: argparse.Namespace, files: Mapping[str, tuple[str, ...]]) 
     start_s = time.monotonic()
     if args.generations < 1 or args.steps < 1:
         raise StepError(f"--generations is {args.generations} and --steps {args.steps}; at least one of each is needed")
+    if (args.cameras is None) == (args.capture is None):
+        raise StepError("trellis takes either --cameras, or --capture, whose photos have no cameras")
     networks, encoder = require_model(args.networks, files["networks"]), require_model(args.encoder, files["encoder"])
     device = torch.device(choose_device(args.device))
     settings = read_settings(networks)
     settings = replace(settings, sampler=replace(settings.sampler, steps=args.steps, guidance=args.guidance))
-    camera_set, (views, _) = read_camera_set(args.cameras), read_views(args.cameras)
     needs = predict_memory(settings)
-    check_memory(needs, device)
     torch.set_num_threads(args.threads)
-    sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
-    chosen = choose_opposite_views(views, sphere.centre)
-    pictures = [frame_object(camera_set.images[view], camera_set.masks[view], settings.image_px) for view in chosen]
-    conditions = encode_pictures(encoder, pictures, device)
-    generator = Generator(networks, settings, device)
-    aligner = PhotoAligner(camera_set.model.cameras, camera_set.images, camera_set.masks)
     seeds = range(args.seed, args.seed + args.generations)
-    best = choose_generation(lambda seed: generator.generate(conditions, seed), seeds, aligner)
-    write_ply(args.out, best.mesh)
+
+    def start(pictures: Sequence[np.ndarray]) -> Generate:
+        check_memory(needs, device)
+        conditions = encode_pictures(encoder, pictures, device)
+        generator = Generator(networks, settings, device)
+        return lambda seed: generator.generate(conditions, seed)
+
+    if args.cameras is None:
+        mesh, facts = _from_photos_alone(args, start, seeds, settings.image_px)
+    else:
+        mesh, facts = _from_registered_photos(args, start, seeds, settings.image_px)
+    write_ply(args.out, mesh)
     facts = {
         "seconds": round(time.monotonic() - start_s, 2),
-        "vertices": len(best.mesh.vertices),
-        "faces": len(best.mesh.faces),
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
         "generated": True,
-        "views": [views[view].camera.name for view in chosen],
-        "seed": best.seed,
-        "generations": best.tried,
-        "registration_from_generated": np.round(best.fit.photos_from_mesh, 7).tolist(),
+        **facts,
         "device": device.type,
         "predicted_peak_gb": round(needs.peak_bytes / 1e9, 2),
         "parameters": {"generations": args.generations, "steps": args.steps, "guidance": args.guidance},
     }
     write_json(args.out.with_suffix(".json"), facts)
+
+
+def _from_registered_photos(args: argparse.Namespace, start: Start, seeds: range, image_px: int) -> tuple[Mesh, dict[str, Any]]:
+    """The best mesh in the frame of the cameras, and its facts."""
+    camera_set, (views, _) = read_camera_set(args.cameras), read_views(args.cameras)
+    sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
+    chosen = choose_opposite_views(views, sphere.centre)
+    generate = start([frame_object(camera_set.images[view], camera_set.masks[view], image_px) for view in chosen])
+    best = choose_generation(generate, seeds, PhotoAligner(camera_set.model.cameras, camera_set.images, camera_set.masks))
     print(f"trellis: seed {best.seed} of {len(seeds)}, overlap with the masks {best.fit.overlap:.1%}", file=sys.stderr)
+    return best.mesh, {
+        "views": [views[view].camera.name for view in chosen],
+        "seed": best.seed,
+        "generations": best.tried,
+        "registration_from_generated": np.round(best.fit.photos_from_mesh, 7).tolist(),
+    }
+
+
+def _from_photos_alone(args: argparse.Namespace, start: Start, seeds: range, image_px: int) -> tuple[Mesh, dict[str, Any]]:
+    """The mesh that is most like the photos, as high as is known, and its facts."""
+    height_m = read_known_height_m(args.capture / "capture.json", args.height_m)
+    named = read_pictures(args.capture)
+    pictures = [(image, mask) for _, image, mask in named]
+    generate = start([frame_object(image, mask, image_px) for image, mask in pictures])
+    surfaces = (generate(seed) for seed in seeds)
+    meshes = (as_generated(surface) if len(surface.faces) >= LEAST_FACES else None for surface in surfaces)
+    index, mesh, errors = choose_likeliest(meshes, pictures)
+    if height_m is None:
+        warn("the scale is unknown: no height is given. Give the object's height in metres as height_m in config/objects.tsv")
+    print(f"trellis: seed {seeds[index]} of {len(seeds)}, likeness {1 - errors[index]:.1%}", file=sys.stderr)
+    return scale_by_height(mesh, height_m), {
+        "views": [name for name, _, _ in named],
+        "seed": seeds[index],
+        "generations": [{"seed": seed, "error": error} for seed, error in zip(seeds, errors, strict=True)],
+        "unit": "unknown" if height_m is None else "millimetre",
+        "scale": "unknown" if height_m is None else "known",
+        "height_m": height_m,
+    }
 
 
 def choose_generation(generate: Generate, seeds: Iterable[int], aligner: PhotoAligner) -> BestGeneration:
@@ -105,7 +147,7 @@ def choose_generation(generate: Generate, seeds: Iterable[int], aligner: PhotoAl
         record: dict[str, Any] = {"seed": seed, "faces": len(surface.faces)}
         tried.append(record)
         if len(surface.faces) >= LEAST_FACES:
-            mesh = Mesh(surface.vertices, surface.faces, colors=np.rint(255 * surface.colors).astype(np.uint8))
+            mesh = as_generated(surface)
             fit = aligner.align(mesh)
             record |= describe_fit(fit)
             if best is None or fit.error < best.fit.error:
