@@ -20,7 +20,7 @@ SEGMENTER, DESCRIBER, FILES = "sam-vit-huge", "dinov2-large", ("config.json", WE
 PROPOSALS = ("sam", "fastsam")
 BASE_BYTES = 1_000_000_000
 """Of Python, PyTorch, the views of a model, and DINOv2 on the crops that go through it together; measured."""
-FASTSAM_BYTES = 500_000_000
+FASTSAM_BYTES = 600_000_000
 """Of FastSAM with its weights; measured."""
 ATTENTION_COPIES = 4
 """Of the largest matrix of attention in SAM: three were measured, with hardly a mask in the image, and one is for many masks."""
