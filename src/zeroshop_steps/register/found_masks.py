@@ -132,7 +132,7 @@ def check_by_found_masks(folder: Path, record: dict[str, Any], network: SalientO
     with scratch_directory(folder, "masks") as scratch:
         chosen, paths = _write_useful(found, [view.image_path for view in views], scratch)
         masked = [replace(views[index], mask_path=path) for index, path in zip(chosen, paths, strict=True)]
-        missed_px = measure_outline_misses_px(masked, [found[index] for index in chosen])
+        missed_px = measure_outline_misses_px([view.camera for view in masked], [found[index] for index in chosen])
         record |= {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
         if missed_px is not None and missed_px > ROUGH_MISSED_PX:
             raise RegistrationFailed(

@@ -1,6 +1,7 @@
 """Adjust a COLMAP model of an object by the outlines that its masks show."""
 
 from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 import pycolmap
@@ -9,6 +10,23 @@ from zeroshop_steps.geometry.cameras import Camera, to_rigid
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
 from zeroshop_steps.register.undistort import undistort_masks
+
+
+@dataclass(frozen=True)
+class AdjustedModel:
+    """A model that was adjusted by outlines.
+
+    Attributes:
+        model: an adjusted copy.
+        cameras: its pinhole cameras, in the order in which they were given.
+        missed_px: by how much the rays of the rims missed the other masks before and after, px per 1000 px of the image, in the mean.
+        error_px: the reprojection error of the tracks before and after, the same.
+    """
+
+    model: pycolmap.Reconstruction
+    cameras: list[Camera]
+    missed_px: tuple[float, float]
+    error_px: tuple[float, float]
 
 
 def adjust_model_by_outlines(
@@ -20,24 +38,37 @@ def adjust_model_by_outlines(
         An adjusted copy, and by how much the rays of the rims missed the other masks before and after: the mean, px per 1000 px.
     """
     cameras, masks = undistort_masks(model, image_set)
+    adjusted = adjust_model_by_masks(model, cameras, {name: mask for name, mask in masks.items() if name not in wrong_masks})
+    return adjusted.model, [round(missed_px, 3) for missed_px in adjusted.missed_px]
+
+
+def adjust_model_by_masks(model: pycolmap.Reconstruction, cameras: list[Camera], masks: dict[str, np.ndarray]) -> AdjustedModel:
+    """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims.
+
+    Args:
+        model: whose images with a pose are adjusted.
+        cameras: their pinhole cameras.
+        masks: {image name: (height, width) bool}, of the pinhole cameras' sizes; other images are held by their tracks alone.
+    """
     point_ids, tracks = read_tracks(model, cameras)
-    adjustment = OutlineAdjustment(cameras, {name: mask for name, mask in masks.items() if name not in wrong_masks}, tracks)
-    before_px = float(adjustment.measure_misses_px().mean())
+    adjustment = OutlineAdjustment(cameras, masks, tracks)
+    before_px, error_before_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
     adjustment.adjust()
-    after_px = float(adjustment.measure_misses_px().mean())
+    after_px, error_after_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
     copy = pycolmap.Reconstruction(model)
-    for camera in copy.cameras.values():
-        params = camera.params.copy()
-        params[list(camera.focal_length_idxs())] *= np.exp(adjustment.state.log_focal)
-        camera.params = params
+    for lens in copy.cameras.values():
+        params = lens.params.copy()
+        params[list(lens.focal_length_idxs())] *= np.exp(adjustment.state.log_focal)
+        lens.params = params
     placed = {image.name: image for image in copy.images.values() if image.has_pose}
-    for camera in adjustment.adjusted_cameras():
+    adjusted = adjustment.adjusted_cameras()
+    for camera in adjusted:
         image = placed[camera.name]
         copy.frames[image.frame_id].set_cam_from_world(image.camera_id, to_rigid(camera.camera_from_world))
     for point_id, place in zip(point_ids, adjustment.adjusted_points(), strict=True):
         copy.points3D[point_id].xyz = place
     copy.update_point_3d_errors()
-    return copy, [round(before_px, 3), round(after_px, 3)]
+    return AdjustedModel(copy, adjusted, (before_px, after_px), (error_before_px, error_after_px))
 
 
 def read_tracks(model: pycolmap.Reconstruction, cameras: list[Camera]) -> tuple[list[int], Tracks]:

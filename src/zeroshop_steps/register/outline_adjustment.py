@@ -126,6 +126,11 @@ class OutlineAdjustment:
         """(R,) by how much each ray of the rims misses the other masks, px per 1000 px of the image; 0 where it passes through all."""
         return np.maximum(-self._touch(self.state), 0.0)
 
+    def measure_error_px(self) -> float:
+        """The reprojection error of the tracks, px per 1000 px of the image, in the mean; 0 without tracks."""
+        errors = self._reprojection_errors(self.state)[0]
+        return float(np.linalg.norm(errors, axis=1).mean()) if len(errors) else 0.0
+
     def adjusted_cameras(self) -> list[Camera]:
         """The cameras as they are now, in the frame in which they were given."""
         factor = np.diag([np.exp(self.state.log_focal)] * 2 + [1.0])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import REFERENCE_PX
@@ -19,16 +19,16 @@ MOST_MISSED_PX = 3.0
 where a mask or a camera was wrong; cameras that were bent by 3 % of their distance 6.9."""
 
 
-def measure_outline_misses_px(views: list[View], masks: list[np.ndarray]) -> float | None:
+def measure_outline_misses_px(cameras: list[Camera], masks: list[np.ndarray]) -> float | None:
     """By how much the rays of a mask miss those of other views: the median view, in pixels of a photo of 1000. None for two views.
 
     Args:
-        views: the registered photos.
+        cameras: of the registered photos.
         masks: (H, W) bool in their order and size.
     """
-    if len(views) < LEAST_VIEWS:
+    if len(cameras) < LEAST_VIEWS:
         return None
-    cameras = [replace(shrink_camera(view.camera, REFERENCE_PX), name=str(index)) for index, view in enumerate(views)]
+    cameras = [replace(shrink_camera(camera, REFERENCE_PX), name=str(index)) for index, camera in enumerate(cameras)]
     small = {
         camera.name: cv2.resize(mask.astype(np.float32), (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA) > 0.5
         for camera, mask in zip(cameras, masks, strict=True)

@@ -15,14 +15,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_size_px, write_label
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
-from zeroshop_steps.register.outline_check import measure_outline_misses_px, warn_of_misses
+from zeroshop_steps.register.outline_check import warn_of_misses
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.segment.bent_cameras import Straightened, carry_plane, straighten_cameras
 from zeroshop_steps.segment.exposure import equalize_exposure
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import MasksRejected, find_contradicted
@@ -81,27 +83,45 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         for image_id in sorted(model.reg_image_ids()):
             if model.images[image_id].name in dropped:
                 model.deregister_frame(model.images[image_id].frame_id)
-        write_reconstruction(model, folder / "sparse")
-        equalize_exposure(folder)
         kept = [index for index, view in enumerate(views) if view.camera.name not in dropped]
-        missed_px = measure_outline_misses_px([views[index] for index in kept], [masks[index] for index in kept])
-        _write_confidence(folder, [views[index] for index in kept], [masks[index] for index in kept])
-        record = record | {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
+        cameras, kept_masks = [views[index].camera for index in kept], [masks[index] for index in kept]
+        straightened = straighten_cameras(model, cameras, kept_masks)
+        write_reconstruction(straightened.model, folder / "sparse")
+        equalize_exposure(folder)
+        _write_confidence(folder, straightened.cameras, kept_masks)
+        record = record | _describe_straightened(straightened, cameras, record)
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
         write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet([view.image_path for view in views], masks, dropped))
     warn_of_dropped(record)
-    warn_of_misses(missed_px)
+    warn_of_misses(straightened.missed_px)
 
 
-def _write_confidence(folder: Path, views: list[View], masks: list[np.ndarray]) -> None:
+def _describe_straightened(straightened: Straightened, before: list[Camera], record: dict[str, Any]) -> dict[str, Any]:
+    """What changes in the record by how the outlines fit, and by cameras that were adjusted to them; says so."""
+    missed_px, before_px = straightened.missed_px, straightened.before_px
+    changes: dict[str, Any] = {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
+    if missed_px is None or before_px is None:
+        return changes
+    warn(
+        f"the cameras were bent: the outlines of the masks missed each other by {before_px:.1f} px (of 1000), by {missed_px:.1f} since the"
+        " cameras were adjusted to them"
+    )
+    changes["outlines_missed_before_px"] = round(before_px, 2)
+    if "plane" in record:
+        normal, offset = carry_plane(np.array(record["plane"]["normal"]), record["plane"]["offset"], before, straightened.cameras)
+        changes["plane"] = {"normal": normal.tolist(), "offset": offset}
+    return changes
+
+
+def _write_confidence(folder: Path, cameras: list[Camera], masks: list[np.ndarray]) -> None:
     """Write how sure each mask is at each pixel, where it is not sure everywhere: not where the other masks contradict it."""
-    hulls, _ = assess_masks(masks, [view.camera for view in views])
-    for view, mask, hull in zip(views, masks, hulls, strict=True):
+    hulls, _ = assess_masks(masks, cameras)
+    for camera, mask, hull in zip(cameras, masks, hulls, strict=True):
         contradicted = find_contradicted(mask, hull) if hull.any() else np.zeros_like(mask)
         if contradicted.any():
-            write_mask(folder / CONFIDENCE / f"{Path(view.camera.name).stem}.png", ~contradicted)
+            write_mask(folder / CONFIDENCE / f"{Path(camera.name).stem}.png", ~contradicted)
 
 
 def read_mask_record(folder: Path | None) -> dict[str, Any]:
