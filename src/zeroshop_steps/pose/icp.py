@@ -39,7 +39,7 @@ def run_icp(poses: np.ndarray, points: np.ndarray, surface: NearestSurface, step
     """
     moved = np.ascontiguousarray(poses, np.float64).copy()
     tables = surface.points, surface.normals, surface.is_open, surface.low, surface.cell_mm, surface.table
-    _run_icp(moved, np.ascontiguousarray(points, np.float64), *tables, steps)
+    _run_icp(moved, np.ascontiguousarray(points, np.float64), points.mean(0), *tables, steps)
     return moved
 
 
@@ -93,6 +93,7 @@ def _rotate(pose: np.ndarray, vector: np.ndarray, out: np.ndarray) -> None:
 def _run_icp(
     poses: np.ndarray,
     points: np.ndarray,
+    middle: np.ndarray,
     samples: np.ndarray,
     normals: np.ndarray,
     is_open: bool,
@@ -102,23 +103,41 @@ def _run_icp(
     steps: int,
 ) -> None:
     """`run_icp` in place; `samples` to `table` are the fields of `NearestSurface`."""
-    middle = np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
     for index in numba.prange(len(poses)):
-        distances, faces = np.empty(len(points)), np.empty(len(points), np.bool_)
-        rows, gaps = np.empty((len(points), 6)), np.empty(len(points))
-        for _ in range(steps):
-            _build_equations(poses[index], points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps)
-            limit = np.sort(distances)[int(np.ceil(NEAR_SHARE * (len(points) - 1)))]
-            square, right = np.zeros((6, 6)), np.zeros(6)
-            for point in range(len(points)):
-                if faces[point] and distances[point] <= limit:
-                    for i in range(6):
-                        right[i] += rows[point, i] * gaps[point]
-                        for j in range(6):
-                            square[i, j] += rows[point, i] * rows[point, j]
-            for i in range(6):
-                square[i, i] += DAMPING * square[i, i] + TINY_DAMPING
-            _apply_step(poses[index], np.linalg.solve(square, right), middle)
+        _move_pose(poses[index], points, middle, samples, normals, is_open, low, cell_mm, table, steps)
+
+
+# Loops in place of numpy's products and solver: numba compiles all that a parallel loop calls several times, for most of a minute.
+@numba.njit(cache=True)
+def _move_pose(
+    pose: np.ndarray,
+    points: np.ndarray,
+    middle: np.ndarray,
+    samples: np.ndarray,
+    normals: np.ndarray,
+    is_open: bool,
+    low: np.ndarray,
+    cell_mm: float,
+    table: np.ndarray,
+    steps: int,
+) -> None:
+    """The steps of one pose, in place."""
+    distances, faces = np.empty(len(points)), np.empty(len(points), np.bool_)
+    rows, gaps = np.empty((len(points), 6)), np.empty(len(points))
+    for _ in range(steps):
+        _build_equations(pose, points, middle, samples, normals, is_open, low, cell_mm, table, distances, faces, rows, gaps)
+        limit = np.sort(distances)[int(np.ceil(NEAR_SHARE * (len(points) - 1)))]
+        square, right = np.zeros((6, 6)), np.zeros(6)
+        for point in range(len(points)):
+            if faces[point] and distances[point] <= limit:
+                for i in range(6):
+                    right[i] += rows[point, i] * gaps[point]
+                    for j in range(6):
+                        square[i, j] += rows[point, i] * rows[point, j]
+        for i in range(6):
+            square[i, i] += DAMPING * square[i, i] + TINY_DAMPING
+        _solve_by_cholesky(square, right)
+        _apply_step(pose, right, middle)
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -160,15 +179,44 @@ def _build_equations(
 @numba.njit(cache=True, forceinline=True)
 def _apply_step(pose: np.ndarray, change: np.ndarray, middle: np.ndarray) -> None:
     """Rotate a pose about `middle` by the rotation vector change[:3] and translate it by change[3:], in place."""
-    x, y, z = np.minimum(np.maximum(change[:3], -LARGEST_TURN), LARGEST_TURN)
-    angle = np.sqrt(x * x + y * y + z * z)
-    first = 1.0 - angle**2 / 6 if angle < SMALL_ANGLE else np.sin(angle) / angle
-    second = 0.5 - angle**2 / 24 if angle < SMALL_ANGLE else (1.0 - np.cos(angle)) / angle**2
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + first * cross + second * (cross @ cross)
-    moved = turn @ np.ascontiguousarray(pose[:3, :3])
-    offset = turn @ (pose[:3, 3] - middle) + middle + change[3:]
-    pose[:3, :3], pose[:3, 3] = moved, offset
+    vector, squared = np.empty(3), 0.0
+    for axis in range(3):
+        vector[axis] = min(max(change[axis], -LARGEST_TURN), LARGEST_TURN)
+        squared += vector[axis] ** 2
+    angle = np.sqrt(squared)
+    first = 1.0 - squared / 6 if angle < SMALL_ANGLE else np.sin(angle) / angle
+    second = 0.5 - squared / 24 if angle < SMALL_ANGLE else (1.0 - np.cos(angle)) / squared
+    turned = np.empty(3)
+    for column in range(4):
+        # The translation is turned about the middle, the axes are turned as they are.
+        for row in range(3):
+            turned[row] = pose[row, column] - (middle[row] if column == 3 else 0.0)
+        along = vector[0] * turned[0] + vector[1] * turned[1] + vector[2] * turned[2]
+        for row in range(3):
+            after, last = (row + 1) % 3, (row + 2) % 3
+            cross = vector[after] * turned[last] - vector[last] * turned[after]
+            moved = turned[row] + first * cross + second * (vector[row] * along - squared * turned[row])  # Rodrigues' formula
+            pose[row, column] = moved + (middle[row] + change[3 + row] if column == 3 else 0.0)
+
+
+@numba.njit(cache=True, forceinline=True)
+def _solve_by_cholesky(square: np.ndarray, right: np.ndarray) -> None:
+    """Replace (n,) `right` by the solution of a positive definite (n, n) system, whose lower triangle is replaced by its factor."""
+    count = len(right)
+    for j in range(count):
+        for i in range(j, count):
+            value = square[i, j]
+            for k in range(j):
+                value -= square[i, k] * square[j, k]
+            square[i, j] = np.sqrt(value) if i == j else value / square[j, j]
+    for i in range(count):
+        for k in range(i):
+            right[i] -= square[i, k] * right[k]
+        right[i] /= square[i, i]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            right[i] -= square[k, i] * right[k]
+        right[i] /= square[i, i]
 
 
 @numba.njit(cache=True, parallel=True)
