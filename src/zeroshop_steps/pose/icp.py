@@ -108,7 +108,7 @@ def _run_icp(
 
 
 # Loops in place of numpy's products and solver: numba compiles all that a parallel loop calls several times, for most of a minute.
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _move_pose(
     pose: np.ndarray,
     points: np.ndarray,
