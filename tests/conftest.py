@@ -47,7 +47,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """The modules of all tests stay until the end: garbage collections pass over them, which takes a seventh off the tests' time."""
+    """The modules of all tests stay until the end: garbage collections pass over them."""
     gc.collect()
     gc.freeze()
 

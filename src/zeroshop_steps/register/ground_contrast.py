@@ -63,8 +63,8 @@ def find_contrasting_thing(image: np.ndarray) -> np.ndarray:
     if not thing.any():
         return thing
     thing = _cut_outline(small, thing)
-    shadow = _find_soft_shadow(resized, thing, offset)
-    return keep_main_thing((thing & ~shadow).astype(np.float32)) > 0.5 if (thing & ~shadow).any() else thing
+    lit = thing & ~_find_soft_shadow(resized, thing, offset)
+    return keep_main_thing(lit.astype(np.float32)) > 0.5 if lit.any() else thing
 
 
 def measure_offset(image: np.ndarray) -> np.ndarray:

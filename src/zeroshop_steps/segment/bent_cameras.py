@@ -12,7 +12,8 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera, fit_similarity
 from zeroshop_steps.register.model_outlines import adjust_model_by_masks
-from zeroshop_steps.register.outline_check import MOST_MISSED_PX, measure_outline_misses_px
+from zeroshop_steps.register.outline_check import MOST_MISSED_PX, measure_outline_misses_px, warn_of_misses
+from zeroshop_steps.runtime.errors import warn
 
 MOST_ERROR_GROWTH = 1.1
 """Of the mean reprojection error. Adjusting bent cameras changed it by 1.05; wrong masks made it 1.36 and 2.5 times as large."""
@@ -52,6 +53,16 @@ def straighten_cameras(model: pycolmap.Reconstruction, cameras: list[Camera], ma
     if left_px is None or left_px > MOST_MISSED_PX or error_after_px > MOST_ERROR_GROWTH * error_before_px:
         return Straightened(model, cameras, missed_px)
     return Straightened(adjusted.model, adjusted.cameras, left_px, missed_px)
+
+
+def warn_of_bent_cameras(straightened: Straightened) -> None:
+    """Warn of cameras that were adjusted, and where the outlines of most photos miss each other."""
+    if straightened.before_px is not None:
+        warn(
+            f"the cameras were bent: the outlines of the masks missed each other by {straightened.before_px:.1f} px (of 1000), by"
+            f" {straightened.missed_px:.1f} since the cameras were adjusted to them"
+        )
+    warn_of_misses(straightened.missed_px)
 
 
 def carry_plane(normal: np.ndarray, offset: float, before: list[Camera], after: list[Camera]) -> tuple[np.ndarray, float]:

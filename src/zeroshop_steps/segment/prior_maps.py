@@ -45,8 +45,8 @@ def find_by_maps(maps: list[np.ndarray], views: list[View], find_on_ground: Call
         return masks, record | {"without_ground": str(error)}
 
 
-def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
-    """Log odds of the object, (h, w), at most `PRIOR_ODDS` either way, by maps of these sizes.
+def weigh_maps(maps: list[np.ndarray], cameras: list[Camera], most_odds: float = PRIOR_ODDS) -> list[np.ndarray]:
+    """Log odds of the object, (h, w), at most `most_odds` either way, by maps of these sizes.
 
     They are 0 where a photo contradicts the hull of all: it takes something else along, or a part for the whole. At the hull's rim,
     which is as coarse as its voxels, the photo decides.
@@ -54,7 +54,7 @@ def weigh_maps(maps: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray
     hulls, _ = assess_masks([found > 0.5 for found in maps], _resize_cameras(cameras, maps))
     weighed = []
     for found, hull in zip(maps, hulls, strict=True):
-        odds = PRIOR_ODDS * (2 * found - 1)
+        odds = most_odds * (2 * found - 1)
         grown, shrunk = move_rim(hull, find_rim_px(hull))
         contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
         weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))

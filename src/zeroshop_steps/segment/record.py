@@ -20,11 +20,10 @@ from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_si
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
-from zeroshop_steps.register.outline_check import warn_of_misses
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
-from zeroshop_steps.segment.bent_cameras import Straightened, carry_plane, straighten_cameras
+from zeroshop_steps.segment.bent_cameras import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
 from zeroshop_steps.segment.exposure import equalize_exposure
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import MasksRejected, find_contradicted
@@ -95,19 +94,15 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         write_json(folder / RECORD, record)
         write_image(folder / "contact_sheet.png", draw_mask_sheet([view.image_path for view in views], masks, dropped))
     warn_of_dropped(record)
-    warn_of_misses(straightened.missed_px)
+    warn_of_bent_cameras(straightened)
 
 
 def _describe_straightened(straightened: Straightened, before: list[Camera], record: dict[str, Any]) -> dict[str, Any]:
-    """What changes in the record by how the outlines fit, and by cameras that were adjusted to them; says so."""
+    """What changes in the record by how the outlines fit, and by cameras that were adjusted to them."""
     missed_px, before_px = straightened.missed_px, straightened.before_px
     changes: dict[str, Any] = {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
     if missed_px is None or before_px is None:
         return changes
-    warn(
-        f"the cameras were bent: the outlines of the masks missed each other by {before_px:.1f} px (of 1000), by {missed_px:.1f} since the"
-        " cameras were adjusted to them"
-    )
     changes["outlines_missed_before_px"] = round(before_px, 2)
     if "plane" in record:
         normal, offset = carry_plane(np.array(record["plane"]["normal"]), record["plane"]["offset"], before, straightened.cameras)

@@ -18,13 +18,13 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast, find_contrasting_thing
-from zeroshop_steps.segment.ground import MOST_ODDS, build_ground_picture, equalize_exposure
+from zeroshop_steps.segment.ground import MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
-from zeroshop_steps.segment.plain_ground import find_risen_points, fit_plain_ground, join_odds
+from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
 from zeroshop_steps.segment.plane_search import find_scene_support, has_settled, settle_support
-from zeroshop_steps.segment.prior_maps import PRIOR_ODDS, Masks, find_by_maps, weigh_maps
+from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, weigh_maps
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
 from zeroshop_steps.segment.tidy_mask import tidy_mask
@@ -82,13 +82,15 @@ def find_masks(
     priors = [np.zeros(size[::-1], np.float32) for size in sizes]
     if prior is not None:
         priors = [cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) for odds, size in zip(prior, sizes, strict=True)]
-    if prior is None and fit_plain_ground(build_ground_picture(support, cameras, images)):
+    ground = build_ground_picture(support, cameras, images)
+    plain = fit_plain_ground(ground)
+    if prior is None and plain:
         priors = _weigh_contrast(images, cameras)
-    selection, refined, own = _find_on_plane(support, cameras, images, priors, model)
+    selection, refined, own = _find_on_plane(support, ground, plain, cameras, images, priors, model)
     settled = None if fitted else settle_support(support, cameras, images, refined.masks, selection.grid, refined.occupied)
     if settled and not has_settled(support, settled):
-        support = settled
-        selection, refined, own = _find_on_plane(support, cameras, images, priors, model)
+        support, ground = settled, build_ground_picture(settled, cameras, images)
+        selection, refined, own = _find_on_plane(support, ground, fit_plain_ground(ground), cameras, images, priors, model)
     tidied = [tidy_mask(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = compare_with_hull([mask > 0.5 for mask in tidied], refined.hulls)
@@ -108,11 +110,15 @@ def find_masks(
 
 
 def _find_on_plane(
-    support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], priors: list[np.ndarray], model: SparseModel
+    support: SceneSupport,
+    ground: GroundPicture,
+    plain: PlainGround | None,
+    cameras: list[Camera],
+    images: list[np.ndarray],
+    priors: list[np.ndarray],
+    model: SparseModel,
 ) -> tuple[ObjectSelection, RefinedMasks, np.ndarray]:
     """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
-    ground = build_ground_picture(support, cameras, images)
-    plain = fit_plain_ground(ground)
     risen = find_risen_points(model.points, support) if plain else None
     by_place = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
     by_table = [
@@ -134,7 +140,7 @@ def _weigh_contrast(images: list[np.ndarray], cameras: list[Camera]) -> list[np.
     sizes = [(camera.width_px, camera.height_px) for camera in cameras]
     found = [find_contrasting_thing(image.clip(0, 255).astype(np.uint8)).astype(np.float32) for image in images]
     maps = [cv2.resize(thing, size, interpolation=cv2.INTER_LINEAR) for thing, size in zip(found, sizes, strict=True)]
-    return [odds * CONTRAST_ODDS / PRIOR_ODDS for odds in weigh_maps(maps, cameras)]
+    return weigh_maps(maps, cameras, CONTRAST_ODDS)
 
 
 def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
