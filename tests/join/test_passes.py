@@ -1,13 +1,16 @@
 """Passes of an object that was turned over: which way counts, what is written, and a whole join of rendered passes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.registered_views import choose_standing, read_views
-from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SURE_PAIRS, Judgement
-from zeroshop_steps.join.passes import choose, explain
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SURE_PAIRS, Judgement, choose
+from zeroshop_steps.join.reasons import SAME_SIDE_DEG, explain, explain_same_side
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.group_likeness import Likeness
 from zeroshop_steps.runtime.cli import stage_main
@@ -17,8 +20,8 @@ SAME, NOTHING = Likeness(20, 2000, 0.85, 0.05, 300, 0.05), Likeness(0, 0, 0.0, 0
 OTHER = Likeness(20, 2000, 0.4, 0.7, 300, 0.8)
 
 
-def judged(pairs: int, miss_px: float, likeness: Likeness) -> Judgement:
-    return Judgement(Way(np.eye(4), pairs), miss_px, likeness)
+def judged(pairs: int, miss_px: float, likeness: Likeness, elsewhere_px: float | None = None) -> Judgement:
+    return Judgement(Way(np.eye(4), pairs), miss_px, likeness, elsewhere_px)
 
 
 @pytest.mark.parametrize(
@@ -34,6 +37,11 @@ def judged(pairs: int, miss_px: float, likeness: Likeness) -> Judgement:
         ([judged(100, 0.2, SAME), judged(60, 0.2, OTHER)], True),
         ([judged(100, 0.2, SAME), judged(60, 0.2, SAME)], False),  # print on two sides, and both fit
         ([judged(100, 0.2, SAME), judged(20, 0.2, NOTHING)], False),
+        ([judged(0, 0.5, NOTHING, 7.0), judged(0, 7.0, NOTHING, 0.5)], True),  # outlines that fit in one way alone
+        ([judged(0, 0.5, NOTHING, 1.0), judged(0, 1.0, NOTHING, 0.5)], False),
+        ([judged(0, 0.5, SAME, 1.0), judged(0, 1.0, OTHER, 0.5)], True),
+        ([judged(0, 0.5, OTHER, 7.0), judged(0, 7.0, NOTHING, 0.5)], False),
+        ([judged(0, 2.2, NOTHING, 9.0), judged(0, 9.0, NOTHING, 2.2)], False),  # masks are too far off to tell
     ],
 )
 def test_exactly_one_way_must_be_right_and_none_open(found, right):
@@ -46,6 +54,7 @@ def test_the_reason_names_what_contradicts():
     assert "outlines of pass 2 contradict" in explain(2, [judged(100, 2 * LARGEST_MISS_PX, SAME)])
     assert "the pictures differ" in explain(2, [judged(100, 0.2, OTHER)])
     assert "too little print" in explain(2, [judged(20, 0.2, NOTHING)])
+    assert "neither print nor outlines" in explain(2, [judged(0, 2 * LARGEST_MISS_PX, NOTHING, 9.0)])
 
 
 def render_and_register(folder, model, seed):
@@ -102,8 +111,25 @@ def test_a_carton_turned_over_is_joined_in_the_frame_of_its_first_pass(passes):
     assert beside.sum() < 0.02 * len(read_sparse_model(passes / "2/cameras/sparse").points)
 
 
+@pytest.mark.slow
+def test_the_same_pass_twice_is_left_out_and_said(passes, capsys):
+    words = ["--method", "passes", "--threads", "1", "--cameras", *[str(passes / "1/cameras")] * 2]
+    assert stage_main("zeroshop_steps.join", [*words, "--out", str(passes / "twice")]) == 0
+    assert "the pictures of pass 2 are those of pass 1: pass 2 is left out" in capsys.readouterr().err
+    assert read_json(passes / "twice/registration.json")["registered"] == 12
+
+
 def test_passes_without_masks_are_refused(tmp_path, capsys, carton_cameras_without_masks):
     cameras = ["--cameras", *[str(carton_cameras_without_masks)] * 2]
     assert stage_main("zeroshop_steps.join", ["--method", "passes", *cameras, "--out", str(tmp_path / "joined")]) == 1
     assert "has no masks; passes are joined by the object alone" in capsys.readouterr().err
     assert not (tmp_path / "joined").exists()
+
+
+@pytest.mark.parametrize("turned_deg", [5.0, 60.0, 180.0])
+def test_a_pass_that_shows_no_other_side_is_said(turned_deg):
+    first, other = (SimpleNamespace(group=SimpleNamespace(up=np.array([0.0, 0.0, 1.0]))) for _ in range(2))
+    way = np.eye(4)
+    way[:3, :3] = 2.0 * Rotation.from_euler("x", turned_deg, degrees=True).as_matrix()
+    reason = explain_same_side(2, Judgement(Way(way, 100), 0.2, SAME), first, other)
+    assert (reason is not None) == (turned_deg < SAME_SIDE_DEG)

@@ -53,6 +53,13 @@ def read_pass(number: int, cameras: Path) -> Pass:
     return Pass(number, model, images, masks)
 
 
+def repeats(first: Pass, other: Pass) -> bool:
+    """Whether most pictures of a pass are those of the first: the same capture was given twice."""
+    known = {path.read_bytes() for path in first.images.values()}
+    same = sum(path.read_bytes() in known for path in other.images.values())
+    return same > len(other.images) / 2
+
+
 def gather(passes: list[Pass], out: Path) -> ImageSet:
     """Copy the images and masks of all passes, and how sure the masks are, into `out`; they are listed pass by pass."""
     paths, masks, sizes_px = [], [], []

@@ -15,10 +15,11 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import PASSES
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, judge, make_group, make_views
+from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_ways
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
-from zeroshop_steps.join.pass_images import Pass, gather, read_pass
+from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
+from zeroshop_steps.join.reasons import explain, explain_repetition, explain_same_side
 from zeroshop_steps.join.refinement import refine
 from zeroshop_steps.join.ways import find_ways_by_matches
 from zeroshop_steps.register.record import describe_model, read_registration
@@ -59,18 +60,22 @@ def join(passes: list[Pass], out: Path, options: SiftOptions) -> dict[str, Any]:
         image_set = gather(passes, scratch)
         database = match_object(image_set, passes, scratch, options)
         models = [triangulate_pass(database, one, image_set, options.seed) for one in passes]
-        views = [make_views(one) for one in passes]
-        groups = [make_group(part) for part in views]
+        sights = [Sight.of(one) for one in passes]
         kept, placed, described = [passes[0]], [np.eye(4)], [describe_pass(passes[0], [])]
         for number, other in enumerate(passes[1:], start=1):
+            if repeats(passes[0], other):
+                described.append(describe_pass(other, [], reason=explain_repetition(other.number)))
+                continue
             pairs = pair_points(database, models[0], models[number])
             ways = [refine(way, pairs, models[0], models[number]) for way in find_ways_by_matches(pairs, options.seed)]
-            found = [judge(way, views[0], views[number], (groups[0], groups[number])) for way in ways]
+            found = judge_ways(ways, sights[0], sights[number])
             right = choose(found)
-            if right:
-                kept.append(other)
-                placed.append(right.way.target_from_source)
-            described.append(describe_pass(other, found, right))
+            if right is None:
+                described.append(describe_pass(other, found, reason=explain(other.number, found)))
+                continue
+            kept.append(other)
+            placed.append(right.way.target_from_source)
+            described.append(describe_pass(other, found, right, explain_same_side(other.number, right, sights[0], sights[number])))
         if len(kept) > 1:
             joined = triangulate_joined(database, kept, placed, image_set, options.seed, scratch / "joined")
             model = merge_models(joined, passes[0])
@@ -83,38 +88,12 @@ def join(passes: list[Pass], out: Path, options: SiftOptions) -> dict[str, Any]:
     return {**describe_model(model), "passes": described, "warnings": warnings, "join_seconds": round(time.monotonic() - start_s, 2)}
 
 
-def choose(found: list[Judgement]) -> Judgement | None:
-    """The one way that is right; None where none is, or where another may be right as well."""
-    possible = [one for one in found if one.verdict != "wrong"]
-    return possible[0] if len(possible) == 1 and possible[0].verdict == "right" else None
-
-
-def describe_pass(one: Pass, found: list[Judgement], right: Judgement | None = None) -> dict[str, Any]:
-    """The entry of passes.json."""
+def describe_pass(one: Pass, found: list[Judgement], right: Judgement | None = None, reason: str | None = None) -> dict[str, Any]:
+    """The entry of passes.json; `reason` says why it was left out, or why it brings little."""
     return {
         "number": one.number,
         "images": sorted(one.images),
         "joined": one.number == 1 or right is not None,
-        "reason": None if one.number == 1 or right is not None else explain(one.number, found),
+        "reason": reason,
         "ways": [judgement.figures() for judgement in found],
     }
-
-
-def explain(number: int, found: list[Judgement]) -> str:
-    """Why a pass could not be joined, and what helps."""
-    left_out = f"pass {number} is left out, and what only it shows stays unknown"
-    if not found:
-        return (
-            f"the object in pass {number} shows too little that pass 1 shows, too: {left_out}. Film both passes from low enough that the"
-            " sides are seen in both, or lay the object on its side; was it the same object?"
-        )
-    if sum(one.verdict != "wrong" for one in found) > 1:
-        return f"pass {number} fits to pass 1 in several ways, because sides of the object look alike: {left_out}"
-    if found[0].miss_px > LARGEST_MISS_PX:
-        return f"print matches, but the outlines of pass {number} contradict those of pass 1: {left_out}. Has the object changed its shape?"
-    if found[0].verdict == "wrong":
-        return (
-            f"print and outlines of pass {number} fit to pass 1, but where they lie on each other the pictures differ: {left_out}."
-            " Take both passes in the same soft light, without highlights; was it the same object?"
-        )
-    return f"pass {number} fits to pass 1, but too little print shows that it is right: {left_out}"

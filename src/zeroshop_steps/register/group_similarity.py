@@ -6,6 +6,7 @@ through the masks of the other, somewhere within the one group's own visual hull
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +55,7 @@ class CameraGroup:
         scales = [max(camera.width_px, camera.height_px) / REFERENCE_PX for camera in cameras]
         self.distances = [make_outline_distance(mask) / scale for mask, scale in zip(chosen, scales, strict=True)]
         self.centre, self.radius = bound_object(self.cameras, chosen)
+        self.most_px = MOST_PX
         self.up, _ = estimate_up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
         points, counts = [], []
         for number, (camera, mask) in enumerate(zip(self.cameras, chosen, strict=True)):
@@ -76,7 +78,24 @@ class CameraGroup:
         """(R,) by how much each ray of this group misses the masks of another."""
         moved = self.points @ other_from_this[:3, :3].T + other_from_this[:3, 3]
         best = np.maximum.reduceat(other.measure_inside(moved), self.starts)
-        return np.clip(-best, 0.0, MOST_PX)
+        return np.clip(-best, 0.0, other.most_px)
+
+    def thin(self, views: int, rays: int, points: int, most_px: float) -> "CameraGroup":
+        """The same with fewer views that judge, rays that are judged, and points of each, for a first look.
+
+        Args:
+            views, rays, points: so many of each, evenly chosen, or all where there are fewer.
+            most_px: of a miss: beyond, farther is not worse.
+        """
+        few = copy(self)
+        few.most_px = most_px
+        chosen = spread(len(self.cameras), views)
+        few.cameras, few.distances = [self.cameras[one] for one in chosen], [self.distances[one] for one in chosen]
+        every = np.split(self.points, self.starts[1:])
+        thinned = [every[ray][spread(len(every[ray]), points)] for ray in spread(len(every), rays)]
+        few.points = np.concatenate(thinned)
+        few.starts = np.cumsum([0, *(len(ray) for ray in thinned[:-1])])
+        return few
 
     def _walk(self, number: int, camera: Camera, pixels: np.ndarray) -> list[np.ndarray]:
         """For each pixel, (D, 3) points of its ray that the group's other masks allow: at least the best one."""
@@ -90,28 +109,55 @@ class CameraGroup:
         return [ray[keep] for ray, keep in zip(points.reshape(len(pixels), STEPS, 3), allowed, strict=True)]
 
 
+def spread(count: int, most: int) -> np.ndarray:
+    """Indices of `most` of `count` things, or of all where there are fewer, evenly chosen with the first and the last."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(int)
+
+
 def find_hypotheses(target: CameraGroup, source: CameraGroup) -> list[Hypothesis]:
     """How `source` may lie to `target`, the likeliest first; none where the outlines fit in nearly any turn."""
-
-    def miss(target_from_source: np.ndarray) -> np.ndarray:
-        back = np.linalg.inv(target_from_source)
-        return np.concatenate([source.measure_misses(target, target_from_source), target.measure_misses(source, back)])
-
-    turns = [_lay(target, source, turn) for turn in np.linspace(0, 2 * np.pi, TURNS, endpoint=False)]
-    costs = np.array([miss(turn).mean() for turn in turns])
+    turns = [_lay_upright(target, source, turn) for turn in np.linspace(0, 2 * np.pi, TURNS, endpoint=False)]
+    costs = np.array([measure_misses(target, source, turn).mean() for turn in turns])
     if (costs <= costs.min() + FLAT_PX).mean() > FLAT_SHARE:
         return []
     lowest = [n for n in np.argsort(costs, kind="stable") if costs[n] <= min(costs[n - 1], costs[(n + 1) % TURNS])]
-    found = []
-    for number in lowest[:REFINED]:
-        start = turns[number]
+    return keep_distinct([refine(target, source, turns[number]) for number in lowest[:REFINED]])
 
-        def residuals(step: np.ndarray, start: np.ndarray = start) -> np.ndarray:
-            return miss(_move(start, step, target))
 
-        fit = least_squares(residuals, np.zeros(7), diff_step=STEP, loss="soft_l1", f_scale=LOSS_PX, max_nfev=EVALUATIONS)
-        refined = _move(start, fit.x, target)
-        found.append(Hypothesis(refined, float(miss(refined).mean())))
+def measure_misses(target: CameraGroup, source: CameraGroup, target_from_source: np.ndarray) -> np.ndarray:
+    """(R,) by how much each ray of each group misses the masks of the other."""
+    back = np.linalg.inv(target_from_source)
+    return np.concatenate([source.measure_misses(target, target_from_source), target.measure_misses(source, back)])
+
+
+def refine(
+    target: CameraGroup,
+    source: CameraGroup,
+    start: np.ndarray,
+    step: float = STEP,
+    loss_px: float = LOSS_PX,
+    evaluations: int = EVALUATIONS,
+) -> Hypothesis:
+    """The (4, 4) similarity near `start` with the smallest misses.
+
+    Args:
+        target, source: the groups.
+        start: (4, 4) target_from_source.
+        step: of the numeric derivatives, in radians and shares of the target's radius.
+        loss_px: of the robust loss.
+        evaluations: at most so many steps.
+    """
+
+    def residuals(change: np.ndarray) -> np.ndarray:
+        return measure_misses(target, source, _move(start, change, target))
+
+    fit = least_squares(residuals, np.zeros(7), diff_step=step, loss="soft_l1", f_scale=loss_px, max_nfev=evaluations)
+    refined = _move(start, fit.x, target)
+    return Hypothesis(refined, float(measure_misses(target, source, refined).mean()))
+
+
+def keep_distinct(found: list[Hypothesis]) -> list[Hypothesis]:
+    """Those that differ by a turn from all that miss by less, the best first."""
     distinct: list[Hypothesis] = []
     for hypothesis in sorted(found, key=lambda hypothesis: hypothesis.miss_px):
         if all(_measure_turn_deg(hypothesis, other) > SAME_DEG for other in distinct):
@@ -124,9 +170,13 @@ def _measure_turn_deg(one: Hypothesis, other: Hypothesis) -> float:
     return float(np.degrees(Rotation.from_matrix(between[:3, :3] / compute_scale(between)).magnitude()))
 
 
-def _lay(target: CameraGroup, source: CameraGroup, turn: float) -> np.ndarray:
+def _lay_upright(target: CameraGroup, source: CameraGroup, turn: float) -> np.ndarray:
     """(4, 4) the similarity that lays centre on centre, up on up and size on size, turned about up by radians."""
-    rotation = _make_frame(target.up) @ Rotation.from_euler("z", turn).as_matrix() @ _make_frame(source.up).T
+    return lay(target, source, make_frame(target.up) @ Rotation.from_euler("z", turn).as_matrix() @ make_frame(source.up).T)
+
+
+def lay(target: CameraGroup, source: CameraGroup, rotation: np.ndarray) -> np.ndarray:
+    """(4, 4) the similarity that lays centre on centre and size on size, turned by a (3, 3) rotation."""
     scale = target.radius / source.radius
     similarity = np.eye(4)
     similarity[:3, :3] = scale * rotation
@@ -134,7 +184,7 @@ def _lay(target: CameraGroup, source: CameraGroup, turn: float) -> np.ndarray:
     return similarity
 
 
-def _make_frame(up: np.ndarray) -> np.ndarray:
+def make_frame(up: np.ndarray) -> np.ndarray:
     """(3, 3) a rotation whose last column is up."""
     across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     across /= np.linalg.norm(across)

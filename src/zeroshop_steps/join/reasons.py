@@ -1,0 +1,49 @@
+"""Why a pass was left out, or brings little, in words for the one who captured it."""
+
+import numpy as np
+
+from zeroshop_steps.geometry.transforms import compute_scale
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, Sight
+
+SAME_SIDE_DEG = 20.0  # between the ups of two passes: an object that was turned over differs by 60 and more
+
+
+def explain(number: int, found: list[Judgement]) -> str:
+    """Why a pass could not be joined, and what helps."""
+    left_out = _leave_out(number)
+    if sum(one.verdict != "wrong" for one in found) > 1:
+        return f"pass {number} fits to pass 1 in several ways, because sides of the object look alike: {left_out}"
+    if not found or (found[0].miss_px > LARGEST_MISS_PX and found[0].elsewhere_px is not None):
+        return (
+            f"neither print nor outlines of the object in pass {number} fit to pass 1: {left_out}. Film both passes from low enough that"
+            " the sides are seen in both, or lay the object on its side; was it the same object, and are the masks right?"
+        )
+    if found[0].miss_px > LARGEST_MISS_PX:
+        return f"print matches, but the outlines of pass {number} contradict those of pass 1: {left_out}. Has the object changed its shape?"
+    if found[0].verdict == "wrong":
+        return (
+            f"the outlines of pass {number} fit to pass 1, but where the passes lie on each other the pictures differ: {left_out}."
+            " Take both passes in the same soft light, without highlights; was it the same object?"
+        )
+    return f"pass {number} fits to pass 1, but too little print shows that it is right: {left_out}"
+
+
+def explain_repetition(number: int) -> str:
+    """Why a pass whose pictures are those of the first was left out."""
+    return f"the pictures of pass {number} are those of pass 1: {_leave_out(number)}. Turn the object over and capture it again"
+
+
+def explain_same_side(number: int, right: Judgement, first: Sight, other: Sight) -> str | None:
+    """That a pass, which was joined, shows no other side; None where the object was turned over."""
+    rotation = right.way.target_from_source[:3, :3] / compute_scale(right.way.target_from_source)
+    turned_deg = float(np.degrees(np.arccos(np.clip(first.group.up @ rotation @ other.group.up, -1, 1))))
+    if turned_deg > SAME_SIDE_DEG:
+        return None
+    return (
+        f"in pass {number} the object stands as in pass 1, so its underside stays unknown: both are used, but turn the object over for"
+        " the second pass"
+    )
+
+
+def _leave_out(number: int) -> str:
+    return f"pass {number} is left out, and what only it shows stays unknown"
