@@ -32,7 +32,17 @@ def test_what_is_missing_is_named(tmp_path):
 
 
 def test_the_stages_have_their_methods():
-    assert list(methods.REGISTRATIONS) == ["colmap", "truth", "aliked", "mast3r", "vggt", "vggt_1024", "vggt_4096", "auto"]
+    assert list(methods.REGISTRATIONS) == [
+        "colmap",
+        "truth",
+        "aliked",
+        "mast3r",
+        "vggt",
+        "vggt_1024",
+        "vggt_4096",
+        "vggt_commercial",
+        "auto",
+    ]
     assert list(methods.SURFACES) == ["2dgs", "svraster", "trellis"]
     assert list(methods.SEGMENTATIONS) == ["grounded_sam", "saliency", "support_plane"]
     assert list(methods.DETECTORS) == ["contour", "cnos", "sam6d_ism"]

@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
 
 from helpers.camera_ring import ring_camera
 from helpers.small_vggt import SETTINGS, TrueNetwork, encode, write_weights
@@ -20,7 +21,7 @@ from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import check_fits, predict_peak_bytes
-from zeroshop_steps.register.vggt.network import memory_errors
+from zeroshop_steps.register.vggt.network import VggtNetwork, memory_errors
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.solve import CHUNK, register
 from zeroshop_steps.register.vggt.tracks import choose_query_views
@@ -197,8 +198,6 @@ def test_same_input_gives_the_same_record(carton_capture, weights, tmp_path):
 
 
 def test_bad_weights_are_refused_by_name(blank_capture, weights, tmp_path, capsys):
-    from safetensors.torch import load_file, save_file
-
     state = load_file(weights)
     settings = weights.with_suffix(".settings.json").read_text()
 
@@ -220,12 +219,24 @@ def test_bad_weights_are_refused_by_name(blank_capture, weights, tmp_path, capsy
     refused("cut.safetensors", None, "damaged or was cut short")
 
 
-def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("method", "file", "licence"),
+    [("vggt", "VGGT-1B/model.safetensors", "CC BY-NC"), ("vggt_commercial", "VGGT-1B-Commercial/vggt_1B_commercial.pt", "commercial use")],
+)
+def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, method, file, licence):
     monkeypatch.chdir(tmp_path)
-    words = ("--method", "vggt", "--capture", str(blank_capture), "--scene", "su_h", "--out", "cameras")
+    words = ("--method", method, "--capture", str(blank_capture), "--scene", "su_h", "--out", "cameras")
     assert stage_main("zeroshop_steps.register", words) == 1
     message = capsys.readouterr().err
-    assert "resources/weights/VGGT-1B/model.safetensors" in message and "CC BY-NC" in message and "colmap needs no weights" in message
+    assert f"resources/weights/{file}" in message and licence in message and "colmap needs no weights" in message
+
+
+def test_a_checkpoint_in_pytorchs_format_gives_the_same_network(weights, tmp_path):
+    """As VGGT-1B-Commercial has it."""
+    state = load_file(weights)
+    torch.save(state, tmp_path / "model.pt")
+    network = VggtNetwork(tmp_path / "model.pt", SETTINGS, "cpu", torch.float32, 4)
+    assert all(torch.equal(tensor, state[name]) for name, tensor in network.module.state_dict().items())
 
 
 def test_two_images_are_refused(blank_capture, weights, tmp_path, capsys):

@@ -28,6 +28,7 @@ STEPS_WITH_KEYS = [
     ("register.vggt", ("register", "vggt")),
     ("register.vggt_1024", ("register", "vggt_1024")),
     ("register.vggt_4096", ("register", "vggt_4096")),
+    ("register.vggt_commercial", ("register", "vggt_commercial")),
     ("surface.twodgs", ("nvs", "2dgs", "train")),
     ("surface.fuse", ("nvs", "2dgs", "fuse")),
     ("surface.svraster", ("nvs", "svraster", "train")),

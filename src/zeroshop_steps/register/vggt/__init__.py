@@ -17,7 +17,7 @@ from zeroshop_steps.runtime.cache import Cached
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
 
 METHOD: dict[str, Any] = {"title": "VGGT", "rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
-
+PUBLISHED = METHOD["weights"][0]
 
 USUAL = VggtOptions()
 
@@ -50,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser, defaults: VggtOptions = USUAL
     parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
 
 
-def run(args: argparse.Namespace) -> None:
-    """Write the cameras folder."""
+def run(args: argparse.Namespace, published: str = PUBLISHED) -> None:
+    """Write the cameras folder; `published` is the checkpoint, below resources/weights, that is checked to be its publisher's."""
     from zeroshop_steps.register.vggt.solve import solve
 
-    solve(args)
+    solve(args, published)

@@ -16,7 +16,6 @@ from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.progress import ProgressReport
 
-FILE = "VGGT-1B/model.safetensors"
 SIZES = ".settings.json"
 
 

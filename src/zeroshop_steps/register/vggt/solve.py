@@ -25,7 +25,7 @@ from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confi
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import check_fits
-from zeroshop_steps.register.vggt.network import FILE, SIZES, VggtNetwork, VggtOutput, read_settings
+from zeroshop_steps.register.vggt.network import SIZES, VggtNetwork, VggtOutput, read_settings
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.tracks import choose_query_points, choose_query_views, gather_observations
 from zeroshop_steps.runtime.files import scratch_directory
@@ -50,7 +50,7 @@ class Solution:
     figures: dict[str, Any]
 
 
-def solve(args: argparse.Namespace) -> None:
+def solve(args: argparse.Namespace, published: str) -> None:
     """Write the cameras folder of the command line's arguments."""
     device = choose_device(args.device)
     options = VggtOptions(
@@ -66,7 +66,7 @@ def solve(args: argparse.Namespace) -> None:
         object_only=args.scene in OBJECT_ONLY,
     )
     image_set = read_image_set(args.capture)
-    weights = resolve_weights(args.weights, FILE, SIZES)
+    weights = resolve_weights(args.weights, published, SIZES)
     settings = read_settings(weights)
     (width, height), left = fit_size(image_set.size_px, settings.image_px, settings.patch_px)
     points = options.tracked_points if options.refine == "tracks" else 0
