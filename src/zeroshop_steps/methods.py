@@ -186,7 +186,7 @@ ESTIMATORS = find_methods("pose")
 CHOICES = {
     "renderer": list(RENDERERS),
     "virtual_registration": list(REGISTRATIONS),
-    "photo_registration": [name for name, method in REGISTRATIONS.items() if not method.true_cameras],
+    "photo_registration": [*(name for name, method in REGISTRATIONS.items() if not method.true_cameras), WITHOUT_CAMERAS],
     "nvs_method": list(SURFACES),
     "segmentation": ["auto", *SEGMENTATIONS],
     "detector": list(DETECTORS),

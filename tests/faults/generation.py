@@ -11,9 +11,11 @@ from tempfile import mkdtemp
 
 import numpy as np
 import pytest
+import trimesh
 
 from helpers.faults import Fault, step
 from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
 from zeroshop_steps.runtime.files import write_json
 
 NETWORKS, ENCODER = Path("resources/weights/small-trellis"), Path("resources/weights/small-dino")
@@ -98,6 +100,18 @@ def mask_of(shape: tuple[int, int], value: bool) -> Callable[[Path], None]:
     return lambda data: write_mask(data / "capture/masks/0.png", np.full(shape, value))
 
 
+def finish_alone(**facts: object) -> Callable[[Path], int]:
+    """Finish a raw mesh without colours as one that was generated without cameras; `facts` are in its JSON."""
+
+    def run(folder: Path) -> int:
+        ball = trimesh.creation.icosphere(1)
+        write_ply(folder / "raw_mesh.ply", Mesh(np.array(ball.vertices), np.array(ball.faces, np.int64)))
+        write_json(folder / "raw_mesh.json", facts)
+        return step("finish", "without_cameras", mesh=folder / "raw_mesh.ply", out=folder / "mesh.ply")
+
+    return run
+
+
 FAULTS = [
     Fault(
         "trellis without masks", generate(lambda data: shutil.rmtree(data / "capture/masks")), (r"masks does not exist", r"objects\.tsv")
@@ -135,5 +149,15 @@ FAULTS = [
         "trellis with weights that were cut off",
         generate(with_encoder(cut_off)),
         (r"structure_flow\.safetensors is no whole checkpoint", "fetch it again"),
+    ),
+    Fault(
+        "a measured mesh finished without cameras",
+        finish_alone(seconds=1.0),
+        (r"raw_mesh\.json is not of a mesh that was generated without cameras", "finish a mesh with cameras by clean"),
+    ),
+    Fault(
+        "a generated mesh without colours",
+        finish_alone(generated=True, height_m=0.1),
+        (r"raw_mesh\.ply has no colours", "surface method trellis"),
     ),
 ]

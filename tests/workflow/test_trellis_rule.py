@@ -1,4 +1,4 @@
-"""The rules of trellis, and of a generated mesh that completes a measured one, with small random weights."""
+"""The rules of trellis, with cameras and without, and of a generated mesh that completes a measured one, with small random weights."""
 
 import json
 import shutil
@@ -47,7 +47,7 @@ def test_the_rule_runs_with_small_random_networks(snakemake, registered, tmp_pat
 
 
 @pytest.mark.slow
-def test_without_cameras_the_mesh_is_as_high_as_the_user_says(snakemake, registered, carton, tmp_path):
+def test_without_cameras_the_mesh_is_finished_and_as_high_as_the_user_says(snakemake, registered, carton, tmp_path):
     write_networks(tmp_path / "resources/weights/small-trellis")
     write_encoder(tmp_path / "resources/weights/small-dino")
     for part in ("images", "masks"):
@@ -59,8 +59,18 @@ def test_without_cameras_the_mesh_is_as_high_as_the_user_says(snakemake, registe
     record, mesh = json.loads((tmp_path / cell / "raw_mesh.json").read_text()), read_ply(tmp_path / cell / "raw_mesh.ply")
     assert (record["unit"], record["scale"], record["height_m"], len(record["views"])) == ("millimetre", "known", 0.09, 2)
     assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(90.0, abs=1e-3) and mesh.colors is not None
-    finished = snakemake("-n", f"{cell}/mesh.ply", *registered)
-    assert finished.returncode != 0 and "a cell of registration none ends with its raw mesh" in finished.stdout
+    closed = snakemake("-n", f"{cell}/closed.ply", *registered)
+    assert closed.returncode != 0 and "or with mesh.ply where that was generated: all else needs cameras" in closed.stdout
+    rules = [f"{name}_without_cameras" for name in ("finish", "preview", "evidence", "grade")]
+    chosen = [*registered, "chosen={photos: {registration: none}}", "finish={texture_size_px: 256}"]
+    run = snakemake("results/photos/box/trellis.ply", *chosen, "--allowed-rules", *rules, "publish")
+    assert run.returncode == 0 and planned(run.stdout) == dict.fromkeys([*rules, "publish"], 1), run.stdout
+    facts, mesh = (
+        json.loads((tmp_path / "results/photos/box/trellis.json").read_text()),
+        read_ply(tmp_path / "results/photos/box/trellis.ply"),
+    )
+    assert (facts["generated"], facts["grade"]["grade"], facts["area_shares"]["unseen"]) == (True, "none", 1.0)
+    assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(90.0, abs=1e-3) and mesh.is_textured and not mesh.seen_faces().any()
 
 
 def test_a_generated_mesh_completes_a_measured_one_where_that_is_asked_for(snakemake, registered, tmp_path):

@@ -23,6 +23,8 @@ CELL = f"{RUN}/{{nvs}}"
 BOP = f"{RESULTS}/{{dataset}}/bop"
 TABLES = f"{RESULTS}/{{dataset}}/tables"
 
+WITH_CAMERAS = f"(?!{methods.WITHOUT_CAMERAS}/)[^/]+"  # the registration of a cell that has cameras, as a regular expression
+
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
 # Photos as they are, and registered by what lies inside the masks alone.
 WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]

@@ -95,6 +95,8 @@ rule evidence:
         f"{CELL}/logs/evidence.log",
     benchmark:
         f"{CELL}/benchmarks/evidence.tsv"
+    wildcard_constraints:
+        registration=WITH_CAMERAS,
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -146,6 +148,8 @@ rule grade:
         f"{CELL}/logs/grade.log",
     benchmark:
         f"{CELL}/benchmarks/grade.tsv"
+    wildcard_constraints:
+        registration=WITH_CAMERAS,
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),

@@ -207,6 +207,8 @@ rule export:
         f"{CELL}/logs/export.log",
     benchmark:
         f"{CELL}/benchmarks/export.tsv"
+    wildcard_constraints:
+        registration=WITH_CAMERAS,
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
@@ -228,6 +230,8 @@ rule preview:
         f"{CELL}/logs/preview.log",
     benchmark:
         f"{CELL}/benchmarks/preview.tsv"
+    wildcard_constraints:
+        registration=WITH_CAMERAS,
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),

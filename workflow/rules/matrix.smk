@@ -177,7 +177,7 @@ checkpoint outcome:
     benchmark:
         f"{CELL}/benchmarks/outcome.tsv"
     wildcard_constraints:
-        registration=f"(?!{methods.WITHOUT_CAMERAS}/)[^/]+",
+        registration=WITH_CAMERAS,
     resources:
         mem_mb=per_attempt(500),
         runtime=per_attempt(5),

@@ -16,16 +16,23 @@ def registrations_of(
     }
 
 
+def refuse_without_cameras(
+    wildcards,
+):
+    """Raise an error for what a cell without cameras does not have."""
+    raise WorkflowError(
+        f"a cell of registration {methods.WITHOUT_CAMERAS} ends with its raw mesh, or with mesh.ply where that was generated: all else"
+        f" needs cameras. Take one of {', '.join(registrations_of(wildcards.dataset))} in place of {methods.WITHOUT_CAMERAS}"
+    )
+
+
 def capture_of(
     wildcards,
 ):
     """The capture that a registration reads, with every part of its path checked."""
     check_object(wildcards)
     if wildcards.registration == methods.WITHOUT_CAMERAS:
-        raise WorkflowError(
-            f"a cell of registration {methods.WITHOUT_CAMERAS} ends with its raw mesh: finishing, height and grade need cameras."
-            f" Take one of {', '.join(registrations_of(wildcards.dataset))} in place of {methods.WITHOUT_CAMERAS}"
-        )
+        refuse_without_cameras(wildcards)
     virtual = is_virtual(wildcards.dataset)
     kind = "virtual" if virtual else "photo"
     require_known(

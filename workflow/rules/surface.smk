@@ -107,11 +107,7 @@ for method in itertools.chain(*map(ways_of, map(surface_method, SURFACES))):
         benchmark:
             f"{folder}/benchmarks/{logs[0]}.tsv"
         wildcard_constraints:
-            registration=(
-                methods.WITHOUT_CAMERAS
-                if not method.registration
-                else f"(?!{methods.WITHOUT_CAMERAS}/)[^/]+" if method.cameras_optional else "[^/]+"
-            ),
+            registration=(methods.WITHOUT_CAMERAS if not method.registration else WITH_CAMERAS if method.cameras_optional else "[^/]+"),
         threads: method.threads
         resources:
             mem_mb=per_attempt(method.mem_mb),

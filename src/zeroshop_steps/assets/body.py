@@ -50,6 +50,7 @@ def run(args: argparse.Namespace) -> None:
             "frame": FRAME_TEXT,
             "scale": metric.scale,
             "scale_source": metric.scale_source,
+            "generated": metric.generated,
             "mass_kg": mass.mass_kg,
             "mass_source": mass.source,
             "mass_factor": mass.factor,

@@ -7,6 +7,8 @@ grade is the grade of the cell. An underside that was closed without being seen 
 
 Silhouettes and colours are judged in the registered photos, both for rendered and for own captures, so that the limits mean the
 same. quality.json has these two figures in held-out photos.
+
+A mesh that was generated without cameras has nothing to be judged by. Its grade is none, and the reason says so.
 """
 
 import argparse
@@ -30,16 +32,18 @@ from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
 from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import write_table
 
+NOT_GRADED = "not graded: the mesh was generated without cameras, so nothing was measured"
 SEEN_FROM_BELOW = 2  # cameras below the support; with so many the underside was seen, and open borders there count
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--cameras", type=Path, help="registered cameras with images and masks; none for a mesh generated without")
     parser.add_argument("--evidence", type=Path, help="evidence.npz of the mesh; without it, assumed and guessed surface is not judged")
     parser.add_argument("--quality", type=Path, help="quality.json, if there is a true model")
     for measure in MEASURES:
@@ -54,6 +58,11 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     limits = {measure.name: check_limits(measure.name, getattr(args, measure.name)) for measure in MEASURES}
     metadata = read_json(args.mesh.with_suffix(".json"))
+    if args.cameras is None:
+        if not metadata.get("generated"):
+            raise StepError(f"{args.mesh} was made with cameras, and its grade needs them; give them as --cameras")
+        write_grade(args.out, make_ungraded_record(limits) | {"seconds": round(time.monotonic() - start_s, 2)})
+        return
     facts = metadata["frame_facts"]
     views, _ = read_views(args.cameras)
     object_from_registration = np.array(facts["object_from_registration"])
@@ -110,6 +119,12 @@ def make_grade_record(values: dict[str, float], true_values: dict[str, float] | 
     }
 
 
+def make_ungraded_record(limits: dict[str, tuple[float, float]]) -> dict:
+    """The content of grade.json of a mesh that nothing judges."""
+    content = {"grade": "none", "judged_by": "nothing", "reasons": [NOT_GRADED], "photos": None, "truth": None}
+    return content | {"limits": {name: list(pair) for name, pair in limits.items()}}
+
+
 def write_grade(path: Path, content: dict) -> None:
     """Write grade.json and, beside it, the tidy CSV: the grades with their reasons, then one row per measurement.
 
@@ -120,7 +135,8 @@ def write_grade(path: Path, content: dict) -> None:
     for side in ("photos", "truth"):
         if content[side]:
             rows.append((f"grade_by_{side}", content[side]["grade"], "; ".join(content[side]["reasons"])))
-    rows += [(name, value, "") for name, value in content["photos"]["measures"].items()]
+    if content["photos"]:
+        rows += [(name, value, "") for name, value in content["photos"]["measures"].items()]
     columns = ["measure", "value", "reason"]
     write_table(path.with_suffix(".csv"), [dict(zip(columns, row, strict=True)) for row in rows])
 

@@ -21,5 +21,5 @@ def run(args: argparse.Namespace) -> None:
         StepError: the mesh was made without cameras.
     """
     if args.without_cameras:
-        raise StepError("the raw mesh was made without cameras; finishing, height and grade need them, so nothing is measured")
+        raise StepError("the raw mesh was made without cameras; height and grade need them, so nothing is measured")
     write_json(args.out, {"failed": None})

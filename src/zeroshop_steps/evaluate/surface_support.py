@@ -20,7 +20,7 @@ from zeroshop_steps.surface.seeds import read_confirmed_points
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="unwrapped mesh, registration frame")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
+    parser.add_argument("--cameras", type=Path, help="registered cameras with images and masks; without any, nothing was seen")
     parser.add_argument("--stereo", type=Path, nargs="?", help="seeds.npz with the depths that stereo confirmed, if there are any")
     parser.add_argument("--closing", type=Path, help="closed.json: what a generated mesh proposed is never seen, whatever photos show")
     parser.add_argument("--out", type=Path, required=True, help="evidence.npz; its figures go beside it as .json")
@@ -30,8 +30,11 @@ def run(args: argparse.Namespace) -> None:
     """Write the class of every vertex."""
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
-    views, _ = read_views(args.cameras)
-    evidence = classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3)))
+    if args.cameras is None:
+        evidence = np.full(len(mesh.vertices), UNSEEN, np.uint8)
+    else:
+        views, _ = read_views(args.cameras)
+        evidence = classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3)))
     if args.closing:
         evidence = drop_generated(evidence, mesh, read_json(args.closing))
     shares = compute_area_shares(replace(mesh, quality=evidence / MEASURED))

@@ -1,7 +1,7 @@
 """Clean the raw surface: remove floaters, repair, smooth lightly, simplify.
 
 Floaters are parts that no camera sees, that lie outside the masks, or that are much smaller than the largest part. The largest
-part is always kept.
+part is always kept. Where there are no cameras, only small parts are floaters.
 """
 
 import argparse
@@ -90,7 +90,7 @@ def clean_mesh(
     """Clean a raw mesh, as the module describes.
 
     Returns:
-        mesh: the cleaned mesh, oriented towards the cameras.
+        mesh: the cleaned mesh, oriented towards the cameras; without views, as it was.
         dropped: how many parts were removed, by reason.
     """
     mesh = _weld(raw)
@@ -148,7 +148,7 @@ def drop_floaters(mesh: Mesh, views: list[View], min_part: float) -> tuple[Mesh,
     largest = int(part_areas.argmax())
     small = part_areas < min_part * part_areas[largest]
     unseen = np.ones(len(part_areas), bool)
-    if (~small).sum() > 1:
+    if views and (~small).sum() > 1:
         unseen[np.unique(labels[_find_seen_faces(mesh, views)])] = False
     else:
         unseen[:] = False

@@ -1,4 +1,4 @@
-"""Draw a preview: input photos, and below them the textured mesh and its bare shape from the same cameras."""
+"""Draw a preview: input photos, and below them the textured mesh and its bare shape from the same cameras; without cameras, from around."""
 
 import argparse
 from pathlib import Path
@@ -6,24 +6,27 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.transforms import crop_to_mask, transform_camera
+from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
 TILE_PX = 320
 WHITE = (255, 255, 255)
 SAMPLES = 3  # rays along each side of a pixel
+AROUND_DIAGONALS, AROUND_ELEVATION_DEG = 3.0, 25.0  # from where a mesh without cameras is seen
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--mesh", type=Path, required=True, help="finished mesh.ply with its JSON beside it")
-    parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with images and masks")
-    parser.add_argument("--count", type=int, default=6, help="number of photos (default: %(default)s)")
+    parser.add_argument("--cameras", type=Path, help="registered cameras with images and masks; none for a mesh made without")
+    parser.add_argument("--count", type=int, default=6, help="number of photos, or of sides (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
 
 
@@ -32,9 +35,27 @@ def run(args: argparse.Namespace) -> None:
     if args.count < 1:
         raise StepError(f"--count is {args.count}; at least one photo is needed")
     mesh = read_ply(args.mesh)
+    if args.cameras is None:
+        write_image(args.out, draw_around(mesh, args.count))
+        return
     views, _ = read_views(args.cameras)
     object_from_registration = np.array(read_json(args.mesh.with_suffix(".json"))["frame_facts"]["object_from_registration"])
     write_image(args.out, draw_preview(MeshRenderer(mesh), views, object_from_registration, args.count))
+
+
+def draw_around(mesh: Mesh, count: int) -> np.ndarray:
+    """Two rows of tiles (textured mesh, bare shape) from `count` sides, z up."""
+    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
+    intrinsics = make_intrinsics(TILE_PX * np.sqrt(AROUND_DIAGONALS**2 - 0.25), TILE_PX, TILE_PX)  # the sphere about the box fills a tile
+    renderer = MeshRenderer(mesh)
+    columns = []
+    for azimuth_rad in 2 * np.pi * np.arange(count) / count:
+        centre = middle + AROUND_DIAGONALS * diagonal * direction_at(azimuth_rad, np.radians(AROUND_ELEVATION_DEG))
+        tile = Camera("", TILE_PX, TILE_PX, intrinsics, look_at(centre, middle))
+        rows = [renderer.render_color(tile, WHITE, SAMPLES), renderer.render_shaded(tile, samples=SAMPLES)]
+        columns.append(np.concatenate(rows, 0))
+    return np.concatenate(columns, 1)
 
 
 def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registration: np.ndarray, count: int) -> np.ndarray:

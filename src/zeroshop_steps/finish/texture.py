@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from zeroshop_steps.finish import exposure
-from zeroshop_steps.finish.atlas import fill_gutters, rasterize_atlas
+from zeroshop_steps.finish.atlas import Texels, fill_gutters, rasterize_atlas
 from zeroshop_steps.finish.unwrap import check_texture_size
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
@@ -101,9 +101,7 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
     joined = Mesh(joined.vertices, joined.faces, smooth_normals(joined, neighbours, NORMAL_SMOOTHING))
     maps = [compute_view_maps(view, renderer.cast_rays(view.camera), extent) for view in views]
     images = [view.image().astype(np.float32) / 255.0 for view in views]
-    texels = rasterize_atlas(mesh, size)
-    if len(texels.face) == 0:
-        raise StepError("the unwrapped mesh covers no texel; unwrap it again, or choose a larger --texture-size")
+    texels = _rasterize(mesh, size)
     count = len(texels.face)
     # (N, V): interpolates values at the vertices to the texels.
     at_texels = csr_matrix(
@@ -139,6 +137,34 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
     if guess is not None:
         figures["generated_share"] = round(1.0 - seen_share, 5)
     return fill_gutters(texture, texels), figures
+
+
+def bake_colors(mesh: Mesh, colored: Mesh, size: int) -> np.ndarray:
+    """(size, size, 3) uint8 texture of an unwrapped mesh with the colours of another one's vertices.
+
+    Each texel takes the colour at the nearest place of the coloured surface, interpolated between the corners of the face there, so
+    that the texture is as fine as the coloured mesh, even where the unwrapped one is coarser.
+
+    Args:
+        mesh: unwrapped.
+        colored: with colours at its vertices, in the same frame and nearly the same shape.
+        size: side of the texture in texels.
+
+    Raises:
+        StepError: no texel shows the mesh.
+    """
+    texels = _rasterize(mesh, size)
+    points = np.einsum("nk,nkd->nd", texels.barycentric, mesh.vertices[mesh.faces[texels.face]])
+    texture = np.zeros((size, size, 3), np.uint8)
+    texture[texels.row, texels.column] = np.clip(np.rint(find_nearest_colors(colored, points) * 255.0), 0, 255)
+    return fill_gutters(texture, texels)
+
+
+def _rasterize(mesh: Mesh, size: int) -> Texels:
+    texels = rasterize_atlas(mesh, size)
+    if len(texels.face) == 0:
+        raise StepError("the unwrapped mesh covers no texel; unwrap it again, or choose a larger --texture-size")
+    return texels
 
 
 def _equalize_exposure(

@@ -21,12 +21,14 @@ class MetricMesh:
         scale: `known`; or `assumed`, where the user had a mesh of unknown scale taken for millimetres.
         scale_source: how the scale was measured; `model` for a true model.
         relative_deviation: standard deviation of the scale, as a share of it.
+        generated: whether the whole mesh is a network's guess.
     """
 
     mesh: Mesh
     scale: str
     scale_source: str
     relative_deviation: float
+    generated: bool = False
 
 
 def add_mesh_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +57,9 @@ def read_metric_mesh(path: Path, unknown_scale: str = REFUSE) -> MetricMesh:
     path = Path(path)
     mesh = read_ply(path)
     scale, source, deviation = _read_scale(path)
+    generated = is_generated(path)
+    if generated:
+        warn(f"{path} was generated without cameras: its shape is a guess, and so are all sizes but its height. Measure it by 2dgs")
     if scale != "known":
         if unknown_scale == REFUSE:
             raise StepError(
@@ -64,7 +69,13 @@ def read_metric_mesh(path: Path, unknown_scale: str = REFUSE) -> MetricMesh:
             )
         warn(f"the scale of {path} is unknown; its unit is taken for millimetres, as unknown_scale says")
         scale, source, deviation = "assumed", MILLIMETRES, 0.0
-    return MetricMesh(replace(mesh, vertices=mesh.vertices * METRES_PER_MM), scale, source, deviation)
+    return MetricMesh(replace(mesh, vertices=mesh.vertices * METRES_PER_MM), scale, source, deviation, generated)
+
+
+def is_generated(path: Path) -> bool:
+    """Whether the whole finished mesh is a network's guess, which was made without cameras; its JSON says so."""
+    record = path.with_suffix(".json")
+    return record.is_file() and bool(read_json(record).get("generated"))
 
 
 def _read_scale(path: Path) -> tuple[str, str, float]:

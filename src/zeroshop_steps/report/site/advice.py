@@ -53,7 +53,7 @@ BY_FAILURE = (
     ("surface", "", "Masks and cameras do not agree on any surface: check both, and take the photos on a ground with more texture."),
     ("finish", "outside the masks", "Mesh and masks do not belong together: check the masks."),
     ("finish", "", "The raw mesh could not be finished: take more photos, and check masks and cameras."),
-    ("evaluate", "without cameras", "Take a surface method that uses cameras: its meshes are finished, and measured."),
+    ("evaluate", "without cameras", "Take a surface method that uses cameras: its meshes are measured, and graded."),
     ("evaluate", "", "The mesh could not be graded: check masks and cameras."),
     ("synthetic", "", "The scene could not be rendered: correct what the reason says and run again."),
     ("capture", "", "The photos could not be imported: correct what the reason says and run again."),
