@@ -105,7 +105,11 @@ def test_the_published_mesh_has_no_grade_and_no_measured_place(cell, tmp_path, c
     capsys.readouterr()
     assert step("assets", "body", "--mass-kg", 0.1, "--most-parts", 1, mesh=tmp_path / "trellis.ply", out=tmp_path / "body") == 0
     assert "was generated without cameras: its shape is a guess" in capsys.readouterr().err
-    assert read_json(tmp_path / "body/body.json")["generated"]
+    body = read_json(tmp_path / "body/body.json")
+    assert body["generated"] and body["frame"].endswith("z up and x as generated; metres")
+    words = {"mesh": cell / "mesh.ply", "evidence": tmp_path / "evidence.npz", "out": tmp_path / "grasps.json"}
+    assert step("grasp", "antipodal", **words) != 0
+    assert "was measured, and grasps are found on measured surface alone" in capsys.readouterr().err
 
 
 def test_without_a_height_the_scale_is_unknown_and_robots_refuse_the_mesh(tmp_path, capsys):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.assets.body_files import FRAME_TEXT, RECORD, write_part_obj, write_textured_obj
+from zeroshop_steps.assets.body_files import FRAME_TEXT, GENERATED_FRAME_TEXT, RECORD, write_part_obj, write_textured_obj
 from zeroshop_steps.assets.convex_parts import split_convex
 from zeroshop_steps.assets.mass import find_mass
 from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments, read_metric_mesh
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         facts = {
             "name": args.name or args.mesh.resolve().parent.name,
             "unit": "metre, kilogram",
-            "frame": FRAME_TEXT,
+            "frame": GENERATED_FRAME_TEXT if metric.generated else FRAME_TEXT,
             "scale": metric.scale,
             "scale_source": metric.scale_source,
             "generated": metric.generated,

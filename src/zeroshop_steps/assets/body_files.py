@@ -12,6 +12,7 @@ from zeroshop_steps.runtime.files import Record, read_json
 
 VISUAL, TEXTURE, RECORD = "visual.obj", "texture.png", "body.json"
 FRAME_TEXT = "origin and axes of the mesh: the bounding box's centre, z up from the support surface, x towards the first camera; metres"
+GENERATED_FRAME_TEXT = "origin and axes of the mesh: the bounding box's centre, z up and x as generated; metres"
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.assets.body_files import FRAME_TEXT, write_textured_obj
+from zeroshop_steps.assets.body_files import FRAME_TEXT, GENERATED_FRAME_TEXT, write_textured_obj
 from zeroshop_steps.geometry.metric_mesh import add_mesh_arguments, read_metric_mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
@@ -34,6 +34,13 @@ def run(args: argparse.Namespace) -> None:
     with atomic_directory(args.out) as folder:
         (folder / "mesh").mkdir()
         write_textured_obj(folder / "mesh", metric.mesh, MESH)
-        facts = {"mesh": f"mesh/{MESH}", "unit": "metre", "frame": FRAME_TEXT, "scale": metric.scale, "scale_source": metric.scale_source}
+        facts = {
+            "mesh": f"mesh/{MESH}",
+            "unit": "metre",
+            "frame": GENERATED_FRAME_TEXT if metric.generated else FRAME_TEXT,
+            "scale": metric.scale,
+            "scale_source": metric.scale_source,
+            "generated": metric.generated,
+        }
         write_json(folder / "mesh.json", facts | {"diameter_m": float(np.linalg.norm(high - low)), "extents_m": (high - low).tolist()})
     print(f"foundationpose: {args.out}/mesh/{MESH}, {' x '.join(f'{extent:.3f}' for extent in high - low)} m", file=sys.stderr)

@@ -86,6 +86,7 @@ def _describe(body: Body) -> dict[str, Any]:
         "rigid_body_count": 1,
         "mass": body.mass_kg,
         **{name: body.facts[name] for name in facts},
+        **({"generated": True} if body.facts.get("generated") else {}),
     }
 
 

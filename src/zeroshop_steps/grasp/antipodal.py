@@ -86,12 +86,16 @@ def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, nam
         name: of the mesh's file, for messages.
 
     Raises:
-        StepError: the mesh is open, or nothing of it fits the gripper.
+        StepError: the mesh is open, nothing of it was measured, or nothing of it fits the gripper.
     """
     mesh, rng = metric.mesh, np.random.default_rng(options.seed)
     solid = measure_solid(mesh, name)
     placements = placements_of_hull(mesh.vertices, solid.centre)
     surface = make_grasp_surface(mesh, rng)
+    if not surface.measured.any():
+        raise StepError(
+            f"nothing of {name} was measured, and grasps are found on measured surface alone; take a surface method that measures (2dgs)"
+        )
     largest_m = gripper.max_opening_m - 2 * LEAST_BESIDE_M
     shift_m = max(LEAST_SHIFT_M, metric.relative_deviation * float(np.ptp(mesh.vertices, axis=0).max()))
     pairs = find_contact_pairs(surface, options.samples, largest_m, options.friction, shift_m, rng)
