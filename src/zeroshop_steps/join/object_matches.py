@@ -4,13 +4,13 @@ The ground stays behind when the object is turned, so features come from inside 
 own cameras; a match across two passes then pairs a point of the one with a point of the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.register import sift
@@ -45,9 +45,22 @@ def match_object(image_set: ImageSet, passes: list[Pass], scratch: Path, options
         for image in one.model.images.values():
             cameras[Path(image.name).stem] = one.model.cameras[image.camera_id]
     database = scratch / "object.db"
-    sift.extract_features(database, image_set, options, scratch / "masks", cameras)
+    sift.extract_features(database, _hide_ground(image_set, scratch / "object"), options, scratch / "masks", cameras)
     sift.match_features(database, options, choose_pairs(image_set, passes))
     return database
+
+
+def _hide_ground(image_set: ImageSet, folder: Path) -> ImageSet:
+    """Copies of the images in which all but the object has one colour: features of the ground take most of the time, and are not used."""
+    folder.mkdir()
+    masks = read_masks(image_set)
+    copies = []
+    for path in image_set.images:
+        image, mask = read_image(path), masks[path.name]
+        image[~mask] = np.median(image[mask], axis=0) if mask.any() else 0
+        copies.append(folder / path.name)
+        write_image(copies[-1], image)
+    return replace(image_set, images=tuple(copies))
 
 
 def choose_pairs(image_set: ImageSet, passes: list[Pass]) -> list[tuple[str, str]] | None:
