@@ -167,6 +167,13 @@ class OutlineAdjustment:
         focal = self.focal_px[view, None] * np.exp(log_focal)
         return np.concatenate([(pixels - self.middle_px[view]) / focal, np.ones((len(view), 1))], axis=1)
 
+    def _project_into(self, state: State, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(K, 2) pixels of points in one view, and their (K,) depths: what `_project` says, without an array of cameras."""
+        turned = np.einsum("kij,kj->ki", np.broadcast_to(state.rotation[view], (len(points), 3, 3)), points)
+        x, y, depth = (turned[:, axis] + state.translation[view, axis] for axis in range(3))
+        focal = self.focal_px[view] * np.exp(state.log_focal)
+        return np.stack([along / depth * focal + middle for along, middle in zip((x, y), self.middle_px[view], strict=True)], 1), depth
+
     def _project(self, state: State, view: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(K, 2) pixels of points in views, and (K, 3) the points in their cameras."""
         inside = np.einsum("kij,kj->ki", state.rotation[view], points) + state.translation[view]
@@ -184,8 +191,8 @@ class OutlineAdjustment:
             distance = self.distance[view]
             if distance is None:
                 return np.full(len(points), np.inf)
-            pixels, inside = self._project(state, np.full(len(points), view), points)
-            return np.where(inside[:, 2] > 0, look_up_many(distance, pixels), -np.float32(REFERENCE_PX))
+            pixels, depth = self._project_into(state, view, points)
+            return np.where(depth > 0, look_up_many(distance, pixels), -np.float32(REFERENCE_PX))
 
         return self.rays.touch(state.translation[:, 2], place, look)
 

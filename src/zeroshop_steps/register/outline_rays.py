@@ -27,7 +27,7 @@ class OutlineRays:
     """Rays through rims, and where they touched the object last.
 
     Attributes:
-        view: (R,) number of the view of each ray.
+        view: (R,) number of the view of each ray, ascending.
         pixels: (R, 2) where the ray lies in it, on the mask's rim.
         views: how many views there are.
         depth: (R,) depth of the point of each ray that misses least.
@@ -88,8 +88,9 @@ class OutlineRays:
         points = place(view, np.repeat(self.pixels, steps, axis=0), depths.ravel())
         inside = np.full((self.views, len(points)), np.inf, np.float32)
         for other in range(self.views):
-            others = view != other
-            inside[other, others] = look(other, points[others])
+            first, last = np.searchsorted(view, [other, other + 1])  # its own rays lie together
+            found = look(other, np.concatenate([points[:first], points[last:]]))
+            inside[other, :first], inside[other, last:] = found[:first], found[first:]
         return inside.reshape(self.views, -1, steps)
 
 
