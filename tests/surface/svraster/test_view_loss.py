@@ -9,13 +9,21 @@ import torch
 import torch.nn.functional as F
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.surface import losses
 from zeroshop_steps.surface.losses import depth_loss
+from zeroshop_steps.surface.ssim import ssim_map
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.train import view_loss
 from zeroshop_steps.surface.training_views import TrainingView
 
 HEIGHT_PX, WIDTH_PX, SAMPLES = 14, 16, 4
 FOCAL_PX = 30.0
+
+
+@pytest.fixture(autouse=True)
+def readable_similarity(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing but these tests is in float64: the fast one, which has tests of its own, would be compiled for them alone."""
+    monkeypatch.setattr(losses, "dssim", lambda image, target, weight: ((1 - ssim_map(image, target)) * weight).sum())
 
 
 @pytest.fixture

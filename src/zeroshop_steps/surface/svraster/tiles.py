@@ -34,7 +34,8 @@ class TileOctants:
         index = np.full(present.shape, -1, np.int32)
         index[present] = np.arange(present.sum())
         y, x, octants = np.nonzero(present)
-        return TileOctants(y * tile_active.shape[1] + x, octants, index)
+        # A column of what nonzero found; kernels are compiled for arrays without gaps.
+        return TileOctants(y * tile_active.shape[1] + x, np.ascontiguousarray(octants), index)
 
 
 @numba.njit(cache=True, forceinline=True)
