@@ -93,9 +93,9 @@ capture: {image_width_px: 320, image_height_px: 240, views_per_ring: 6}
 finish: {texture_size_px: 256, clean: {max_faces: 3000}}
 register: {copied: {greeting: welcome}}
 nvs: {hull: {voxels: 40}}
-tables: {scenes: [su_h], registrations: [copied], nvs: [hull, guess]}
+tables: {scenes: [se], registrations: [copied], nvs: [hull, guess]}
 """
-CELL = "results/demo/tuna_can/su_h/copied/hull"
+CELL = "results/demo/tuna_can/se/copied/hull"
 
 
 @pytest.fixture(scope="module")
@@ -127,17 +127,17 @@ def test_a_cell_of_a_new_registration_and_a_new_surface_is_finished(checkout):
 
 def test_a_surface_without_cameras_ends_with_its_raw_mesh(checkout):
     folder, call = checkout
-    raw = "results/demo/tuna_can/su_h/none/guess/raw_mesh.ply"
+    raw = "results/demo/tuna_can/se/none/guess/raw_mesh.ply"
     run = call(raw)
     assert run.returncode == 0, run.stdout
     assert read_ply(folder / raw).as_trimesh().is_watertight
-    finished = call("results/demo/tuna_can/su_h/none/guess/mesh.ply")
+    finished = call("results/demo/tuna_can/se/none/guess/mesh.ply")
     assert finished.returncode != 0 and "a cell of registration none ends with its raw mesh" in finished.stdout
 
 
 def test_wrong_options_and_unknown_names_are_said(checkout):
     _, call = checkout
-    unknown = call("results/demo/tuna_can/su_h/copied/nerf/mesh.ply")
+    unknown = call("results/demo/tuna_can/se/copied/nerf/mesh.ply")
     assert unknown.returncode != 0 and "Known: 2dgs, svraster, trellis, guess, hull" in unknown.stdout
 
 
@@ -145,9 +145,9 @@ def test_a_surface_without_cameras_is_a_row_with_its_reason(checkout):
     folder, call = checkout
     plan = call("-n", "results/demo/mug/cells.csv", "--config", "tables={nvs: all}")
     assert plan.returncode == 0, plan.stdout
-    assert "train_hull" in plan.stdout and "results/demo/mug/su_h/none/guess/raw_mesh.ply" in plan.stdout
+    assert "train_hull" in plan.stdout and "results/demo/mug/se/none/guess/raw_mesh.ply" in plan.stdout
     assert "copied/guess" not in plan.stdout and "none/hull" not in plan.stdout
-    row = "results/demo/tables/su_h/none/guess.csv"
+    row = "results/demo/tables/se/none/guess.csv"
     run = call(row, "--config", "datasets={demo: {objects: [tuna_can]}}")
     assert run.returncode == 0, run.stdout
     [cell] = csv.DictReader((folder / row).read_text().splitlines())
@@ -159,7 +159,7 @@ def test_tables_of_finished_meshes_go_without_it(checkout):
     _, call = checkout
     cameras = call("-n", "results/demo/tables/cameras.csv", "--config", "tables={nvs: all}")
     assert cameras.returncode == 0 and "guess" not in cameras.stdout, cameras.stdout
-    mixed = call("-n", "results/demo/tables/su_h/copied/guess.csv")
+    mixed = call("-n", "results/demo/tables/se/copied/guess.csv")
     assert mixed.returncode != 0 and "guess goes with registration none" in mixed.stdout
     heights = call("-n", "results/demo/tables/height.csv", "--config", "tables={nvs: [guess]}")
     assert heights.returncode != 0 and "the table of heights needs a surface method that uses cameras" in heights.stdout

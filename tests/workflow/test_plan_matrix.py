@@ -24,17 +24,17 @@ def test_tables_cover_every_object(snakemake):
 
 
 @pytest.mark.parametrize(
-    ("target", "objects", "columns"),
+    ("target", "objects", "columns", "config"),
     [
-        ("results/demo/mug/su_l/truth/2dgs/cell.csv", 1, 1),
-        ("results/demo/mug/cells.csv", 1, ALL_CELLS),
-        pytest.param("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1, marks=pytest.mark.slow),
-        pytest.param("results/demo/tables/reconstruction.csv", 11, ALL_CELLS, marks=pytest.mark.slow),
-        pytest.param("results/demo/tables/reconstruction.md", 11, ALL_CELLS, marks=pytest.mark.slow),
+        ("results/demo/mug/su_l/truth/2dgs/cell.csv", 1, 1, ()),
+        ("results/demo/mug/cells.csv", 1, ALL_CELLS, ()),
+        pytest.param("results/ycbv/tables/se/colmap/2dgs.csv", 21, 1, (), marks=pytest.mark.slow),
+        pytest.param("results/demo/tables/reconstruction.csv", 11, ALL_CELLS, (), marks=pytest.mark.slow),
+        pytest.param("results/demo/tables/reconstruction.md", 11, 3, ("registrations: [truth]", "nvs: [2dgs]"), marks=pytest.mark.slow),
     ],
 )
-def test_a_slice_of_the_matrix_plans_exactly_its_cells(snakemake, target, objects, columns):
-    run = snakemake("-n", target)
+def test_a_slice_of_the_matrix_plans_exactly_its_cells(snakemake, target, objects, columns, config):
+    run = snakemake("-n", target, "--config", f"tables={{{', '.join(config)}}}")
     assert run.returncode == 0, run.stdout
     jobs = planned(run.stdout)
     assert (jobs["cell"], jobs["outcome"]) == (objects * columns,) * 2

@@ -8,14 +8,14 @@ from helpers.checkout import copy_checkout
 from helpers.planner import call_snakemake
 from helpers.running import run_snakemake
 
-CELL = "results/demo/mustard_bottle/su_h/truth"
+CELL = "results/demo/mustard_bottle/se/truth"
 SPLATS = f"{CELL}/2dgs/splats/splats.ply"
 LOGS = [
-    "results/demo/mustard_bottle/su_h/logs/capture.log",
+    "results/demo/mustard_bottle/se/logs/capture.log",
     *(f"{CELL}/{log}.log" for log in ("logs/register", "stereo/logs/stereo", "2dgs/logs/train")),
 ]
 CONFIG = [
-    "capture={image_width_px: 160, image_height_px: 120}",
+    "capture={image_width_px: 160, image_height_px: 120, views_per_ring: 6}",
     "nvs={2dgs: {train: {iterations: 20, image_width_px: 80, sh_degree: 0}}}",
 ]
 
