@@ -116,8 +116,8 @@ def sample_rays(placed, poses, outlines, narrower, every):
             for s in range(DEPTHS):
                 depth = middle - reach + s * 2 * reach / (DEPTHS - 1)
                 value = _look_at_depth(number, m * every, depth, placed, poses, outlines, narrower, -FARTHEST_PX, point)
-                samples[k * rays + m, s, :3] = point
-                samples[k * rays + m, s, 3] = value
+                sample = samples[k * rays + m, s]
+                sample[0], sample[1], sample[2], sample[3] = point[0], point[1], point[2], value
     return samples
 
 
@@ -139,14 +139,17 @@ def try_places(number, places, views, log_focal, placed, outlines, every):
     samples = sample_rays(placed, poses, outlines, narrower, every)
     costs, laid = np.empty(len(places)), np.zeros((len(places), SIZE))
     pose, found, both = np.empty(15), np.empty((2, 4)), np.empty(len(placed) + 1, np.int64)
-    both[:-1], both[-1] = placed, number
+    for k in range(len(placed)):  # number by number, here and below: assignments of arrays take seconds to compile
+        both[k] = placed[k]
+    both[-1] = number
     for k in range(len(places)):
         view = laid[k]
-        view[:2] = places[k]
+        view[0], view[1] = places[k, 0], places[k, 1]
         for tolerance in (ROUGH, FINE):
             shift_view(view, log_focal, number, placed, poses, outlines, tolerance, pose, found)
         pose_view(view, log_focal, outlines.middle[number], pose)
-        poses[number] = pose
+        for i in range(len(pose)):
+            poses[number, i] = pose[i]
         total = 0.0
         for r in range(len(samples)):
             best = np.float32(-FARTHEST_PX)

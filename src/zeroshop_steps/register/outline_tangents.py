@@ -211,8 +211,8 @@ def _linearize_tangents(views, log_focal, placed, outlines, tolerance):
         number = placed[k]
         pose_view(views[number], log_focal, outlines.middle[number], moved[k, 0])
         for a in range(SIZE):
-            changed[:] = views[number]
-            changed[a] += STEPS[a]
+            for b in range(SIZE):
+                changed[b] = views[number, b] + STEPS[b] if a == b else views[number, b]
             pose_view(changed, log_focal, outlines.middle[number], moved[k, 1 + a])
         pose_view(views[number], log_focal + FOCAL_STEP, outlines.middle[number], moved[k, SIZE + 1])
         _add_prior(views[number], outlines.size, PRIOR * (count - 1), hessian, gradient, SIZE * k)
@@ -275,8 +275,8 @@ def adjust_by_tangents(views, log_focal, placed, outlines, tolerance, rounds, fr
         hessian, gradient = _linearize_tangents(views, log_focal, placed, outlines, tolerance)
         for a in range(size):
             if (a == size - 1 and not free_focal) or (a < size - 1 and not free[a // SIZE]):
-                hessian[a, :] = 0.0
-                hessian[:, a] = 0.0
+                for b in range(size):
+                    hessian[a, b] = hessian[b, a] = 0.0
                 hessian[a, a], gradient[a] = 1.0, 0.0
         mean, done = np.trace(hessian) / size, True
         for _ in range(TRIALS):
@@ -285,8 +285,8 @@ def adjust_by_tangents(views, log_focal, placed, outlines, tolerance, rounds, fr
                 damped[a, a] += damping * hessian[a, a] + 1e-7 * mean
             step = np.linalg.solve(damped, gradient)
             trial = views.copy()
-            for k in range(len(placed)):
-                trial[placed[k]] -= step[SIZE * k : SIZE * k + SIZE]
+            for a in range(SIZE * len(placed)):
+                trial[placed[a // SIZE], a % SIZE] -= step[a]
             reached = np.inf
             if np.abs(step).max() < 1.0:
                 reached = _measure_tangents(trial, log_focal - step[size - 1], placed, outlines, tolerance)

@@ -100,13 +100,17 @@ def _median_in_blocks(depth: np.ndarray, side: int) -> np.ndarray:
     return np.where(count > 0, middle, 0.0)
 
 
-@numba.njit(cache=True, parallel=True)
-def minimize_surface(votes, inside, smoothness, steps):
+def minimize_surface(votes: np.ndarray, inside: np.ndarray, smoothness: float, steps: int) -> np.ndarray:
     """(R, R, R) float32 occupancy in [0, 1] that minimizes sum(u * votes) + smoothness * total variation, 0 outside the hull."""
+    occupancy = np.where(votes < 0, np.float32(1), np.float32(0))
+    _descend(occupancy, occupancy.copy(), np.zeros((3, *votes.shape), np.float32), votes, inside, smoothness, steps)
+    return occupancy
+
+
+@numba.njit(cache=True, parallel=True)
+def _descend(u, previous, p, votes, inside, smoothness, steps):
+    """The primal-dual iteration on occupancy u, what it was before, and the dual variables p (3, R, R, R), all in place."""
     n0, n1, n2 = votes.shape
-    u = np.where(votes < 0, np.float32(1), np.float32(0))
-    previous = u.copy()
-    p = np.zeros((3, n0, n1, n2), np.float32)
     tau = sigma = np.float32(1 / np.sqrt(12.0))
     for _ in range(steps):
         for i in numba.prange(n0 - 1):
@@ -128,4 +132,3 @@ def minimize_surface(votes, inside, smoothness, steps):
                             p[0, i, j, k] - p[0, i - 1, j, k] + p[1, i, j, k] - p[1, i, j - 1, k] + p[2, i, j, k] - p[2, i, j, k - 1]
                         )
                         u[i, j, k] = min(max(old + tau * (divergence - votes[i, j, k]), np.float32(0)), np.float32(1))
-    return u
