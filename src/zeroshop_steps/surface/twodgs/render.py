@@ -1,4 +1,4 @@
-"""The renderer as one differentiable PyTorch operation over the CPU kernels."""
+"""The renderer as one differentiable PyTorch operation over the kernels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,10 @@ import torch
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.surface.tiling import TILE_PX
 from zeroshop_steps.surface.training_views import TrainingView
-from zeroshop_steps.surface.twodgs import project, rasterize, rasterize_backward, surface_depth, tiles
+from zeroshop_steps.surface.twodgs import project, rasterize, surface_depth, tiles
+from zeroshop_steps.surface.twodgs.blending import Blending, CpuBlending
+
+CPU_BLENDING = CpuBlending()
 
 
 @dataclass(frozen=True)
@@ -96,41 +99,38 @@ class _Splat(torch.autograd.Function):
     @staticmethod
     def forward(
         context: Any, positions: torch.Tensor, log_scales: torch.Tensor, quaternions: torch.Tensor, opacity_logits: torch.Tensor,
-        sh: torch.Tensor, degree: int, view: RenderView, distortion: bool, statistics: SurfelStatistics,
+        sh: torch.Tensor, degree: int, view: RenderView, distortion: bool, statistics: SurfelStatistics, blending: Blending,
     ) -> tuple[torch.Tensor, ...]:  # fmt: skip
         arrays = [tensor.detach().contiguous().numpy() for tensor in (positions, log_scales, quaternions, opacity_logits, sh)]
-        splats, boxes, lists, image = _draw(arrays, degree, view, distortion)
+        splats, boxes, lists, image = _draw(arrays, degree, view, distortion, blending)
         statistics.visible[lists.splat_of] = True
-        context.kept = (arrays, degree, view, distortion, statistics, splats, boxes, lists, image)
+        context.kept = (arrays, degree, view, distortion, statistics, blending, splats, boxes, lists, image)
         context.set_materialize_grads(False)
         planes = torch.from_numpy(image[:, : view.height_px, : view.width_px])
         return tuple(planes[part] for part in PARTS)
 
     @staticmethod
     def backward(context: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
-        arrays, degree, view, distortion, statistics, splats, boxes, lists, image = context.kept
+        arrays, degree, view, distortion, statistics, blending, splats, boxes, lists, image = context.kept
         positions, log_scales, quaternions, opacity_logits, sh = arrays
         gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
         for part, by_part in zip(PARTS, gradients, strict=True):
             if by_part is not None:
                 gradient[part][..., : view.height_px, : view.width_px] = by_part.numpy()
         distortion = distortion and gradients[-1] is not None
-        k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
-        workers, tiles_x = project.numba.get_num_threads(), view.tile_active.shape[1]
-        by_splat = np.empty_like(splats)
-        rasterize_backward.blend_backward(
-            splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.slot_starts, lists.blocks,
-            tiles_x, distortion, k1, k2, workers, image, gradient, by_splat,
-        )  # fmt: skip
+        workers = project.numba.get_num_threads()
+        by_splat = blending.differentiate(splats, lists, distortion, np.array(view.depth_map, np.float32), image, gradient)
         outputs = [np.zeros_like(array) for array in (positions, log_scales, quaternions, opacity_logits, sh)]
         project.project_backward(
             positions, log_scales, quaternions, sh, degree, view.camera, workers, splats, boxes, by_splat, *outputs
         )  # fmt: skip
         statistics.centre_gradient = np.hypot(by_splat[:, project.CX], by_splat[:, project.CY])
-        return *(torch.from_numpy(output) for output in outputs), None, None, None, None
+        return *(torch.from_numpy(output) for output in outputs), None, None, None, None, None
 
 
-def _draw(arrays: Sequence[np.ndarray], degree: int, view: RenderView, distortion: bool = False) -> tuple:
+def _draw(
+    arrays: Sequence[np.ndarray], degree: int, view: RenderView, distortion: bool = False, blending: Blending = CPU_BLENDING
+) -> tuple:
     """Splat rows, boxes, tile lists and the padded (12, H, W) image of a view."""
     count, workers = len(arrays[0]), project.numba.get_num_threads()
     splats, boxes = np.zeros((count, project.SPLAT_WIDTH), np.float32), np.empty((count, 4), np.int32)
@@ -139,12 +139,7 @@ def _draw(arrays: Sequence[np.ndarray], degree: int, view: RenderView, distortio
         *arrays, degree, view.camera, view.width_px, view.height_px, view.near, workers, splats, outlines, boxes
     )  # fmt: skip
     lists = tiles.list_splats_by_tile(splats, outlines, boxes, view.tile_active, workers)
-    tiles_y, tiles_x = view.tile_active.shape
-    image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
-    k1, k2 = np.float32(view.depth_map[0]), np.float32(view.depth_map[1])
-    rasterize.blend_forward(
-        splats, lists.tiles, lists.starts, lists.splat_of, lists.slot_of, lists.blocks, tiles_x, distortion, k1, k2, workers, image
-    )  # fmt: skip
+    image = blending.draw(splats, lists, view.tile_active.shape, distortion, np.array(view.depth_map, np.float32))
     return splats, boxes, lists, image
 
 
@@ -176,7 +171,7 @@ def render_surface_depth(
 
 def render(
     positions: torch.Tensor, log_scales: torch.Tensor, quaternions: torch.Tensor, opacity_logits: torch.Tensor, sh: torch.Tensor,
-    degree: int, view: RenderView, distortion: bool = False,
+    degree: int, view: RenderView, distortion: bool = False, blending: Blending = CPU_BLENDING,
 ) -> Rendering:  # fmt: skip
     """Render surfels, differentiably.
 
@@ -189,9 +184,10 @@ def render(
         degree: 0 to 3.
         view: camera and tiles.
         distortion: whether the loss needs the depth distortion, which is zero otherwise.
+        blending: where splats are blended.
     """
     statistics = SurfelStatistics(len(positions))
     color, depth, normal, alpha, median_depth, depth_distortion = _Splat.apply(
-        positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics
+        positions, log_scales, quaternions, opacity_logits, sh, degree, view, distortion, statistics, blending
     )
     return Rendering(color, depth, normal, alpha, median_depth, depth_distortion, statistics)

@@ -9,6 +9,7 @@ from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import image_losses, normal_mismatch, normals_from_depth
 from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.twodgs.blending import make_blending
 from zeroshop_steps.surface.twodgs.densify import GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
@@ -58,6 +59,7 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
 
     def __init__(self, model: Surfels, views: ViewPyramid, initialization: Initialization, settings: SurfelSettings) -> None:
         super().__init__(model, views, initialization, settings)
+        self.blending = make_blending(settings.device)
         self.meter = GradientMeter(len(model))
         self.generator = torch.Generator().manual_seed(settings.seed)
 
@@ -68,7 +70,7 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
         s = self.model
         sh = torch.cat([s.sh_constant, s.sh_rest], dim=1)
         parameters = (s.positions, s.log_scales, s.quaternions, s.opacity_logits, sh)
-        return render(*parameters, degree, self.render_views[index], distortion=self.settings.lambda_distortion > 0)
+        return render(*parameters, degree, self.render_views[index], self.settings.lambda_distortion > 0, self.blending)
 
     def view_loss(self, rendering: Rendering, view: TrainingView, with_normals: bool) -> dict[str, torch.Tensor]:
         return view_loss(rendering, view, self.settings, with_normals)
