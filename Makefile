@@ -1,6 +1,6 @@
 # make mesh    makes the mesh of a demo object from scratch
 # make check   runs the checks and the fast tests
-# make test    runs every check and test, the slow tests last
+# make test    runs every check and test
 # make faults  runs the long faults: killed runs, large inputs (docs/faults.md)
 # make lint    runs the checks alone: format, types and rules
 # make viewer  rebuilds the report's scripts after a change to their sources; needs node and npm
@@ -27,9 +27,10 @@ mesh: $(READY)
 check: lint
 	$(TESTS) -n 2 -m "not slow and not faults"
 
-# Three processes for two cores: in a quarter of the time, one of two would only wait for the steps of a workflow.
-test: check
-	$(TESTS) -n 3 -m "slow and not faults" --durations=15
+# Quick and slow tests in one run, so that they share what files set up, and kernels. Three processes for two cores: in a quarter of the
+# time, one of two would only wait for the steps of a workflow.
+test: lint
+	$(TESTS) -n 3 -m "not faults" --durations=15
 
 faults: $(READY)
 	$(BIN)/python -m pytest -q -m faults --durations=15

@@ -17,32 +17,33 @@ KERNELS = REPOSITORY / ".pytest_cache" / "numba"
 """Compiled kernels, in a folder for each process."""
 
 
-LONGEST = (
-    "workflow/test_tiny_cell.py",
-    "surface/test_kernels.py",
-    "workflow/test_learned.py",
-    "workflow/test_shared_cache.py",
-    "workflow/test_added_methods.py",
-    "height/test_marker.py",
-    "evaluate/test_grade.py",
-    "finish/test_close.py",
-    "finish/test_generated.py",
-    "height/test_mast3r.py",
-    "join/test_passes.py",
-    "bop/test_align.py",
-    "workflow/test_vggt_rules.py",
-    "pose/test_render_compare.py",
-    "surface/svraster/test_render.py",
+FIRST = (
     "surface/twodgs/test_train.py",
+    "surface/svraster/test_render.py",
     "surface/test_stereo.py",
     "synthetic/test_raycast.py",
+    "pose/test_render_compare.py",
+    "workflow/test_tiny_cell.py",
+    "height/test_marker.py",
+    "bop/test_align.py",
+    "register/test_outlines.py",
+    "evaluate/test_grade.py",
+    "workflow/test_shared_cache.py",
+    "register/test_aliked.py",
+    "join/test_passes.py",
+    "surface/test_kernels.py",
+    "finish/test_generated.py",
+    "finish/test_close.py",
+    "height/test_mast3r.py",
+    "workflow/test_learned.py",
+    "workflow/test_added_methods.py",
 )
-"""Files of tests that take longest, which begin first: one that begins last has other processes wait for it. The last ones compile
-what other files use, too."""
+"""Files of tests that begin first: those that compile most of what other files use, too, and those that take longest. One that begins
+last has other processes wait for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    rank = {REPOSITORY / "tests" / name: place for place, name in enumerate(LONGEST)}
+    rank = {REPOSITORY / "tests" / name: place for place, name in enumerate(FIRST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
 
 
