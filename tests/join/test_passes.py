@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.registered_views import choose_standing, read_views
-from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SURE_PAIRS, Judgement, choose
-from zeroshop_steps.join.reasons import SAME_SIDE_DEG, explain, explain_same_side
+from zeroshop_steps.join import evidence
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, MANY_PAIRS, SAME_SIDE_DEG, SURE_PAIRS, Judgement, choose, judge_ways
+from zeroshop_steps.join.reasons import explain, explain_same_side
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.group_likeness import Likeness
 from zeroshop_steps.runtime.cli import stage_main
@@ -133,3 +134,23 @@ def test_a_pass_that_shows_no_other_side_is_said(turned_deg):
     way[:3, :3] = 2.0 * Rotation.from_euler("x", turned_deg, degrees=True).as_matrix()
     reason = explain_same_side(2, Judgement(Way(way, 100), 0.2, SAME), first, other)
     assert (reason is not None) == (turned_deg < SAME_SIDE_DEG)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "turned_deg", "rival", "right"),
+    [
+        (MANY_PAIRS, 180.0, SAME, True),  # print is enough, and outlines are not asked
+        (30, 180.0, OTHER, True),
+        (30, 180.0, SAME, False),
+        (MANY_PAIRS, 0.0, OTHER, True),
+        (MANY_PAIRS, 0.0, SAME, False),  # a clamp whose sides look alike matches as if it had not been turned over
+    ],
+)
+def test_a_doubtful_way_must_be_the_only_one_that_outlines_and_pictures_allow(monkeypatch, pairs, turned_deg, rival, right):
+    sight = SimpleNamespace(group=SimpleNamespace(up=np.array([0.0, 0.0, 1.0])))
+    way, flipped = np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0])
+    way[:3, :3] = Rotation.from_euler("x", turned_deg, degrees=True).as_matrix()
+    monkeypatch.setattr(evidence, "judge", lambda way, *_: Judgement(way, 0.2, SAME))
+    found = [Judgement(Way(way, 0), 0.2, SAME, 0.3), Judgement(Way(flipped @ way, 0), 0.3, rival, 0.2)]
+    monkeypatch.setattr(evidence, "judge_by_outlines", lambda *_: found)
+    assert (choose(judge_ways([Way(way, pairs)], sight, sight)) is not None) == right

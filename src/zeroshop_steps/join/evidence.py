@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera, to_matrix
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.transforms import transform_camera
+from zeroshop_steps.geometry.transforms import compute_scale, transform_camera
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way
@@ -25,6 +26,9 @@ by up to 2."""
 SURE_MISS_PX, ELSEWHERE_PX, ELSEWHERE_TIMES = 2.0, 2.0, 2.0
 """Outlines alone show how the object lies where they miss by so little, and in every other way by so much more and so many times as much.
 Of plain objects, the right way missed by 0.3 to 1.8 (masks wrong by 0 and 1.5 px), the next by 2.5 more, of ambiguous ones by 0.1 more."""
+SAME_SIDE_DEG = 20.0  # between the ups of two passes: an object that was turned over differs by 60 and more
+MANY_PAIRS, SAME_WAY_DEG = 100, 15.0
+"""A way that so many points support needs no comparison with those of the outlines; ways that differ by a smaller turn are one."""
 SURE_PAIRS = 40  # of points that match: so many say that pictures show the same, where too few patches could be compared
 
 
@@ -86,12 +90,32 @@ class Sight:
 
 
 def judge_ways(ways: list[Way], target: Sight, source: Sight) -> list[Judgement]:
-    """Judge the ways that print supports; where none is right, those that the outlines allow."""
+    """Judge the ways that print supports, and those that the outlines allow where print leaves a doubt.
+
+    A thing whose sides look alike may match as if it had not been turned over, or in a few points that are not the same. So a way in which
+    it was not, or that few points support, counts only if the outlines and pictures rule out the others.
+    """
     found = [judge(way, target, source) for way in ways]
-    if any(one.verdict == "right" for one in found):
+    right = choose(found)
+    if right is None and any(one.verdict == "right" for one in found):
+        return found
+    if right and right.way.pairs >= MANY_PAIRS and measure_turn_deg(right.way, target, source) > SAME_SIDE_DEG:
         return found
     by_outlines = judge_by_outlines(target, source)
+    if right:
+        return found + [one for one in by_outlines if _measure_between_deg(one.way, right.way) > SAME_WAY_DEG]
     return by_outlines if not found or any(one.verdict != "wrong" for one in by_outlines) else found
+
+
+def measure_turn_deg(way: Way, target: Sight, source: Sight) -> float:
+    """By how much the object was turned over between two passes: the angle between their ups."""
+    rotation = way.target_from_source[:3, :3] / compute_scale(way.target_from_source)
+    return float(np.degrees(np.arccos(np.clip(target.group.up @ rotation @ source.group.up, -1, 1))))
+
+
+def _measure_between_deg(one: Way, other: Way) -> float:
+    between = one.target_from_source @ np.linalg.inv(other.target_from_source)
+    return float(np.degrees(Rotation.from_matrix(between[:3, :3] / compute_scale(between)).magnitude()))
 
 
 def choose(found: list[Judgement]) -> Judgement | None:

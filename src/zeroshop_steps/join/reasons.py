@@ -1,11 +1,6 @@
 """Why a pass was left out, or brings little, in words for the one who captured it."""
 
-import numpy as np
-
-from zeroshop_steps.geometry.transforms import compute_scale
-from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, Sight
-
-SAME_SIDE_DEG = 20.0  # between the ups of two passes: an object that was turned over differs by 60 and more
+from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SAME_SIDE_DEG, Judgement, Sight, measure_turn_deg
 
 
 def explain(number: int, found: list[Judgement]) -> str:
@@ -35,9 +30,7 @@ def explain_repetition(number: int) -> str:
 
 def explain_same_side(number: int, right: Judgement, first: Sight, other: Sight) -> str | None:
     """That a pass, which was joined, shows no other side; None where the object was turned over."""
-    rotation = right.way.target_from_source[:3, :3] / compute_scale(right.way.target_from_source)
-    turned_deg = float(np.degrees(np.arccos(np.clip(first.group.up @ rotation @ other.group.up, -1, 1))))
-    if turned_deg > SAME_SIDE_DEG:
+    if measure_turn_deg(right.way, first, other) > SAME_SIDE_DEG:
         return None
     return (
         f"in pass {number} the object stands as in pass 1, so its underside stays unknown: both are used, but turn the object over for"
