@@ -15,6 +15,7 @@ from zeroshop_steps.join.reasons import explain, explain_same_side
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.group_likeness import Likeness
 from zeroshop_steps.runtime.cli import stage_main
+from zeroshop_steps.runtime.failures import Failure, read_failure, write_failure
 from zeroshop_steps.runtime.files import read_json
 
 SAME, NOTHING = Likeness(20, 2000, 0.85, 0.05, 300, 0.05), Likeness(0, 0, 0.0, 0.0, 0, 0.0)
@@ -118,6 +119,18 @@ def test_the_same_pass_twice_is_left_out_and_said(passes, capsys):
     assert stage_main("zeroshop_steps.join", [*words, "--out", str(passes / "twice")]) == 0
     assert "the pictures of pass 2 are those of pass 1: pass 2 is left out" in capsys.readouterr().err
     assert read_json(passes / "twice/registration.json")["registered"] == 12
+
+
+@pytest.mark.slow
+def test_a_later_pass_that_failed_is_left_out_and_the_first_must_not_fail(passes, tmp_path, capsys):
+    write_failure([f"{tmp_path / 'failed'}/"], Failure("register.auto", "only 3 of 12 images registered"))
+    words = ["--method", "passes", "--threads", "1", "--out", str(tmp_path / "joined"), "--record-failure", f"{tmp_path / 'joined'}/"]
+    assert stage_main("zeroshop_steps.join", [*words, "--cameras", str(passes / "1/cameras"), str(tmp_path / "failed")]) == 0
+    assert "pass 2 failed (only 3 of 12 images registered): pass 2 is left out" in capsys.readouterr().err
+    assert len(read_views(tmp_path / "joined")[0]) == 12
+    assert [one["joined"] for one in read_json(tmp_path / "joined/passes.json")["passes"]] == [True, False]
+    assert stage_main("zeroshop_steps.join", [*words, "--cameras", str(tmp_path / "failed"), str(passes / "1/cameras")]) == 0
+    assert "pass 1, in whose frame all stand" in read_failure(tmp_path / "joined").reason
 
 
 def test_passes_without_masks_are_refused(tmp_path, capsys, carton_cameras_without_masks):

@@ -19,16 +19,19 @@ from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_ways
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
-from zeroshop_steps.join.reasons import explain, explain_repetition, explain_same_side
+from zeroshop_steps.join.reasons import explain, explain_failure, explain_first_failure, explain_repetition, explain_same_side
 from zeroshop_steps.join.refinement import refine
 from zeroshop_steps.join.ways import find_ways_by_matches
 from zeroshop_steps.register.record import describe_model, read_registration
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.cache import Cached
-from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.failures import Failure, read_failure
 from zeroshop_steps.runtime.files import atomic_directory, scratch_directory, write_json
 
 CACHED = Cached(inputs=("cameras",), ignored=("threads",))
+# A later pass that failed is left out.
+READS_FAILURES = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,17 +47,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras of all passes that could be joined."""
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    records = [read_registration(folder) for folder in args.cameras]
-    passes = [read_pass(number, folder) for number, folder in enumerate(args.cameras, start=1)]
+    failed = {number: failure for number, folder in enumerate(args.cameras, start=1) if (failure := read_failure(folder))}
+    if 1 in failed:
+        raise StepError(explain_first_failure(failed[1]))
+    folders = {number: folder for number, folder in enumerate(args.cameras, start=1) if number not in failed}
+    records = [read_registration(folder) for folder in folders.values()]
+    passes = [read_pass(number, folder) for number, folder in folders.items()]
     with atomic_directory(args.out) as folder:
-        figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed))
+        figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed), failed)
         write_json(folder / "registration.json", records[0] | figures | {"images": sum(record["images"] for record in records)})
     for line in figures["warnings"]:
         warn(line)
 
 
-def join(passes: list[Pass], out: Path, options: SiftOptions) -> dict[str, Any]:
-    """Write images/, masks/, sparse/ and passes.json of the passes that fit to the first; returns entries of registration.json."""
+def join(passes: list[Pass], out: Path, options: SiftOptions, failed: dict[int, Failure]) -> dict[str, Any]:
+    """Write images/, masks/, sparse/ and passes.json of the passes that fit to the first; returns entries of registration.json.
+
+    Args:
+        passes: those that were registered, the first of them pass 1.
+        out: folder to write into.
+        options: of the features that are matched across passes.
+        failed: why each other pass, by its number, was not.
+    """
     start_s = time.monotonic()
     with scratch_directory(out, "join") as scratch:
         image_set = gather(passes, scratch)
@@ -83,6 +97,8 @@ def join(passes: list[Pass], out: Path, options: SiftOptions) -> dict[str, Any]:
             model = passes[0].model
         write_reconstruction(model, out / "sparse")
     gather(kept, out)
+    described += [describe_failure(number, failure) for number, failure in failed.items()]
+    described.sort(key=lambda entry: entry["number"])
     write_json(out / PASSES, {"passes": described})
     warnings = [entry["reason"] for entry in described if entry["reason"]]
     return {**describe_model(model), "passes": described, "warnings": warnings, "join_seconds": round(time.monotonic() - start_s, 2)}
@@ -97,3 +113,8 @@ def describe_pass(one: Pass, found: list[Judgement], right: Judgement | None = N
         "reason": reason,
         "ways": [judgement.figures() for judgement in found],
     }
+
+
+def describe_failure(number: int, failure: Failure) -> dict[str, Any]:
+    """The entry of passes.json of a pass that was not registered."""
+    return {"number": number, "images": [], "joined": False, "reason": explain_failure(number, failure), "ways": []}

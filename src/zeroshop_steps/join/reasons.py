@@ -1,6 +1,7 @@
 """Why a pass was left out, or brings little, in words for the one who captured it."""
 
 from zeroshop_steps.join.evidence import LARGEST_MISS_PX, SAME_SIDE_DEG, Judgement, Sight, measure_turn_deg
+from zeroshop_steps.runtime.failures import Failure, how_to_try_again
 
 
 def explain(number: int, found: list[Judgement]) -> str:
@@ -26,6 +27,19 @@ def explain(number: int, found: list[Judgement]) -> str:
 def explain_repetition(number: int) -> str:
     """Why a pass whose pictures are those of the first was left out."""
     return f"the pictures of pass {number} are those of pass 1: {_leave_out(number)}. Turn the object over and capture it again"
+
+
+def explain_failure(number: int, failure: Failure) -> str:
+    """Why a later pass that has no cameras was left out."""
+    return f"pass {number} failed ({failure.reason}): {_leave_out(number)}. {how_to_try_again(failure.place)}"
+
+
+def explain_first_failure(failure: Failure) -> str:
+    """Why nothing was joined: the frame and the height are those of the first pass."""
+    return (
+        f"pass 1, in whose frame all stand and of which the height is known, failed ({failure.reason}). Capture it again, or give another"
+        f" pass alone. {how_to_try_again(failure.place)}"
+    )
 
 
 def explain_same_side(number: int, right: Judgement, first: Sight, other: Sight) -> str | None:
