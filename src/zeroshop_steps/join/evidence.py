@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera, to_matrix
 from zeroshop_steps.geometry.registered_views import View
@@ -18,7 +17,7 @@ from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.group_likeness import Likeness, compare_groups
-from zeroshop_steps.register.group_similarity import CameraGroup, measure_misses
+from zeroshop_steps.register.group_similarity import CameraGroup, measure_between_deg, measure_misses
 
 LARGEST_MISS_PX = 2.5
 """By how much rays through the rims may miss the masks of the other pass in the mean, per 1000 px: exact masks miss by 0.1, found ones
@@ -103,7 +102,8 @@ def judge_ways(ways: list[Way], target: Sight, source: Sight) -> list[Judgement]
         return found
     by_outlines = judge_by_outlines(target, source)
     if right:
-        return found + [one for one in by_outlines if _measure_between_deg(one.way, right.way) > SAME_WAY_DEG]
+        own = right.way.target_from_source
+        return found + [one for one in by_outlines if measure_between_deg(one.way.target_from_source, own) > SAME_WAY_DEG]
     return by_outlines if not found or any(one.verdict != "wrong" for one in by_outlines) else found
 
 
@@ -111,11 +111,6 @@ def measure_turn_deg(way: Way, target: Sight, source: Sight) -> float:
     """By how much the object was turned over between two passes: the angle between their ups."""
     rotation = way.target_from_source[:3, :3] / compute_scale(way.target_from_source)
     return float(np.degrees(np.arccos(np.clip(target.group.up @ rotation @ source.group.up, -1, 1))))
-
-
-def _measure_between_deg(one: Way, other: Way) -> float:
-    between = one.target_from_source @ np.linalg.inv(other.target_from_source)
-    return float(np.degrees(Rotation.from_matrix(between[:3, :3] / compute_scale(between)).magnitude()))
 
 
 def choose(found: list[Judgement]) -> Judgement | None:

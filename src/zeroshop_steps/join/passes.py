@@ -52,56 +52,65 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(explain_first_failure(failed[1]))
     folders = {number: folder for number, folder in enumerate(args.cameras, start=1) if number not in failed}
     records = [read_registration(folder) for folder in folders.values()]
-    passes = [read_pass(number, folder) for number, folder in folders.items()]
+    first, *later = [read_pass(number, folder) for number, folder in folders.items()]
+    repeated = [one for one in later if repeats(first, one)]
+    left_out = [describe_failure(number, failure) for number, failure in failed.items()]
+    left_out += [describe_pass(one, [], reason=explain_repetition(one.number)) for one in repeated]
+    passes = [first, *(one for one in later if one not in repeated)]
     with atomic_directory(args.out) as folder:
-        figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed), failed)
+        figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed), left_out)
         write_json(folder / "registration.json", records[0] | figures | {"images": sum(record["images"] for record in records)})
     for line in figures["warnings"]:
         warn(line)
 
 
-def join(passes: list[Pass], out: Path, options: SiftOptions, failed: dict[int, Failure]) -> dict[str, Any]:
+def join(passes: list[Pass], out: Path, options: SiftOptions, left_out: list[dict[str, Any]]) -> dict[str, Any]:
     """Write images/, masks/, sparse/ and passes.json of the passes that fit to the first; returns entries of registration.json.
 
     Args:
-        passes: those that were registered, the first of them pass 1.
+        passes: pass 1, and those that may be joined to it.
         out: folder to write into.
         options: of the features that are matched across passes.
-        failed: why each other pass, by its number, was not.
+        left_out: the entries of passes.json of the others.
     """
     start_s = time.monotonic()
-    with scratch_directory(out, "join") as scratch:
-        image_set = gather(passes, scratch)
-        database = match_object(image_set, passes, scratch, options)
-        models = [triangulate_pass(database, one, image_set, options.seed) for one in passes]
-        sights = [Sight.of(one) for one in passes]
-        kept, placed, described = [passes[0]], [np.eye(4)], [describe_pass(passes[0], [])]
-        for number, other in enumerate(passes[1:], start=1):
-            if repeats(passes[0], other):
-                described.append(describe_pass(other, [], reason=explain_repetition(other.number)))
-                continue
-            pairs = pair_points(database, models[0], models[number])
-            ways = [refine(way, pairs, models[0], models[number]) for way in find_ways_by_matches(pairs, options.seed)]
-            found = judge_ways(ways, sights[0], sights[number])
-            right = choose(found)
-            if right is None:
-                described.append(describe_pass(other, found, reason=explain(other.number, found)))
-                continue
-            kept.append(other)
-            placed.append(right.way.target_from_source)
-            described.append(describe_pass(other, found, right, explain_same_side(other.number, right, sights[0], sights[number])))
-        if len(kept) > 1:
-            joined = triangulate_joined(database, kept, placed, image_set, options.seed, scratch / "joined")
-            model = merge_models(joined, passes[0])
-        else:
-            model = passes[0].model
-        write_reconstruction(model, out / "sparse")
+    kept, model, described = passes[:1], passes[0].model, [*left_out, describe_pass(passes[0], [])]
+    if len(passes) > 1:
+        with scratch_directory(out, "join") as scratch:
+            kept, model, compared = _join_later(passes, scratch, options)
+        described += compared
+    write_reconstruction(model, out / "sparse")
     gather(kept, out)
-    described += [describe_failure(number, failure) for number, failure in failed.items()]
     described.sort(key=lambda entry: entry["number"])
     write_json(out / PASSES, {"passes": described})
     warnings = [entry["reason"] for entry in described if entry["reason"]]
     return {**describe_model(model), "passes": described, "warnings": warnings, "join_seconds": round(time.monotonic() - start_s, 2)}
+
+
+def _join_later(
+    passes: list[Pass], scratch: Path, options: SiftOptions
+) -> tuple[list[Pass], pycolmap.Reconstruction, list[dict[str, Any]]]:
+    """The passes that fit to the first, and it; the model of them all; and the entries of passes.json of the later ones."""
+    image_set = gather(passes, scratch)
+    database = match_object(image_set, passes, scratch, options)
+    models = [triangulate_pass(database, one, image_set, options.seed) for one in passes]
+    sights = [Sight.of(one) for one in passes]
+    kept, placed, described = [passes[0]], [np.eye(4)], []
+    for other, model, sight in zip(passes[1:], models[1:], sights[1:], strict=True):
+        pairs = pair_points(database, models[0], model)
+        ways = [refine(way, pairs, models[0], model) for way in find_ways_by_matches(pairs, options.seed)]
+        found = judge_ways(ways, sights[0], sight)
+        right = choose(found)
+        if right is None:
+            described.append(describe_pass(other, found, reason=explain(other.number, found)))
+            continue
+        kept.append(other)
+        placed.append(right.way.target_from_source)
+        described.append(describe_pass(other, found, right, explain_same_side(other.number, right, sights[0], sight)))
+    if len(kept) == 1:
+        return kept, passes[0].model, described
+    joined = triangulate_joined(database, kept, placed, image_set, options.seed, scratch / "joined")
+    return kept, merge_models(joined, passes[0]), described
 
 
 def describe_pass(one: Pass, found: list[Judgement], right: Judgement | None = None, reason: str | None = None) -> dict[str, Any]:

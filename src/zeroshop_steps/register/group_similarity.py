@@ -160,13 +160,14 @@ def keep_distinct(found: list[Hypothesis]) -> list[Hypothesis]:
     """Those that differ by a turn from all that miss by less, the best first."""
     distinct: list[Hypothesis] = []
     for hypothesis in sorted(found, key=lambda hypothesis: hypothesis.miss_px):
-        if all(_measure_turn_deg(hypothesis, other) > SAME_DEG for other in distinct):
+        if all(measure_between_deg(hypothesis.target_from_source, other.target_from_source) > SAME_DEG for other in distinct):
             distinct.append(hypothesis)
     return distinct
 
 
-def _measure_turn_deg(one: Hypothesis, other: Hypothesis) -> float:
-    between = one.target_from_source @ np.linalg.inv(other.target_from_source)
+def measure_between_deg(one: np.ndarray, other: np.ndarray) -> float:
+    """By what angle (4, 4) similarities into one frame turn differently."""
+    between = one @ np.linalg.inv(other)
     return float(np.degrees(Rotation.from_matrix(between[:3, :3] / compute_scale(between)).magnitude()))
 
 
