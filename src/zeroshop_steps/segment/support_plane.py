@@ -7,6 +7,7 @@ are left out.
 
 import argparse
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -18,6 +19,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast, find_contrasting_thing
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
@@ -65,6 +67,9 @@ def find_masks(
 ) -> tuple[list[np.ndarray], dict[str, Any]]:
     """Masks of all views, (H, W) bool of the images' sizes, and the record of their quality.
 
+    The colour of a plain ground tells the object from it, but light that the ground throws back gives shaded sides of the object the same
+    colour. So where it fails, the ground is told place by place, as a printed one.
+
     Args:
         views: the registered views.
         model: their sparse points, object and ground.
@@ -78,19 +83,58 @@ def find_masks(
     cameras, images = _resize_views(views, image_width_px)
     support, fitted = find_scene_support(model, views, seed)
     images = equalize_exposure(support, cameras, images)
+    ground = build_ground_picture(support, cameras, images)
+    plain = fit_plain_ground(ground)
     sizes = [(camera.width_px, camera.height_px) for camera in cameras]
     priors = [np.zeros(size[::-1], np.float32) for size in sizes]
     if prior is not None:
         priors = [cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) for odds, size in zip(prior, sizes, strict=True)]
-    ground = build_ground_picture(support, cameras, images)
-    plain = fit_plain_ground(ground)
-    if prior is None and plain:
-        priors = _weigh_contrast(images, cameras)
-    selection, refined, own = _find_on_plane(support, ground, plain, cameras, images, priors, model)
-    settled = None if fitted else settle_support(support, cameras, images, refined.masks, selection.grid, refined.occupied)
+    scene = _Scene(views, model, cameras, images, support, fitted, ground, plain)
+    try:
+        return _find_on_scene(scene, _weigh_contrast(images, cameras) if plain and prior is None else priors)
+    except StepError as error:
+        if plain is None:
+            raise
+        failure = error
+    print(f"the colour of the ground does not tell the object from it: {failure}")
+    try:
+        masks, record = _find_on_scene(scene, priors, by_color=False)
+    except StepError:
+        raise failure from None
+    return masks, record | {"without_ground_color": str(failure)}
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What masks are found from.
+
+    Attributes:
+        views, model: as in `find_masks`.
+        cameras, images: of the width at which images are cut; (H, W, 3) float32 RGB, equally exposed.
+        support: the plane.
+        fitted: whether points gave it.
+        ground: what all views see of it.
+        plain: its colour, if it has but one.
+    """
+
+    views: list[View]
+    model: SparseModel
+    cameras: list[Camera]
+    images: list[np.ndarray]
+    support: SceneSupport
+    fitted: bool
+    ground: GroundPicture
+    plain: PlainGround | None
+
+
+def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = True) -> Masks:
+    """Masks of all views and the record of their quality; `by_color` uses the colour of a plain ground."""
+    support, cameras = scene.support, scene.cameras
+    selection, refined, own = _find_on_plane(scene, support, scene.ground, scene.plain if by_color else None, priors)
+    settled = None if scene.fitted else settle_support(support, cameras, scene.images, refined.masks, selection.grid, refined.occupied)
     if settled and not has_settled(support, settled):
-        support, ground = settled, build_ground_picture(settled, cameras, images)
-        selection, refined, own = _find_on_plane(support, ground, fit_plain_ground(ground), cameras, images, priors, model)
+        support, ground = settled, build_ground_picture(settled, cameras, scene.images)
+        selection, refined, own = _find_on_plane(scene, support, ground, fit_plain_ground(ground) if by_color else None, priors)
     tidied = [tidy_mask(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = compare_with_hull([mask > 0.5 for mask in tidied], refined.hulls)
@@ -100,26 +144,21 @@ def find_masks(
         "method": "support_plane",
         **describe_quality(qualities, names),
         "things_on_the_ground": selection.cluster_count,
-        "plane_from": "points" if fitted else "views" if settled else "object",
+        "plane_from": "points" if scene.fitted else "views" if settled else "object",
         "plane_inliers": support.inliers,
         "plane": {"normal": support.normal.tolist(), "offset": support.offset},
-        "image_width_px": image_width_px,
+        "image_width_px": cameras[0].width_px,
     }
-    sizes = [(view.camera.width_px, view.camera.height_px) for view in views]
+    sizes = [(view.camera.width_px, view.camera.height_px) for view in scene.views]
     return [cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > 0.5 for mask, size in zip(tidied, sizes, strict=True)], record
 
 
 def _find_on_plane(
-    support: SceneSupport,
-    ground: GroundPicture,
-    plain: PlainGround | None,
-    cameras: list[Camera],
-    images: list[np.ndarray],
-    priors: list[np.ndarray],
-    model: SparseModel,
+    scene: _Scene, support: SceneSupport, ground: GroundPicture, plain: PlainGround | None, priors: list[np.ndarray]
 ) -> tuple[ObjectSelection, RefinedMasks, np.ndarray]:
     """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
-    risen = find_risen_points(model.points, support) if plain else None
+    cameras, images = scene.cameras, scene.images
+    risen = find_risen_points(scene.model.points, support) if plain or scene.plain else None
     by_place = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
     by_table = [
         plain.evidence(camera, image) if plain else np.zeros(image.shape[:2], np.float32)
@@ -129,10 +168,10 @@ def _find_on_plane(
         np.clip(join_odds(odds, table) + prior, -MOST_ODDS, MOST_ODDS)
         for odds, table, prior in zip(by_place, by_table, priors, strict=True)
     ]
-    check_not_moved(support, cameras, evidence, risen)
-    selection = select_object(support, cameras, evidence, risen)
+    check_not_moved(support, cameras, evidence, risen if plain else None)
+    selection = select_object(support, cameras, evidence, risen if plain else None)
     own = selection.own_points(risen) if risen is not None else np.zeros((0, 3))
-    return selection, refine_masks(support, selection, cameras, images, by_place, by_table, priors, own), own
+    return selection, refine_masks(support, selection, cameras, images, by_place, by_table, priors, own if plain else own[:0]), own
 
 
 def _weigh_contrast(images: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
