@@ -10,7 +10,16 @@ from helpers.coarse_ground import coarse_ground
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.registered_views import choose_standing, read_views
 from zeroshop_steps.join import evidence
-from zeroshop_steps.join.evidence import LARGEST_MISS_PX, MANY_PAIRS, SAME_SIDE_DEG, SURE_PAIRS, Judgement, choose, judge_ways
+from zeroshop_steps.join.evidence import (
+    LARGEST_MISS_PX,
+    MANY_PAIRS,
+    SAME_SIDE_DEG,
+    SURE_PAIRS,
+    Judgement,
+    choose,
+    is_same,
+    judge_ways,
+)
 from zeroshop_steps.join.reasons import explain, explain_same_side
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.group_likeness import Likeness
@@ -150,6 +159,18 @@ def test_a_pass_that_shows_no_other_side_is_said(turned_deg):
 
 
 @pytest.mark.parametrize(
+    ("across", "turned_deg", "same"), [(50.0, 12.0, True), (50.0, 40.0, False), (4.0, 25.0, True), (4.0, 120.0, False)]
+)
+def test_ways_are_one_by_their_turn_and_those_of_thin_things_by_how_far_they_move(across, turned_deg, same):
+    rolls = [Rotation.from_euler("x", 30 * index, degrees=True).apply([1.0, 0.0, across]) for index in range(12)]
+    group = SimpleNamespace(points=np.array([[50.0, 0, 0], [-50.0, 0, 0], *rolls]), radius=60.0)
+    sight = SimpleNamespace(group=group)
+    way = np.eye(4)
+    way[:3, :3] = Rotation.from_euler("x", turned_deg, degrees=True).as_matrix()
+    assert is_same(Way(way, 30), Way(np.eye(4), 30), sight, sight) == same
+
+
+@pytest.mark.parametrize(
     ("pairs", "turned_deg", "rival", "right"),
     [
         (MANY_PAIRS, 180.0, SAME, True),  # print is enough, and outlines are not asked
@@ -160,10 +181,10 @@ def test_a_pass_that_shows_no_other_side_is_said(turned_deg):
     ],
 )
 def test_a_doubtful_way_must_be_the_only_one_that_outlines_and_pictures_allow(monkeypatch, pairs, turned_deg, rival, right):
-    sight = SimpleNamespace(group=SimpleNamespace(up=np.array([0.0, 0.0, 1.0])))
+    group = SimpleNamespace(up=np.array([0.0, 0.0, 1.0]), points=50 * np.eye(3), radius=50.0)
+    sight = SimpleNamespace(group=group)
     way, flipped = np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0])
     way[:3, :3] = Rotation.from_euler("x", turned_deg, degrees=True).as_matrix()
     monkeypatch.setattr(evidence, "judge", lambda way, *_: Judgement(way, 0.2, SAME))
     found = [Judgement(Way(way, 0), 0.2, SAME, 0.3), Judgement(Way(flipped @ way, 0), 0.3, rival, 0.2)]
-    monkeypatch.setattr(evidence, "judge_by_outlines", lambda *_: found)
-    assert (choose(judge_ways([Way(way, pairs)], sight, sight)) is not None) == right
+    assert (choose(judge_ways([Way(way, pairs)], sight, sight, lambda: found)) is not None) == right

@@ -1,5 +1,7 @@
 """ALIKED and LightGlue: places are those of the image, weights fit wholly or not at all, and outputs are those of the published code."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -13,6 +15,8 @@ from zeroshop_steps.networks.aliked import (
     AlikedMatcher,
     Features,
     cut_out,
+    describe_turned,
+    extract_features,
     find_weights,
     load_extractor,
     load_matcher,
@@ -33,6 +37,14 @@ def blobs(shift_px: int = 0, size: int = 160) -> np.ndarray:
         noise += np.kron(coarse, np.ones((scale, scale)))[:size, : size + 40]
     noise = np.clip(128 + 40 * noise, 0, 255).astype(np.uint8)
     return np.repeat(noise[:, shift_px : shift_px + size, None], 3, axis=2)
+
+
+def require_published_weights() -> Path:
+    """Their folder; skips the test where they are not there."""
+    folder = REPOSITORY / WEIGHTS_FOLDER / FOLDER
+    if not all((folder / name).is_file() for name in (EXTRACTOR, MATCHER)):
+        pytest.skip(f"the weights in {folder} are not there; `snakemake {WEIGHTS_FOLDER / FOLDER}/...` downloads them")
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +75,22 @@ def test_a_crop_tells_where_its_pixels_are_in_the_image():
     whole = cut_out(image, np.ones_like(mask), 100, 0.1, 4.0, 2)
     assert whole.corner_px == (0, 0) and whole.allowed.all() and whole.pixels.shape == (50, 100, 3)
     assert cut_out(image, mask, 1000, 0.1, 4.0, 2).scale == 4.0
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_features_of_a_turned_picture_are_at_the_same_places(networks, quarters):
+    image, mask = blobs(size=90)[:70], np.zeros((70, 90), bool)
+    mask[8:60, 10:80] = True
+    crop, extractor = cut_out(image, mask, 90, 0.1, 4.0, 2), load_extractor(networks / EXTRACTOR)
+    with torch.no_grad():
+        found = extract_features(extractor, crop, CPU, 60, 0.0)
+        turned = describe_turned(extractor, crop, found, quarters)
+    there = np.rot90(crop.pixels, quarters)
+    assert turned.size_px == there.shape[1::-1] and turned.descriptors.shape == found.descriptors.shape
+    columns, rows = found.keypoints.round().long().T
+    turned_columns, turned_rows = turned.keypoints.round().long().T
+    assert (there[turned_rows, turned_columns] == crop.pixels[rows, columns]).all()
+    assert not torch.equal(turned.descriptors, found.descriptors)
 
 
 def test_features_lie_inside_the_mask_at_the_image_s_own_pixels(networks):
@@ -99,9 +127,7 @@ def test_weights_of_another_network_are_refused(networks):
 
 def test_the_published_weights_give_what_the_published_code_gives():
     """Positions of keypoints, descriptors there and matches with their scores; recorded as tests/parity/README.md says."""
-    folder = REPOSITORY / WEIGHTS_FOLDER / FOLDER
-    if not all((folder / name).is_file() for name in (EXTRACTOR, MATCHER)):
-        pytest.skip(f"the weights in {folder} are not there; `snakemake {WEIGHTS_FOLDER / FOLDER}/...` downloads them")
+    folder = require_published_weights()
     record = np.load(RECORD)
     crops = [cut_out(blobs(shift), np.ones((160, 160), bool), 160, 0.1, 4.0, 2) for shift in (0, 12)]
     matcher = AlikedMatcher(load_extractor(folder / EXTRACTOR), load_matcher(folder / MATCHER), crops, CPU, 100, 0.005)
@@ -115,3 +141,16 @@ def test_the_published_weights_give_what_the_published_code_gives():
     assert (numbers == record["matches"]).all() and np.abs(scores - record["scores"]).max() < 1e-4
     moved = record["keypoints_0"][numbers[:, 0], 0] - record["keypoints_1"][numbers[:, 1], 0]
     assert (scores > 0.85).sum() > 30 and (np.abs(moved - 12)[scores > 0.85] < 1.5).mean() > 0.95
+
+
+def test_the_quarter_turn_in_which_pictures_are_alike_is_found():
+    folder = require_published_weights()
+    image, whole = blobs(size=120), np.ones((120, 120), bool)
+    crops = [cut_out(np.ascontiguousarray(np.rot90(image, quarters)), whole, 120, 0.1, 4.0, 2) for quarters in range(4)]
+    matcher = AlikedMatcher(load_extractor(folder / EXTRACTOR), load_matcher(folder / MATCHER), crops, CPU, 200, 0.001, range(1, 4))
+    assert [matcher.find_quarter(0, turned)[0] for turned in (1, 2, 3)] == [3, 2, 1]
+    numbers, scores = matcher.match(0, 2, 2)
+    sure = numbers[scores > 0.85]
+    one, other = matcher.keypoints[0][sure[:, 0]], matcher.keypoints[2][sure[:, 1]]
+    assert len(sure) > 30 and np.median(np.linalg.norm(120 - other - one, axis=1)) < 2.0, "each place is found where the half turn put it"
+    assert (matcher.match(0, 2)[1] > 0.85).sum() < len(sure) / 2

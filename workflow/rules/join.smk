@@ -84,9 +84,10 @@ rule join_passes:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(30),
     params:
-        seed=config["seed"],
+        options=step_options({"weights": config["register"]["aliked"]["weights"], "seed": config["seed"]}),
+        weights=weights_stamp("register", "aliked", methods.REGISTRATIONS["aliked"]),
     message:
         "Joining the passes of {wildcards.object}, {wildcards.registration}"
     shell:
-        "python -m zeroshop_steps.join --method passes --cameras {input.cameras} --seed {params.seed} --threads {threads}"
+        "python -m zeroshop_steps.join --method passes --cameras {input.cameras} {params.options} --threads {threads}"
         " --out {output.cameras} --record-failure {output}/ > {log} 2>&1"

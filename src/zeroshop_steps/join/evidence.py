@@ -4,6 +4,7 @@ The outlines of a can fit any turn about its axis, and print may stand on two si
 worse in every other way are, as those of a plain drill.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, to_matrix
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.transforms import compute_scale, transform_camera
+from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way
@@ -22,12 +23,15 @@ from zeroshop_steps.register.group_similarity import CameraGroup, measure_betwee
 LARGEST_MISS_PX = 2.5
 """By how much rays through the rims may miss the masks of the other pass in the mean, per 1000 px: exact masks miss by 0.1, found ones
 by up to 2."""
-SURE_MISS_PX, ELSEWHERE_PX, ELSEWHERE_TIMES = 2.0, 2.0, 2.0
+SURE_MISS_PX, ELSEWHERE_PX, ELSEWHERE_TIMES = 2.0, 1.0, 2.0
 """Outlines alone show how the object lies where they miss by so little, and in every other way by so much more and so many times as much.
-Of plain objects, the right way missed by 0.3 to 1.8 (masks wrong by 0 and 1.5 px), the next by 2.5 more, of ambiguous ones by 0.1 more."""
+Of plain objects, the right way misses by 0.06 at most with exact masks and by 0.6 to 0.9 with masks wrong by 1.5 px, the next by 1.3 more.
+Of those that look alike in several ways, a wrong one misses by up to 0.1 more, and by 0.3 less where cameras and masks are wrong."""
 SAME_SIDE_DEG = 20.0  # between the ups of two passes: an object that was turned over differs by 60 and more
-MANY_PAIRS, SAME_WAY_DEG = 100, 15.0
-"""A way that so many points support needs no comparison with those of the outlines; ways that differ by a smaller turn are one."""
+MANY_PAIRS = 100  # a way that so many points support needs no comparison with those of the outlines
+SAME_WAY_DEG, SAME_WAY_SHARE = 15.0, 0.04
+"""Ways that differ by a smaller turn are one, and so are those that move nothing farther apart than this share of the object's size: thin
+things may roll by more."""
 SURE_PAIRS = 40  # of points that match: so many say that pictures show the same, where too few patches could be compared
 
 
@@ -88,7 +92,7 @@ class Sight:
         return cls(views, CameraGroup([view.camera for view in views], {view.camera.name: view.mask() for view in views}))
 
 
-def judge_ways(ways: list[Way], target: Sight, source: Sight) -> list[Judgement]:
+def judge_ways(ways: list[Way], target: Sight, source: Sight, find_others: Callable[[], list[Judgement]]) -> list[Judgement]:
     """Judge the ways that print supports, and those that the outlines allow where print leaves a doubt.
 
     A thing whose sides look alike may match as if it had not been turned over, or in a few points that are not the same. So a way in which
@@ -100,11 +104,18 @@ def judge_ways(ways: list[Way], target: Sight, source: Sight) -> list[Judgement]
         return found
     if right and right.way.pairs >= MANY_PAIRS and measure_turn_deg(right.way, target, source) > SAME_SIDE_DEG:
         return found
-    by_outlines = judge_by_outlines(target, source)
+    by_outlines = find_others()
     if right:
-        own = right.way.target_from_source
-        return found + [one for one in by_outlines if measure_between_deg(one.way.target_from_source, own) > SAME_WAY_DEG]
+        return found + [one for one in by_outlines if not is_same(one.way, right.way, target, source)]
     return by_outlines if not found or any(one.verdict != "wrong" for one in by_outlines) else found
+
+
+def is_same(one: Way, other: Way, target: Sight, source: Sight) -> bool:
+    """Whether two ways are one, nearly."""
+    if measure_between_deg(one.target_from_source, other.target_from_source) <= SAME_WAY_DEG:
+        return True
+    apart = [transform_points(source.group.points, way.target_from_source) for way in (one, other)]
+    return bool(np.linalg.norm(apart[0] - apart[1], axis=1).max() <= SAME_WAY_SHARE * 2 * target.group.radius)
 
 
 def measure_turn_deg(way: Way, target: Sight, source: Sight) -> float:

@@ -40,14 +40,15 @@ class PointPairs:
 
 def match_object(image_set: ImageSet, passes: list[Pass], scratch: Path, options: sift.SiftOptions) -> Path:
     """A database of the object's features in all images, matched within passes and across them; returns its file."""
-    cameras = {}
-    for one in passes:
-        for image in one.model.images.values():
-            cameras[Path(image.name).stem] = one.model.cameras[image.camera_id]
     database = scratch / "object.db"
-    sift.extract_features(database, _hide_ground(image_set, scratch / "object"), options, scratch / "masks", cameras)
+    sift.extract_features(database, _hide_ground(image_set, scratch / "object"), options, scratch / "masks", read_cameras(passes))
     sift.match_features(database, options, choose_pairs(image_set, passes))
     return database
+
+
+def read_cameras(passes: list[Pass]) -> dict[str, pycolmap.Camera]:
+    """{image stem: camera} of all passes."""
+    return {Path(image.name).stem: one.model.cameras[image.camera_id] for one in passes for image in one.model.images.values()}
 
 
 def _hide_ground(image_set: ImageSet, folder: Path) -> ImageSet:

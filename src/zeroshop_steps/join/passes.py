@@ -1,12 +1,15 @@
 """Join the passes of an object that was put down differently, upright and upside down, into one set of cameras.
 
 Each pass was registered by its own ground and masked. What lies between two passes is found by the object alone: by its print, where
-that matches across them, else by its outlines. A way counts where outlines and pictures agree, and only if no other way is as good: a
-plain can that stands on its head fits in any turn, so nothing is joined, and the first pass stands alone with a warning.
+that matches across them, else by its outlines, else by learned features. A way counts where outlines and pictures agree, and only if no
+other way is as good: a plain can that stands on its head fits in any turn, so nothing is joined, and the first pass stands alone with a
+warning.
 """
 
 import argparse
+import functools
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +18,18 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import PASSES
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_ways
+from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_by_outlines, judge_ways
+from zeroshop_steps.join.learned_matches import Prepare, load_networks, match_by_networks
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
 from zeroshop_steps.join.reasons import explain, explain_failure, explain_first_failure, explain_repetition, explain_same_side
 from zeroshop_steps.join.refinement import refine
-from zeroshop_steps.join.ways import find_ways_by_matches
+from zeroshop_steps.join.ways import Way, find_ways_by_matches
+from zeroshop_steps.networks.aliked import FOLDER
+from zeroshop_steps.networks.devices import DEVICES
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.record import describe_model, read_registration
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.runtime.cache import Cached
@@ -29,7 +37,7 @@ from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import Failure, read_failure
 from zeroshop_steps.runtime.files import atomic_directory, scratch_directory, write_json
 
-CACHED = Cached(inputs=("cameras",), ignored=("threads",))
+CACHED = Cached(inputs=("cameras", "weights"), ignored=("threads", "device"))
 # A later pass that failed is left out.
 READS_FAILURES = True
 
@@ -39,6 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cameras", type=Path, nargs="+", required=True, help="registered cameras with masks of each pass, the first first"
     )
+    parser.add_argument(
+        "--weights", type=Path, default=WEIGHTS_FOLDER / FOLDER, help="folder of the learned features' weights (default: %(default)s)"
+    )
+    parser.add_argument("--device", choices=DEVICES, default="auto", help="where the networks run (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of RANSAC (default: %(default)s)")
     parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
@@ -47,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras of all passes that could be joined."""
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    prepare = load_networks(args.weights, args.device, args.threads)
     failed = {number: failure for number, folder in enumerate(args.cameras, start=1) if (failure := read_failure(folder))}
     if 1 in failed:
         raise StepError(explain_first_failure(failed[1]))
@@ -58,13 +71,15 @@ def run(args: argparse.Namespace) -> None:
     left_out += [describe_pass(one, [], reason=explain_repetition(one.number)) for one in repeated]
     passes = [first, *(one for one in later if one not in repeated)]
     with atomic_directory(args.out) as folder:
-        figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed), left_out)
+        figures = join(passes, folder, SiftOptions(threads=args.threads, seed=args.seed), left_out, prepare)
         write_json(folder / "registration.json", records[0] | figures | {"images": sum(record["images"] for record in records)})
     for line in figures["warnings"]:
         warn(line)
 
 
-def join(passes: list[Pass], out: Path, options: SiftOptions, left_out: list[dict[str, Any]]) -> dict[str, Any]:
+def join(
+    passes: list[Pass], out: Path, options: SiftOptions, left_out: list[dict[str, Any]], prepare: Prepare | None = None
+) -> dict[str, Any]:
     """Write images/, masks/, sparse/ and passes.json of the passes that fit to the first; returns entries of registration.json.
 
     Args:
@@ -72,12 +87,13 @@ def join(passes: list[Pass], out: Path, options: SiftOptions, left_out: list[dic
         out: folder to write into.
         options: of the features that are matched across passes.
         left_out: the entries of passes.json of the others.
+        prepare: what finds learned features, for passes that neither print nor outlines join; None without.
     """
     start_s = time.monotonic()
     kept, model, described = passes[:1], passes[0].model, [*left_out, describe_pass(passes[0], [])]
     if len(passes) > 1:
         with scratch_directory(out, "join") as scratch:
-            kept, model, compared = _join_later(passes, scratch, options)
+            kept, model, compared = _join_later(passes, scratch, options, prepare)
         described += compared
     write_reconstruction(model, out / "sparse")
     gather(kept, out)
@@ -87,19 +103,44 @@ def join(passes: list[Pass], out: Path, options: SiftOptions, left_out: list[dic
     return {**describe_model(model), "passes": described, "warnings": warnings, "join_seconds": round(time.monotonic() - start_s, 2)}
 
 
+@dataclass(frozen=True)
+class _Matches:
+    """Matched features of all passes: their database, and the points that each pass sees, in its own frame."""
+
+    database: Path
+    models: list[pycolmap.Reconstruction]
+
+    @classmethod
+    def of(cls, database: Path, passes: list[Pass], image_set: ImageSet, seed: int) -> "_Matches":
+        """Triangulate the features of a database."""
+        return cls(database, [triangulate_pass(database, one, image_set, seed) for one in passes])
+
+    def find_ways(self, number: int, seed: int) -> list[Way]:
+        """The ways in which a pass may lie to the first, by points that match."""
+        pairs = pair_points(self.database, self.models[0], self.models[number])
+        return [refine(way, pairs, self.models[0], self.models[number]) for way in find_ways_by_matches(pairs, seed)]
+
+
 def _join_later(
-    passes: list[Pass], scratch: Path, options: SiftOptions
+    passes: list[Pass], scratch: Path, options: SiftOptions, prepare: Prepare | None
 ) -> tuple[list[Pass], pycolmap.Reconstruction, list[dict[str, Any]]]:
     """The passes that fit to the first, and it; the model of them all; and the entries of passes.json of the later ones."""
     image_set = gather(passes, scratch)
-    database = match_object(image_set, passes, scratch, options)
-    models = [triangulate_pass(database, one, image_set, options.seed) for one in passes]
+    matches = _Matches.of(match_object(image_set, passes, scratch, options), passes, image_set, options.seed)
     sights = [Sight.of(one) for one in passes]
+
+    @functools.cache
+    def match_again(prepare: Prepare) -> _Matches:
+        database = match_by_networks(image_set, passes, scratch / "learned", prepare, options.seed)
+        return _Matches.of(database, passes, image_set, options.seed)
+
     kept, placed, described = [passes[0]], [np.eye(4)], []
-    for other, model, sight in zip(passes[1:], models[1:], sights[1:], strict=True):
-        pairs = pair_points(database, models[0], model)
-        ways = [refine(way, pairs, models[0], model) for way in find_ways_by_matches(pairs, options.seed)]
-        found = judge_ways(ways, sights[0], sight)
+    for number, (other, sight) in enumerate(zip(passes[1:], sights[1:], strict=True), start=1):
+        find_others = functools.cache(functools.partial(judge_by_outlines, sights[0], sight))
+        found = judge_ways(matches.find_ways(number, options.seed), sights[0], sight, find_others)
+        if choose(found) is None and prepare:
+            again = judge_ways(match_again(prepare).find_ways(number, options.seed), sights[0], sight, find_others)
+            found = again if choose(again) else found
         right = choose(found)
         if right is None:
             described.append(describe_pass(other, found, reason=explain(other.number, found)))
@@ -109,7 +150,7 @@ def _join_later(
         described.append(describe_pass(other, found, right, explain_same_side(other.number, right, sights[0], sight)))
     if len(kept) == 1:
         return kept, passes[0].model, described
-    joined = triangulate_joined(database, kept, placed, image_set, options.seed, scratch / "joined")
+    joined = triangulate_joined(matches.database, kept, placed, image_set, options.seed, scratch / "joined")
     return kept, merge_models(joined, passes[0]), described
 
 

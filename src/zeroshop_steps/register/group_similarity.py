@@ -22,7 +22,8 @@ from zeroshop_steps.register.image_set import REFERENCE_PX
 from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
 from zeroshop_steps.register.silhouette_coherence import bound_object, choose_rim_pixels
 
-RAYS, STEPS = 40, 48  # of each view, and depths along each
+RAYS, STEPS = 40, 192
+"""Of each view, and depths along each: with 48, rays slip past thin parts, and right ways miss by 1.1 px instead of 0.1."""
 TURNS, REFINED = 48, 6  # that are tried, and the best of them that are refined
 MOST_PX = 30.0  # of a miss: beyond, farther is not worse
 OWN_MISS_PX = -2.0  # within its own group a point of a ray may miss a mask by as much

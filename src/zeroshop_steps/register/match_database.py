@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.lenses import import_images
-from zeroshop_steps.register.sift import make_verification_options
+from zeroshop_steps.register.sift import import_with_cameras, make_verification_options
 
 PairMatches = Mapping[tuple[int, int], tuple[np.ndarray, np.ndarray]]
 """By numbers of two images, the first smaller: (M,) numbers of the keypoints that match, in the one and in the other."""
@@ -25,6 +25,7 @@ def write_matches(
     seed: int,
     focal_px: float | None = None,
     distorted: bool = True,
+    known_cameras: dict[str, pycolmap.Camera] | None = None,
 ) -> dict[str, int]:
     """Write a camera for each lens, the keypoints of all images and their matches into a new database, and verify these.
 
@@ -36,13 +37,17 @@ def write_matches(
         seed: of RANSAC.
         focal_px: known focal length; None reads EXIF, else estimates.
         distorted: whether lenses may be distorted.
+        known_cameras: {image stem: camera} to write instead of unknown lenses.
 
     Returns:
         How many keypoints and matches were kept.
     """
     kept = find_long_tracks([len(points) for points in keypoints], matches, min_track)
     number = [np.cumsum(mask) - 1 for mask in kept]
-    import_images(database, image_set, focal_px, distorted)
+    if known_cameras is None:
+        import_images(database, image_set, focal_px, distorted)
+    else:
+        import_with_cameras(database, image_set, known_cameras)
     listed, count = [], 0
     with pycolmap.Database.open(database) as opened:
         ids = [opened.read_image_with_name(name).image_id for name in image_set.names]

@@ -82,7 +82,7 @@ def extract_features(
         if known_cameras is None:
             import_images(database, image_set, options.focal_px)
         else:
-            _import_with_cameras(database, image_set, known_cameras)
+            import_with_cameras(database, image_set, known_cameras)
         extraction = make_extraction_options(options, octave)
         pycolmap.extract_features(database, folder, image_set.names, pycolmap.CameraMode.AUTO, reader, extraction)
         with pycolmap.Database.open(database) as opened:
@@ -170,7 +170,8 @@ def make_verification_options(seed: int) -> pycolmap.TwoViewGeometryOptions:
     return verification
 
 
-def _import_with_cameras(database: Path, image_set: ImageSet, known_cameras: dict[str, pycolmap.Camera]) -> None:
+def import_with_cameras(database: Path, image_set: ImageSet, known_cameras: dict[str, pycolmap.Camera]) -> None:
+    """Write {image stem: camera} and the images into a new database; one camera where all are equal."""
     distinct = {(camera.width, camera.height, *camera.params) for camera in known_cameras.values()}
     mode = pycolmap.CameraMode.PER_IMAGE if len(distinct) > 1 else pycolmap.CameraMode.SINGLE
     create_database(database, len(image_set.images))
