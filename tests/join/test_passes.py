@@ -49,6 +49,8 @@ def judged(pairs: int, miss_px: float, likeness: Likeness, elsewhere_px: float |
         ([judged(100, 0.2, SAME), judged(60, 0.2, SAME)], False),  # print on two sides, and both fit
         ([judged(100, 0.2, SAME), judged(20, 0.2, NOTHING)], False),
         ([judged(0, 0.5, NOTHING, 7.0), judged(0, 7.0, NOTHING, 0.5)], True),  # outlines that fit in one way alone
+        ([judged(0, 0.1, NOTHING, 1.6), judged(0, 1.6, NOTHING, 0.1)], True),
+        ([judged(0, 0.1, NOTHING, 1.6), judged(0, 1.6, SAME, 0.1)], False),  # but pictures say the other
         ([judged(0, 0.5, NOTHING, 1.0), judged(0, 1.0, NOTHING, 0.5)], False),
         ([judged(0, 0.5, SAME, 1.0), judged(0, 1.0, OTHER, 0.5)], True),
         ([judged(0, 0.5, OTHER, 7.0), judged(0, 7.0, NOTHING, 0.5)], False),

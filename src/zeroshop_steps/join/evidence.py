@@ -125,8 +125,13 @@ def measure_turn_deg(way: Way, target: Sight, source: Sight) -> float:
 
 
 def choose(found: list[Judgement]) -> Judgement | None:
-    """The one way that is right; None where none is, or where another may be right as well."""
+    """The one way that is right; None where none is, or where another may be right as well.
+
+    Where the outlines fit in one way alone, the others that nothing else shows to be right are ruled out.
+    """
     possible = [one for one in found if one.verdict != "wrong"]
+    if any(one.clear for one in possible):
+        possible = [one for one in possible if one.verdict == "right"]
     return possible[0] if len(possible) == 1 and possible[0].verdict == "right" else None
 
 

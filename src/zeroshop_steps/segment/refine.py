@@ -23,7 +23,7 @@ INSIDE_ODDS = (0.5, 0.7, 0.7)
 OUTSIDE_ODDS = (0.0, -1.5, -2.5)
 """Log odds for pixels well outside of it, in each round; a margin around it has 0."""
 FORBIDDEN_ODDS = -6.0  # of pixels that cannot be the object: no colour outweighs it
-HULL_MARGIN = 0.03  # width of the margin around the silhouette
+HULL_MARGIN = 0.01  # width of the margin around the silhouette
 RING = 0.6  # width of the surroundings whose colours are learned
 MISSES_SHARE = 0.1  # of the masks that a voxel of the hull may miss
 FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
@@ -38,8 +38,9 @@ HOLE_ODDS = 0.5
 """Holes in a mask are filled if their mean log odds of the object, by colour, are above this."""
 SEED_ODDS, SEED_PX = 4.0, 1
 """Log odds of pixels this close to a sparse point of the object: it lies inside the silhouette in all views."""
-HIDDEN_MARGIN = 0.04
-"""Ground this close to the silhouette may be covered by parts of the object that the hull lacks."""
+HIDDEN_MARGINS = (0.04, -0.1, -0.15)
+"""Ground this close to the silhouette is not looked at, in each round: at first parts may cover it that the hull lacks. Later the hull has
+the dark ground at the foot too much, which would stay hidden for ever: below the rim of the silhouette, the ground is looked at."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +86,11 @@ def refine_masks(
     # Where all views agree is ground, even under the hull: shadows. It may also be an object of one colour, so colours weigh as much.
     agreed = [np.where(table > 0, 0.0, np.minimum(odds, 0.0)) for table, odds in zip(by_table, by_place, strict=True)]
     seeds = [SEED_ODDS * mark_points(own_points, 2 * SEED_PX + 1, camera) for camera in cameras]
-    for inside, outside in zip(INSIDE_ODDS, OUTSIDE_ODDS, strict=True):
+    for inside, outside, hidden_margin in zip(INSIDE_ODDS, OUTSIDE_ODDS, HIDDEN_MARGINS, strict=True):
         hulls = [render_silhouette(selection.grid, occupied, camera) for camera in cameras]
         columns, whole = fill_down_to_ground(occupied), _restore_lost_foot(occupied, selection.ground_voxel)
         standing = [render_silhouette(selection.grid, columns, camera) for camera in cameras]
-        hidden = [_grow(foot, HIDDEN_MARGIN) | other for foot, other in zip(standing, others, strict=True)]
+        hidden = [_grow(foot, hidden_margin) | other for foot, other in zip(standing, others, strict=True)]
         feet = hulls if whole is occupied else [render_silhouette(selection.grid, whole, camera) for camera in cameras]
         ground = build_ground_picture(support, cameras, images, hidden)
         evidence = [
@@ -213,6 +214,8 @@ def _learn_colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: l
 
 
 def _grow(mask: np.ndarray, share: float) -> np.ndarray:
-    """Grow a mask by a share of the square root of its area."""
-    radius = max(1, round(share * float(np.sqrt(mask.sum()))))
+    """Grow a mask by a share of the square root of its area; a negative share shrinks it."""
+    radius = max(1, round(abs(share) * float(np.sqrt(mask.sum()))))
+    if share < 0:
+        return cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3) > radius
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) <= radius
