@@ -16,6 +16,7 @@ from zeroshop_steps.geometry.meshes import read_ply, write_ply
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.foundationpose.model import ScoreNet
 from zeroshop_steps.pose.foundationpose import networks, start_poses
+from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator
 from zeroshop_steps.pose.foundationpose.start_poses import make_rotations
 from zeroshop_steps.runtime.cli import stage_main
 
@@ -71,7 +72,16 @@ def test_the_surest_detection_is_taken_and_its_score_is_the_poses(small):
     assert status == 0 and poses.scores.tolist() == [0.7]
 
 
-def test_the_onnx_files_of_the_same_networks_give_the_same_poses(small):
+def test_the_onnx_files_of_the_same_networks_give_the_same_poses_and_scores(small, monkeypatch):
+    """Random networks score all hypotheses nearly alike, and rounding decides which is best: the last refined one is compared instead."""
+    scored = []
+    score = PoseEstimator._score
+
+    def prefer_the_last(*arguments):
+        scored.append(score(*arguments))
+        return torch.arange(len(scored[-1]))
+
+    monkeypatch.setattr(PoseEstimator, "_score", prefer_the_last)
     write_onnx(small.folder, pairs=len(make_rotations(np.eye(4)[None])))
     words = detections(small, (small.frames[1, 0].mask(0), 0.7))
     status, out = estimate(small, *words)
@@ -80,6 +90,7 @@ def test_the_onnx_files_of_the_same_networks_give_the_same_poses(small):
     theirs = read_estimates(out)
     np.testing.assert_allclose(theirs.translations_mm, ours.translations_mm, atol=0.01)
     np.testing.assert_allclose(theirs.rotations, ours.rotations, atol=1e-3)
+    assert len(scored) == 2 and len(scored[0]) > 1 and torch.allclose(*scored, rtol=1e-3, atol=1e-3)
 
 
 def test_nothing_is_estimated_from_an_empty_mask_or_one_without_depth(small):
