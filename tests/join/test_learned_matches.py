@@ -1,11 +1,14 @@
 """Learned features across passes: which pairs are matched, in which roll, and what happens without weights."""
 
+from argparse import Namespace
+
 import numpy as np
 import pytest
 
-from zeroshop_steps.join import learned_matches
-from zeroshop_steps.join.learned_matches import OPTIONS, PARTNERS, choose_pairs, load_networks, match_pairs
+from zeroshop_steps.join.learned_matches import OPTIONS, PARTNERS, choose_pairs, load_networks
+from zeroshop_steps.networks.aliked import FOLDER
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.register.aliked import match_pairs
 from zeroshop_steps.runtime.errors import StepError
 
 COUNTS = (8, 9, 8)  # images of the passes
@@ -43,13 +46,14 @@ def test_each_image_is_matched_in_its_pass_and_with_the_first_one():
 
 
 def test_pairs_with_few_sure_matches_do_not_count_and_of_the_others_the_good_ones_do():
-    found = match_pairs(KnownLikeness(), [(0, 1), (1, 2), (1, 9)], {(1, 9): 2})
+    matcher, quarters = KnownLikeness(), {(1, 9): 2}
+    found = match_pairs(lambda one, other: matcher.match(one, other, quarters.get((one, other), 0)), [(0, 1), (1, 2), (1, 9)], OPTIONS)
     assert set(found) == {(1, 2), (1, 9)}
     assert all(len(one) == len(other) == OPTIONS.sure_matches + 5 for one, other in found.values())
 
 
 def test_without_weights_nothing_is_learned_but_a_folder_of_ones_own_must_hold_them(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert load_networks(WEIGHTS_FOLDER / learned_matches.FOLDER, "cpu", 1) is None
+    assert load_networks(Namespace(weights=WEIGHTS_FOLDER / FOLDER, device="cpu", threads=1)) is None
     with pytest.raises(StepError, match="do not exist"):
-        load_networks(tmp_path, "cpu", 1)
+        load_networks(Namespace(weights=tmp_path, device="cpu", threads=1))

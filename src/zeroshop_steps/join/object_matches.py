@@ -70,14 +70,25 @@ def choose_pairs(image_set: ImageSet, passes: list[Pass]) -> list[tuple[str, str
         return None
     masks = read_masks(image_set)
     common = count_common_features([describe_view(read_image(path), masks[path.name]) for path in image_set.images])
-    groups = np.split(np.arange(len(image_set.images)), np.cumsum([len(one.images) for one in passes])[:-1])
+    pairs = choose_in_passes(common, [len(one.images) for one in passes], ALL_PAIRS)
+    return [(image_set.names[one], image_set.names[other]) for one, other in pairs]
+
+
+def choose_in_passes(alike: np.ndarray, counts: list[int], most: int) -> list[tuple[int, int]]:
+    """Pairs (i, j), i < j, of each image with those of each pass that are most like it.
+
+    Args:
+        alike: (N, N) how like the images are, pass by pass; -inf where two are not to be paired.
+        counts: of the images of each pass.
+        most: partners of an image in a pass.
+    """
     pairs = set()
-    for index in range(len(image_set.images)):
-        for group in groups:
-            others = group[group != index]
-            for other in others[np.argsort(-common[index, others], kind="stable")[:ALL_PAIRS]]:
+    for index in range(len(alike)):
+        for group in np.split(np.arange(len(alike)), np.cumsum(counts)[:-1]):
+            others = group[(group != index) & np.isfinite(alike[index, group])]
+            for other in others[np.argsort(-alike[index, others], kind="stable")[:most]]:
                 pairs.add((min(index, int(other)), max(index, int(other))))
-    return [(image_set.names[one], image_set.names[other]) for one, other in sorted(pairs)]
+    return sorted(pairs)
 
 
 def make_bare_model(database: Path, poses: dict[str, pycolmap.Rigid3d]) -> pycolmap.Reconstruction:

@@ -19,7 +19,7 @@ import pycolmap
 from zeroshop_steps.geometry.registered_views import PASSES
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_by_outlines, judge_ways
-from zeroshop_steps.join.learned_matches import Prepare, load_networks, match_by_networks
+from zeroshop_steps.join.learned_matches import load_networks, match_by_networks
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
@@ -29,6 +29,7 @@ from zeroshop_steps.join.ways import Way, find_ways_by_matches
 from zeroshop_steps.networks.aliked import FOLDER
 from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.register.aliked import Prepare
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.record import describe_model, read_registration
 from zeroshop_steps.register.sift import SiftOptions
@@ -59,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the cameras of all passes that could be joined."""
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    prepare = load_networks(args.weights, args.device, args.threads)
+    prepare = load_networks(args)
     failed = {number: failure for number, folder in enumerate(args.cameras, start=1) if (failure := read_failure(folder))}
     if 1 in failed:
         raise StepError(explain_first_failure(failed[1]))
@@ -129,17 +130,15 @@ def _join_later(
     matches = _Matches.of(match_object(image_set, passes, scratch, options), passes, image_set, options.seed)
     sights = [Sight.of(one) for one in passes]
 
-    @functools.cache
-    def match_again(prepare: Prepare) -> _Matches:
-        database = match_by_networks(image_set, passes, scratch / "learned", prepare, options.seed)
-        return _Matches.of(database, passes, image_set, options.seed)
-
+    match_again = None
+    if prepare:
+        match_again = functools.cache(functools.partial(_match_by_networks, image_set, passes, scratch, prepare, options.seed))
     kept, placed, described = [passes[0]], [np.eye(4)], []
     for number, (other, sight) in enumerate(zip(passes[1:], sights[1:], strict=True), start=1):
         find_others = functools.cache(functools.partial(judge_by_outlines, sights[0], sight))
         found = judge_ways(matches.find_ways(number, options.seed), sights[0], sight, find_others)
-        if choose(found) is None and prepare:
-            again = judge_ways(match_again(prepare).find_ways(number, options.seed), sights[0], sight, find_others)
+        if choose(found) is None and match_again:
+            again = judge_ways(match_again().find_ways(number, options.seed), sights[0], sight, find_others)
             found = again if choose(again) else found
         right = choose(found)
         if right is None:
@@ -152,6 +151,10 @@ def _join_later(
         return kept, passes[0].model, described
     joined = triangulate_joined(matches.database, kept, placed, image_set, options.seed, scratch / "joined")
     return kept, merge_models(joined, passes[0]), described
+
+
+def _match_by_networks(image_set: ImageSet, passes: list[Pass], scratch: Path, prepare: Prepare, seed: int) -> _Matches:
+    return _Matches.of(match_by_networks(image_set, passes, scratch / "learned", prepare, seed), passes, image_set, seed)
 
 
 def describe_pass(one: Pass, found: list[Judgement], right: Judgement | None = None, reason: str | None = None) -> dict[str, Any]:

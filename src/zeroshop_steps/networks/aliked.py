@@ -204,6 +204,11 @@ def cut_out(image: np.ndarray, mask: np.ndarray, side_px: int, margin: float, la
     return Crop(pixels, allowed, (x0, y0), scale)
 
 
+def has_weights(folder: Path) -> bool:
+    """Whether a folder holds the files of both networks."""
+    return all((folder / name).is_file() for name in (EXTRACTOR, MATCHER))
+
+
 def find_weights(folder: Path | None = None) -> tuple[Path, Path]:
     """The files of the extractor and the matcher: the published ones, checked, or those of one's own folder under the same names.
 

@@ -8,10 +8,10 @@ matches: pairs count by their sure matches.
 import argparse
 import functools
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pycolmap
@@ -47,6 +47,8 @@ from zeroshop_steps.runtime.progress import track
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads", "device"))
 MARGIN = 0.08  # around the object, as a share of its size in the image
 LARGEST_SCALE = 4.0  # beyond it, enlarging shows nothing more
+Match = Callable[[int, int], tuple[np.ndarray, np.ndarray]]
+"""The matches of two images and how sure they are, as `FeatureMatcher.match` gives them."""
 AGAIN = 2  # times the fewest sure matches of a pair: images from nearly one direction have many more
 
 
@@ -74,6 +76,12 @@ class AlikedOptions:
     min_score: float = 0.4
     focal_px: float | None = None
     structure: StructureOptions = field(default_factory=StructureOptions)
+
+
+class Prepare(Protocol):
+    """What finds the features of crops; those of the numbers in `turned` are described in all quarter turns."""
+
+    def __call__(self, crops: list[Crop], turned: Collection[int] = ()) -> AlikedMatcher: ...
 
 
 METHOD = {
@@ -112,7 +120,7 @@ def read_options(args: argparse.Namespace) -> AlikedOptions:
     )
 
 
-def make_matcher(args: argparse.Namespace, options: AlikedOptions) -> Callable[[list[Crop]], FeatureMatcher]:
+def make_matcher(args: argparse.Namespace, options: AlikedOptions) -> Prepare:
     """What finds and matches the features of crops, with the weights and on the device that the command line names.
 
     Raises:
@@ -121,9 +129,10 @@ def make_matcher(args: argparse.Namespace, options: AlikedOptions) -> Callable[[
     device = torch.device(choose_device(args.device))
     extractor, matcher = find_weights(args.weights)
 
-    def prepare(crops: list[Crop]) -> FeatureMatcher:
+    def prepare(crops: list[Crop], turned: Collection[int] = ()) -> AlikedMatcher:
         torch.set_num_threads(args.threads)
-        return AlikedMatcher(load_extractor(extractor), load_matcher(matcher), crops, device, options.max_keypoints, options.threshold)
+        networks = load_extractor(extractor), load_matcher(matcher)
+        return AlikedMatcher(*networks, crops, device, options.max_keypoints, options.threshold, turned)
 
     return prepare
 
@@ -218,10 +227,14 @@ def cut_crops(image_set: ImageSet, side_px: int) -> list[Crop]:
 
 def match_images(matcher: FeatureMatcher, options: AlikedOptions) -> PairMatches:
     """Match each image with its partners; the good matches of the pairs that count."""
-    pairs = choose_alike_pairs(matcher.similarities(), options.partners)
+    return match_pairs(matcher.match, choose_alike_pairs(matcher.similarities(), options.partners), options)
+
+
+def match_pairs(match: Match, pairs: list[tuple[int, int]], options: AlikedOptions) -> PairMatches:
+    """The good matches of the pairs that count: those with enough sure ones."""
     found = {}
     for first, second in track(pairs, "matching pairs", len(pairs)):
-        numbers, scores = matcher.match(first, second)
+        numbers, scores = match(first, second)
         if (scores >= options.sure_score).sum() >= options.sure_matches:
             good = numbers[scores >= options.min_score]
             found[first, second] = (good[:, 0], good[:, 1])

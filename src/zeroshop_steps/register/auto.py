@@ -17,7 +17,7 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER
+from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weights
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks, outlines
 from zeroshop_steps.register.ground_contrast import GroundContrast
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
         return found_masks.check_by_found_masks(folder, record, network) if network and found_masks.is_thin(record) else record
 
     attempts: dict[str, Attempt] = {"colmap": register_scene}
-    there = all((args.weights / name).is_file() for name in (EXTRACTOR, MATCHER))
+    there = has_weights(args.weights)
     if there:
         prepare = aliked.make_matcher(args, learned)
 

@@ -89,7 +89,7 @@ def find_masks(
     priors = [np.zeros(size[::-1], np.float32) for size in sizes]
     if prior is not None:
         priors = [cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) for odds, size in zip(prior, sizes, strict=True)]
-    scene = _Scene(views, model, cameras, images, support, fitted, ground, plain)
+    scene = _Scene(views, model, image_width_px, cameras, images, support, fitted, ground, plain)
     try:
         return _find_on_scene(scene, _weigh_contrast(images, cameras) if plain and prior is None else priors)
     except StepError as error:
@@ -109,7 +109,7 @@ class _Scene:
     """What masks are found from.
 
     Attributes:
-        views, model: as in `find_masks`.
+        views, model, image_width_px: as in `find_masks`.
         cameras, images: of the width at which images are cut; (H, W, 3) float32 RGB, equally exposed.
         support: the plane.
         fitted: whether points gave it.
@@ -119,6 +119,7 @@ class _Scene:
 
     views: list[View]
     model: SparseModel
+    image_width_px: int
     cameras: list[Camera]
     images: list[np.ndarray]
     support: SceneSupport
@@ -147,7 +148,7 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
         "plane_from": "points" if scene.fitted else "views" if settled else "object",
         "plane_inliers": support.inliers,
         "plane": {"normal": support.normal.tolist(), "offset": support.offset},
-        "image_width_px": cameras[0].width_px,
+        "image_width_px": scene.image_width_px,
     }
     sizes = [(view.camera.width_px, view.camera.height_px) for view in scene.views]
     return [cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > 0.5 for mask, size in zip(tidied, sizes, strict=True)], record
