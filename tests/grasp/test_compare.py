@@ -51,7 +51,7 @@ def test_the_nearest_is_the_same_where_the_gripper_is_turned_by_half():
 
 def test_a_table_has_a_row_for_each_given_grasp(box, tmp_path):
     mesh = write_product(tmp_path / "2dgs.ply", box)
-    write_grasps(tmp_path / "ours.json", [Grasp(above(0.03), 0.04, 0.9)], {})
+    write_grasps(tmp_path / "ours.json", [Grasp(above(0.03), 0.04, HSR.tcp_m, 0.9)], {})
     np.save(tmp_path / "given.npy", np.array([above(0.04), above(0.2)]).reshape(-1, 1, 16))
     out = tmp_path / "compare.csv"
     assert step("grasp", "compare", mesh=mesh, grasps=tmp_path / "ours.json", given=tmp_path / "given.npy", out=out) == 0

@@ -50,9 +50,9 @@ def carton(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrueObject, FirstL
     scene = folder / "000001"
     write_scene(scene, [photograph_rest(scene, true, pose.world_from_object, [0], 1)])
     frame = read_scene(scene)[1]
-    grasps = grasps_of_model(folder / "models", true.object_id, HSR, GraspOptions(count=40, samples=300))
+    known = grasps_of_model(folder / "models", true.object_id, HSR, GraspOptions(count=40, samples=300))
     perception = make_perception(folder / "models", folder / "views")
-    return true, FirstLook(pose, in_memory(frame), frame.mask(0)), Robot(perception, true.object_id, grasps, HSR)
+    return true, FirstLook(pose, in_memory(frame), frame.mask(0)), Robot(perception, true.object_id, known, HSR)
 
 
 def make_perception(models: Path, views: Path) -> Perception:
@@ -74,8 +74,8 @@ def test_a_carton_is_found_and_lifted(carton, tmp_path: Path) -> None:
 
 def test_a_failure_is_tried_again_and_pictured(carton, tmp_path: Path) -> None:
     true, look, robot = carton
-    beside = [replace(grasp, object_from_gripper=shifted(grasp.object_from_gripper)) for grasp in robot.grasps]
-    rows = Trial(true, replace(robot, grasps=beside), 0, tmp_path / "failures").try_pose(look, [USUAL.friction])
+    beside = [replace(grasp, object_from_gripper=shifted(grasp.object_from_gripper)) for grasp in robot.known.grasps]
+    rows = Trial(true, replace(robot, known=replace(robot.known, grasps=beside)), 0, tmp_path / "failures").try_pose(look, [USUAL.friction])
     assert [row["result"] for row in rows] == ["close", "close"]
     pictures = sorted((tmp_path / "failures").iterdir())
     assert [path.stem.split("_attempt_")[1] for path in pictures] == ["1_close", "2_close"]

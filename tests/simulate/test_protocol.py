@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.grasp.grasps import Grasp
 from zeroshop_steps.grasp.gripper import GRIPPERS
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.simulate.grasp_choice import choose_grasp
 from zeroshop_steps.simulate.known_grasps import close_below
 from zeroshop_steps.simulate.physical_body import PhysicalBody
 from zeroshop_steps.simulate.physical_model import find_mass_kg
 from zeroshop_steps.simulate.protocol import choose_poses
+from zeroshop_steps.simulate.robot import put_on_table
 
 HSR = GRIPPERS["hsr"]
 
@@ -42,28 +42,16 @@ def test_what_always_stands_up_has_no_second_placement() -> None:
         choose_poses(tumbler, "tumbler")
 
 
-def grasp_along(approach: np.ndarray, score: float) -> Grasp:
-    pose = np.eye(4)
-    across = np.array([1.0, 0.0, 0.0])
-    pose[:3, :3] = np.stack([np.cross(across, approach), across, approach], 1)
-    pose[:3, 3] = -HSR.tcp_m * approach
-    return Grasp(pose, 0.05, score)
-
-
-def test_the_best_grasp_that_keeps_clear_of_the_table_is_taken() -> None:
-    grasps = [grasp_along(np.array([0.0, 0.0, 1.0]), 0.9), grasp_along(np.array([0.0, 0.0, -1.0]), 0.8)]
-    upright = np.eye(4)
-    upright[2, 3] = 0.05
-    flipped = np.diag([1.0, -1.0, -1.0, 1.0])
-    flipped[2, 3] = 0.05
-    chosen, other = choose_grasp(grasps, upright, HSR), choose_grasp(grasps, flipped, HSR)
-    assert chosen is not None and chosen.score == 0.8
-    assert chosen.opening_m == pytest.approx(0.08)
-    assert chosen.world_from_gripper[:3, 2] == pytest.approx([0, 0, -1])
-    assert other is not None and other.score == 0.9
-    upright[2, 3] = 0.012
-    assert choose_grasp(grasps, upright, HSR) is None  # the fingers would end in the table
-    assert choose_grasp([], upright, HSR) is None
+def test_what_stands_on_the_table_is_put_there() -> None:
+    corners = np.array(list(np.ndindex(2, 2, 2)), float) * 0.1
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_euler("x", 30, degrees=True).as_matrix()
+    turned[2, 3] = 0.007
+    resting = put_on_table(turned, corners)
+    assert (corners @ resting[2, :3] + resting[2, 3]).min() == pytest.approx(0.0)
+    assert resting[:2] == pytest.approx(turned[:2])
+    turned[2, 3] = 0.1  # on something else, or wrong
+    assert put_on_table(turned, corners)[2, 3] == 0.1
 
 
 def test_an_open_underside_is_closed_and_unseen() -> None:

@@ -118,10 +118,13 @@ def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, nam
     free = np.flatnonzero(pads.free)
     _require(len(free), name, gripper, pairs)
     scores = combine(measures)
+    reach = np.einsum(
+        "nd,nd->n", pairs.middle[candidates.pair] - candidates.object_from_gripper[:, :3, 3], candidates.object_from_gripper[:, :3, 2]
+    )
     chosen = free[choose_spread(candidates.object_from_gripper[free], gripper.tcp_m, scores[free], options.count, above[free])]
     found = [
         Grasp(
-            candidates.object_from_gripper[number], float(widths[number]), float(scores[number]),
+            candidates.object_from_gripper[number], float(widths[number]), float(reach[number]), float(scores[number]),
             tuple(int(place) for place in np.flatnonzero(above[number])),
             {key: float(values[number]) for key, values in measures.items()},
         )

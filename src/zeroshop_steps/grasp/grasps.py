@@ -25,6 +25,7 @@ class Grasp:
     Attributes:
         object_from_gripper: (4, 4) rigid, metres: where the gripper's frame is in the object's when the fingers close.
         width_m: the distance between the surfaces that the fingers touch.
+        contact_m: z of the contacts in the gripper's frame; at the tool centre point, or nearer to the fingertips.
         score: 0 to 1, the best first; what it is made of is in `measures`.
         placements: numbers of the stable placements (in the file's list) in which the table leaves room for the gripper.
         measures: by name, each 0 to 1.
@@ -32,6 +33,7 @@ class Grasp:
 
     object_from_gripper: np.ndarray
     width_m: float
+    contact_m: float
     score: float
     placements: tuple[int, ...] = ()
     measures: dict[str, float] = field(default_factory=dict)
@@ -61,6 +63,7 @@ def write_grasps(path: Path, grasps: Sequence[Grasp], facts: dict[str, Any]) -> 
         {
             "object_from_gripper": [round(float(value), 7) for value in grasp.object_from_gripper.reshape(-1)],
             "width_m": round(grasp.width_m, 6),
+            "contact_m": round(grasp.contact_m, 6),
             "score": round(grasp.score, 5),
             "placements": list(grasp.placements),
             "measures": {name: round(value, 4) for name, value in grasp.measures.items()},
@@ -82,6 +85,7 @@ def read_grasps(path: Path) -> list[Grasp]:
             Grasp(
                 np.array(entry["object_from_gripper"], float).reshape(4, 4),
                 float(entry["width_m"]),
+                float(entry["contact_m"]),
                 float(entry["score"]),
                 tuple(entry["placements"]),
                 dict(entry["measures"]),

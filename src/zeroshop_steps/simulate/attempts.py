@@ -72,8 +72,8 @@ def run(args: argparse.Namespace) -> None:
     with atomic_directory(args.out) as folder:
         if true.object_id in perception.models:
             gripper = find_gripper(args.gripper)
-            grasps = grasps_of_model(args.models, true.object_id, gripper, GraspOptions(seed=args.seed))
-            trial = Trial(true, Robot(perception, true.object_id, grasps, gripper), args.seed, folder / "failures")
+            known = grasps_of_model(args.models, true.object_id, gripper, GraspOptions(seed=args.seed))
+            trial = Trial(true, Robot(perception, true.object_id, known, gripper), args.seed, folder / "failures")
             rows = [row for look in track(looks, "poses", len(looks)) for row in trial.try_pose(look, args.friction)]
         else:
             warn(f"{args.models} has no mesh of {args.model}: all attempts count as failed")

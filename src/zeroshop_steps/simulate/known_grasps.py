@@ -1,6 +1,7 @@
-"""Grasps of the mesh that the robot knows."""
+"""What a robot's hand knows of a mesh: its grasps and its surface."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,27 @@ from zeroshop_steps.geometry.solids import count_open_edges
 from zeroshop_steps.grasp.antipodal import GraspOptions, find_grasps
 from zeroshop_steps.grasp.grasps import Grasp
 from zeroshop_steps.grasp.gripper import Gripper
+from zeroshop_steps.grasp.surface import make_grasp_surface
 from zeroshop_steps.runtime.errors import StepError, warn
 
 
-def grasps_of_model(models: Path, object_id: int, gripper: Gripper, options: GraspOptions) -> list[Grasp]:
-    """The grasps of one model of a folder, the best first; none, with a warning, where there is none.
+@dataclass(frozen=True)
+class KnownGrasps:
+    """What a hand needs to know of a model, metres, its frame.
+
+    Attributes:
+        grasps: the best first; none where it cannot be grasped.
+        points: (P, 3) spread over its whole surface.
+        friction: coefficient that they were found with.
+    """
+
+    grasps: list[Grasp]
+    points: np.ndarray
+    friction: float
+
+
+def grasps_of_model(models: Path, object_id: int, gripper: Gripper, options: GraspOptions) -> KnownGrasps:
+    """The grasps of one model of a folder; none, with a warning, where there is none.
 
     An open underside is closed first, as `finish` does it: grasps need a body. What was added is unseen and not grasped.
     """
@@ -26,13 +43,14 @@ def grasps_of_model(models: Path, object_id: int, gripper: Gripper, options: Gra
     if count_open_edges(metric.mesh):
         closed = close_below(metric.mesh)
         metric = MetricMesh(closed, metric.scale, metric.scale_source, metric.relative_deviation)
+    points = make_grasp_surface(metric.mesh, np.random.default_rng(options.seed)).points
     try:
         grasps, _ = find_grasps(metric, gripper, options, str(path))
     except StepError as error:
         warn(f"{path} cannot be grasped: {error}")
-        return []
+        return KnownGrasps([], points, options.friction)
     print(f"{path}: {len(grasps)} grasps", file=sys.stderr)
-    return grasps
+    return KnownGrasps(grasps, points, options.friction)
 
 
 def close_below(mesh: Mesh) -> Mesh:

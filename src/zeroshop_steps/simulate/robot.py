@@ -1,19 +1,21 @@
 """The robot: it looks, finds the object that it was asked for, and plans how to take it. It knows its own meshes alone."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.grasp.grasps import Grasp
+from zeroshop_steps.grasp.adapting import AdaptedGrasp, best_above_table
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.camera import SensedFrame
-from zeroshop_steps.simulate.grasp_choice import ChosenGrasp, choose_grasp
+from zeroshop_steps.simulate.known_grasps import KnownGrasps
 from zeroshop_steps.simulate.perception import Perception, Sighting
 from zeroshop_steps.simulate.true_object import in_metres
 
 UNSEEN, UNPLACED, UNREACHABLE = "detect", "pose", "choose"
 """Where a plan can end: the object was not detected, too little of it was measured, no grasp is clear of the table."""
+
+
+MOST_LIFT_M = 0.02  # a pose is that much too high or too low at most, if the object stands on the table
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Plan:
     """
 
     sighting: Sighting | None
-    grasp: ChosenGrasp | None
+    grasp: AdaptedGrasp | None
     result: str | None
 
 
@@ -38,13 +40,13 @@ class Robot:
     Attributes:
         perception: with its meshes.
         object_id: what it is asked for.
-        grasps: of that object's mesh, the best first.
+        known: the grasps and the surface of that object's mesh.
         gripper: its hand.
     """
 
     perception: Perception
     object_id: int
-    grasps: Sequence[Grasp]
+    known: KnownGrasps
     gripper: Gripper
 
     def plan(self, frame: SensedFrame) -> Plan:
@@ -55,5 +57,17 @@ class Robot:
         if sighting.camera_from_model is None:
             return Plan(sighting, None, UNPLACED)
         world_from_model = np.linalg.inv(frame.camera_from_table) @ sighting.camera_from_model
-        grasp = choose_grasp(self.grasps, in_metres(world_from_model), self.gripper)
+        resting = put_on_table(in_metres(world_from_model), self.known.points)
+        grasp = best_above_table(self.known.grasps, self.known.points, resting, self.gripper, self.known.friction)
         return Plan(sighting, grasp, None if grasp else UNREACHABLE)
+
+
+def put_on_table(world_from_model: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """A pose, (4, 4) in metres, moved up or down so that the lowest of (P, 3) points is on the table, z = 0.
+
+    What is estimated farther from it than `MOST_LIFT_M` does not stand on the table, or not in this pose; it stays.
+    """
+    lowest = float((points @ world_from_model[2, :3]).min() + world_from_model[2, 3])
+    resting = world_from_model.copy()
+    resting[2, 3] -= lowest if abs(lowest) < MOST_LIFT_M else 0.0
+    return resting
