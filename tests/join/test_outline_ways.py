@@ -1,32 +1,16 @@
 """Ways in which a pass may lie to another by its outlines: one of an uneven thing, several of an even one."""
 
-import cv2
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from helpers.camera_ring import ring_camera
+from helpers.shape_outlines import capture
 from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.join import outline_ways
 from zeroshop_steps.join.evidence import ELSEWHERE_PX, ELSEWHERE_TIMES, SURE_MISS_PX
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines, make_turns
 from zeroshop_steps.register.group_similarity import CameraGroup, measure_misses
-
-VIEWS, SIZE_PX, FINER = 8, (480, 360), 4
-
-
-def capture(shape: trimesh.Trimesh) -> CameraGroup:
-    """A pass: cameras around a shape, and its outlines, which hide nothing: it is drawn face by face."""
-    cameras = [ring_camera(index, VIEWS, 450.0, (15.0, 50.0), (0.0, 0.0, 0.0), 630.0, SIZE_PX) for index in range(VIEWS)]
-    masks = {}
-    for camera in cameras:
-        corners = np.rint(camera.project(shape.vertices)[0] * FINER - 0.5).astype(np.int32)
-        drawn = np.zeros((SIZE_PX[1] * FINER, SIZE_PX[0] * FINER), np.uint8)
-        for face in shape.faces:
-            cv2.fillConvexPoly(drawn, cv2.convexHull(corners[face]), 1)
-        masks[camera.name] = cv2.resize(drawn.astype(np.float32), SIZE_PX, interpolation=cv2.INTER_AREA) > 0.5
-    return CameraGroup(cameras, masks)
 
 
 def put_down(shape: trimesh.Trimesh) -> tuple[trimesh.Trimesh, np.ndarray]:

@@ -20,7 +20,7 @@ from zeroshop_steps.join.evidence import (
     is_same,
     judge_ways,
 )
-from zeroshop_steps.join.reasons import explain, explain_same_side
+from zeroshop_steps.join.reasons import explain, explain_joined
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.group_likeness import Likeness
 from zeroshop_steps.runtime.cli import stage_main
@@ -156,7 +156,7 @@ def test_a_pass_that_shows_no_other_side_is_said(turned_deg):
     first, other = (SimpleNamespace(group=SimpleNamespace(up=np.array([0.0, 0.0, 1.0]))) for _ in range(2))
     way = np.eye(4)
     way[:3, :3] = 2.0 * Rotation.from_euler("x", turned_deg, degrees=True).as_matrix()
-    reason = explain_same_side(2, Judgement(Way(way, 100), 0.2, SAME), first, other)
+    reason = explain_joined(2, Judgement(Way(way, 100), 0.2, SAME), first, other)
     assert (reason is not None) == (turned_deg < SAME_SIDE_DEG)
 
 

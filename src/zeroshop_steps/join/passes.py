@@ -2,8 +2,7 @@
 
 Each pass was registered by its own ground and masked. What lies between two passes is found by the object alone: by its print, where
 that matches across them, else by its outlines, else by learned features. A way counts where outlines and pictures agree, and only if no
-other way is as good: a plain can that stands on its head fits in any turn, so nothing is joined, and the first pass stands alone with a
-warning.
+other way is as good, or if its shape is the same in all. Otherwise nothing is joined, and the first pass stands alone with a warning.
 """
 
 import argparse
@@ -18,12 +17,13 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import PASSES
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.join.alike import choose_any
 from zeroshop_steps.join.evidence import Judgement, Sight, choose, judge_by_outlines, judge_ways
 from zeroshop_steps.join.learned_matches import load_networks, match_by_networks
 from zeroshop_steps.join.merging import merge_models, triangulate_joined
 from zeroshop_steps.join.object_matches import match_object, pair_points, triangulate_pass
 from zeroshop_steps.join.pass_images import Pass, gather, read_pass, repeats
-from zeroshop_steps.join.reasons import explain, explain_failure, explain_first_failure, explain_repetition, explain_same_side
+from zeroshop_steps.join.reasons import explain, explain_failure, explain_first_failure, explain_joined, explain_repetition
 from zeroshop_steps.join.refinement import refine
 from zeroshop_steps.join.ways import Way, find_ways_by_matches
 from zeroshop_steps.networks.aliked import FOLDER
@@ -140,13 +140,13 @@ def _join_later(
         if choose(found) is None and match_again:
             again = judge_ways(match_again().find_ways(number, options.seed), sights[0], sight, find_others)
             found = again if choose(again) else found
-        right = choose(found)
+        right = choose(found) or choose_any(found, sights[0], sight)
         if right is None:
             described.append(describe_pass(other, found, reason=explain(other.number, found)))
             continue
         kept.append(other)
         placed.append(right.way.target_from_source)
-        described.append(describe_pass(other, found, right, explain_same_side(other.number, right, sights[0], sight)))
+        described.append(describe_pass(other, found, right, explain_joined(other.number, right, sights[0], sight)))
     if len(kept) == 1:
         return kept, passes[0].model, described
     joined = triangulate_joined(matches.database, kept, placed, image_set, options.seed, scratch / "joined")

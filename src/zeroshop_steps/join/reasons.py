@@ -42,9 +42,14 @@ def explain_first_failure(failure: Failure) -> str:
     )
 
 
-def explain_same_side(number: int, right: Judgement, first: Sight, other: Sight) -> str | None:
-    """That a pass, which was joined, shows no other side; None where the object was turned over."""
-    if measure_turn_deg(right.way, first, other) > SAME_SIDE_DEG:
+def explain_joined(number: int, chosen: Judgement, first: Sight, other: Sight) -> str | None:
+    """What a pass that was joined leaves unknown; None where it leaves nothing."""
+    if chosen.verdict != "right":
+        return (
+            f"pass {number} fits to pass 1 in several turns about its upright axis, and in each it has the same shape: one was taken. How"
+            " print that only one of the passes shows lies to that of the other stays unknown"
+        )
+    if measure_turn_deg(chosen.way, first, other) > SAME_SIDE_DEG:
         return None
     return (
         f"in pass {number} the object stands as in pass 1, so its underside stays unknown: both are used, but turn the object over for"
