@@ -51,9 +51,8 @@ def test_outlines_tell_which_turns_leave_a_shape_as_it_is(cone: Sight, box: Sigh
 def test_any_turn_will_do_where_the_shape_is_the_same_in_all(cone: Sight) -> None:
     upside_down = turn("x", 180, 2.0)
     ways = [open_way(upside_down, 0.2), open_way(upside_down @ turn("z", 50), 0.1), open_way(upside_down @ turn("z", 130), 0.3)]
-    target = SimpleNamespace(
-        group=sight_of(trimesh.creation.revolve(np.array([[0, -60], [120, -60], [50, 60], [0, 60]]), sections=64)).group
-    )
+    profile = np.array([[0, -60], [120, -60], [50, 60], [0, 60]])  # the same, twice as large, on its head
+    target = sight_of(trimesh.creation.revolve(profile, sections=64))
     assert choose_any(ways, target, cone) is ways[1]
     assert "print that only one of the passes shows" in str(explain_joined(2, ways[1], target, cone))
 
