@@ -8,7 +8,7 @@ from zeroshop_steps.grasp.contacts import ContactPairs, perpendicular
 from zeroshop_steps.grasp.gripper import Gripper
 
 APPROACHES = 16  # directions around the closing axis
-LEVER_M = 0.05  # from the centre of mass to the closing axis at which a grasp is worth a factor of e less: the object turns in the fingers
+LEVER_M = 0.05  # from the centre of mass to the middle of the contacts at which a grasp is worth a factor of e less
 STOP_M = 0.002  # by how much something may stand out before the contacts; at twice that, a grasp is worth a factor of e^4 less
 NEAR_M, NEAR_RAD = 0.02, np.radians(25)  # grasps nearer than this are alike
 LIKENESS_COST = 0.8  # share of its score that a grasp loses in the choice if one just like it is chosen
@@ -44,10 +44,11 @@ def make_candidates(pairs: ContactPairs, gripper: Gripper, back_m: float = 0.0) 
 
 
 def balance_of(pairs: ContactPairs, centre: np.ndarray) -> np.ndarray:
-    """(N,) 1 where the closing axis passes through the (3,) centre of mass, less with the distance between them."""
-    offset = centre - pairs.middle
-    aside = offset - np.einsum("nd,nd->n", offset, pairs.axis)[:, None] * pairs.axis
-    return np.exp(-np.linalg.norm(aside, axis=1) / LEVER_M)
+    """(N,) 1 where the (3,) centre of mass is midway between the contacts, less with the distance: its weight turns the object.
+
+    About the closing axis it turns in the fingers; across that axis, it pries them open.
+    """
+    return np.exp(-np.linalg.norm(centre - pairs.middle, axis=1) / LEVER_M)
 
 
 def fit_of(excess_m: np.ndarray) -> np.ndarray:
