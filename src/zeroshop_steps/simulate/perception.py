@@ -10,11 +10,14 @@ import numpy as np
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.detect import contour
 from zeroshop_steps.detect.detector_io import ObjectMask
+from zeroshop_steps.detect.joined import join_touching
 from zeroshop_steps.detect.templates import read_templates
 from zeroshop_steps.pose.confidence import estimate_confidence
 from zeroshop_steps.pose.dataset import SPARE_DETECTIONS
 from zeroshop_steps.pose.render_compare import PreparedModel, estimate_pose
 from zeroshop_steps.simulate.camera import SensedFrame
+
+SURE_CONFIDENCE = 0.8  # of a pose
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,10 @@ class Sighting:
 
 
 class Perception:
-    """Finds the objects of a folder of models. Poses are estimated as in `pose`: of the surest detection and two more."""
+    """Finds the objects of a folder of models. Poses are estimated as in `pose`: of the surest detection and two more.
+
+    Where none of these poses is sure, the detections may be parts of the object, and those that touch are tried as one.
+    """
 
     def __init__(self, models: Path, templates: Path) -> None:
         """From a folder of models in BOP's layout and that of their 42 views."""
@@ -51,6 +57,9 @@ class Perception:
         """The object that is asked for, by its surest pose among the detections `found`; None where it was not detected."""
         mine = [one for one in found if one.object_id == object_id][: 1 + SPARE_DETECTIONS]
         sightings = [self._locate(frame, one) for one in mine]
+        if sightings and max(one.confidence for one in sightings) < SURE_CONFIDENCE:
+            whole = join_touching([one.mask for one in mine])
+            sightings += [self._locate(frame, ObjectMask(object_id, mine[0].score, mask)) for mask in whole]
         return max(sightings, key=lambda one: one.confidence, default=None)
 
     def _locate(self, frame: SensedFrame, one: ObjectMask) -> Sighting:
