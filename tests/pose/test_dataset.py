@@ -12,7 +12,7 @@ from zeroshop_steps.bop.detections import Detection, encode_mask, write_detectio
 from zeroshop_steps.bop.estimates import read_estimates
 from zeroshop_steps.bop.targets import Target
 from zeroshop_steps.pose.confidence import estimate_confidence
-from zeroshop_steps.pose.dataset import choose_detections
+from zeroshop_steps.pose.dataset import choose_detections, estimate_all
 from zeroshop_steps.runtime.cli import stage_main
 
 
@@ -56,6 +56,20 @@ def test_the_surest_detections_of_a_target_are_looked_at():
     found = [Detection(1, 0, number, score, None, mask) for number in (BOX, CAN) for score in (0.1, 0.9, 0.5, 0.7)]
     chosen = choose_detections(found, [Target(1, 0, BOX, 1), Target(1, 1, BOX, 1)], [BOX], 1, Path("found.json"))
     assert [(one.object_id, one.score) for one in chosen] == [(BOX, 0.9), (BOX, 0.7)]
+
+
+@pytest.mark.parametrize(("sure", "tried"), [(None, 2), (0.3, 2), (0.8, 3)])
+def test_parts_that_touch_are_tried_as_one_where_no_pose_is_sure(small, sure, tried):
+    whole = small.frames[1, 0].mask(0)
+    upper = whole & (np.cumsum(whole.any(1)) <= whole.any(1).sum() // 2)[:, None]
+    parts = [Detection(1, 0, BOX, score, None, encode_mask(mask)) for score, mask in ((0.9, upper), (0.4, whole & ~upper))]
+
+    def seen_share(detection, mask, *rest):
+        return np.eye(4), 0.9 * mask.sum() / whole.sum()
+
+    found = estimate_all(parts, small.frames, seen_share, sure)
+    assert len(found) == tried
+    assert (found.scores.max() == pytest.approx(0.9)) == (tried == 3)
 
 
 def test_no_detections_give_no_estimates(small):

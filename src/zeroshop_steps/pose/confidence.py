@@ -4,6 +4,8 @@ import numpy as np
 
 SAME_DIAMETERS = 0.1
 """A pose is right if no point of the model is off by more (MSSD), with symmetries."""
+SURE_CONFIDENCE = 0.8
+"""A less confident pose may be that of a part: detections of the object that touch are then tried as one."""
 CLEAR_MARGIN = 0.2
 """Margin over the next best pose, in shares of the explained image; a larger one makes an estimate no surer."""
 WEIGHTS = np.array([-7.34, 11.13, 3.76, -0.85])

@@ -13,6 +13,7 @@ from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
 from zeroshop_steps.detect.detector_io import read_depth, read_photo
+from zeroshop_steps.detect.joined import join_touching
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.progress import track
 
@@ -32,13 +33,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="BOP result CSV to write")
 
 
-def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, ObjectModel]], Estimator], spare: int = SPARE_DETECTIONS) -> None:
+def run_estimator(
+    args: argparse.Namespace,
+    prepare: Callable[[dict[int, ObjectModel]], Estimator],
+    spare: int = SPARE_DETECTIONS,
+    sure: float | None = None,
+) -> None:
     """Estimate the poses of the targets' detections and write them.
 
     Args:
         args: the command line.
         prepare: makes an estimator for these models.
         spare: detections of a target that are tried beyond its number of instances; of use where poses are scored.
+        sure: score of a pose; where an object has no better one in an image, its detections that touch are tried as one, too.
     """
     targets = read_targets(args.targets)
     frames = read_target_frames(args.scenes, targets, args.targets, truth_needed=args.detections is None)
@@ -51,7 +58,7 @@ def run_estimator(args: argparse.Namespace, prepare: Callable[[dict[int, ObjectM
     found = read_detections(args.detections) if args.detections else read_true_masks(frames)
     found = choose_detections(found, targets, known, spare if args.detections else 0, args.detections)
     estimator = prepare(read_models(args.models, {one.object_id for one in found}))
-    write_estimates(args.out, estimate_all(found, frames, estimator))
+    write_estimates(args.out, estimate_all(found, frames, estimator, sure if args.detections else None))
 
 
 def read_true_masks(frames: Frames) -> list[Detection]:
@@ -97,30 +104,39 @@ def choose_detections(
     return chosen
 
 
-def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Estimator) -> Estimates:
-    """Estimate the poses of the detections, image by image. Their time is that of the whole image, with that of detection if known."""
-    by_image: dict[tuple[int, int], list[Detection]] = {}
-    for detection in detections:
-        by_image.setdefault((detection.scene_id, detection.image_id), []).append(detection)
+def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Estimator, sure: float | None = None) -> Estimates:
+    """Estimate the poses of the detections, image by image. Their time is that of the whole image, with that of detection if known.
+
+    `sure` is as in `run_estimator`.
+    """
+    by_image: dict[tuple[int, int], dict[int, list[Detection]]] = {}
+    for one in detections:
+        by_image.setdefault((one.scene_id, one.image_id), {}).setdefault(one.object_id, []).append(one)
     rows: list[tuple] = []
-    for image, members in track(by_image.items(), "poses", len(by_image)):
+    for image, objects in track(by_image.items(), "poses", len(by_image)):
         start_s, here = time.monotonic(), []
         photo = read_photo(frames[image])
         depth = read_depth(frames[image], photo, "and poses are estimated from depth: add it")
-        for detection in members:
-            mask = decode_mask(detection.require_mask())
-            if mask.shape != depth.shape:
-                raise StepError(
-                    f"a mask of object {detection.object_id} in {frames[image].name} is {mask.shape[1]} x {mask.shape[0]} px, the image"
-                    f" {depth.shape[1]} x {depth.shape[0]} px; detect in images of the same size"
-                )
-            found = estimator(detection, mask, photo, depth, frames[image])
-            if found is not None:
-                here.append((*image, detection.object_id, found[1], found[0]))
-        seconds = time.monotonic() - start_s + max(members[0].seconds, 0.0)
+        for members in objects.values():
+            masks = [_read_mask(one, frames[image], depth) for one in members]
+            found = [estimator(one, mask, photo, depth, frames[image]) for one, mask in zip(members, masks, strict=True)]
+            if sure is not None and max((one[1] for one in found if one), default=0.0) < sure:
+                found += [estimator(members[0], mask, photo, depth, frames[image]) for mask in join_touching(masks)]
+            here += [(*image, members[0].object_id, one[1], one[0]) for one in found if one]
+        seconds = time.monotonic() - start_s + max(next(iter(objects.values()))[0].seconds, 0.0)
         rows += [(*row, seconds) for row in here]
     poses = np.array([row[4] for row in rows]).reshape(-1, 4, 4)
     numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
     scores, times = (np.array([row[column] for row in rows], float) for column in (3, 5))
     scene_ids, image_ids, object_ids = numbers.T
     return Estimates(scene_ids, image_ids, object_ids, scores, poses[:, :3, :3], poses[:, :3, 3], times)
+
+
+def _read_mask(detection: Detection, frame: Frame, depth: np.ndarray) -> np.ndarray:
+    mask = decode_mask(detection.require_mask())
+    if mask.shape != depth.shape:
+        raise StepError(
+            f"a mask of object {detection.object_id} in {frame.name} is {mask.shape[1]} x {mask.shape[0]} px, the image"
+            f" {depth.shape[1]} x {depth.shape[0]} px; detect in images of the same size"
+        )
+    return mask

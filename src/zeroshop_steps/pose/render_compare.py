@@ -18,7 +18,7 @@ from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.pose import dataset
-from zeroshop_steps.pose.confidence import SAME_DIAMETERS, estimate_confidence
+from zeroshop_steps.pose.confidence import SAME_DIAMETERS, SURE_CONFIDENCE, estimate_confidence
 from zeroshop_steps.pose.hypotheses import PoseSearch
 from zeroshop_steps.pose.pose_score import COARSE_RAYS, FINE_RAYS, RAYS, ImagePatch, PoseScorer, cut_patch
 
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Estimate the poses of all detections in the target images."""
-    dataset.run_estimator(args, functools.partial(prepare, args))
+    dataset.run_estimator(args, functools.partial(prepare, args), sure=SURE_CONFIDENCE)
 
 
 def prepare(args: argparse.Namespace, models: dict[int, ObjectModel]) -> dataset.Estimator:

@@ -12,12 +12,10 @@ from zeroshop_steps.detect import contour
 from zeroshop_steps.detect.detector_io import ObjectMask
 from zeroshop_steps.detect.joined import join_touching
 from zeroshop_steps.detect.templates import read_templates
-from zeroshop_steps.pose.confidence import estimate_confidence
+from zeroshop_steps.pose.confidence import SURE_CONFIDENCE, estimate_confidence
 from zeroshop_steps.pose.dataset import SPARE_DETECTIONS
 from zeroshop_steps.pose.render_compare import PreparedModel, estimate_pose
 from zeroshop_steps.simulate.camera import SensedFrame
-
-SURE_CONFIDENCE = 0.8  # of a pose
 
 
 @dataclass(frozen=True)
