@@ -12,7 +12,6 @@ from zeroshop_steps.grasp.antipodal import GraspOptions, find_grasps
 from zeroshop_steps.grasp.clearance import BEHIND_M, CORNERS
 from zeroshop_steps.grasp.grasps import Grasp
 from zeroshop_steps.grasp.gripper import GRIPPERS
-from zeroshop_steps.grasp.surface import make_grasp_surface
 
 HSR = GRIPPERS["hsr"]
 FRICTION = 0.5
@@ -83,10 +82,9 @@ def test_a_pen_is_taken_from_the_table_however_it_is_rolled(seed: int) -> None:
     solid = trimesh.creation.cylinder(0.009, 0.12, sections=48).subdivide().subdivide()
     mesh = Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64))
     options = GraspOptions(count=100, samples=800, seed=seed)
-    grasps, _ = find_grasps(MetricMesh(mesh, "known", "test", 0.0), HSR, options, "pen")
-    points = make_grasp_surface(mesh, np.random.default_rng(0)).points
+    found = find_grasps(MetricMesh(mesh, "known", "test", 0.0), HSR, options, "pen")
     for roll in np.random.default_rng(seed).uniform(0, 360, 6):
         pose = at_height(0.009, Rotation.from_euler("zx", [roll, 90], degrees=True))
-        chosen = best_above_table(grasps, points, pose, HSR, FRICTION)
+        chosen = best_above_table(found.grasps, found.points, pose, HSR, FRICTION)
         assert chosen is not None, roll
         assert lowest_m(chosen.world_from_gripper, chosen.opening_m) > 0.002

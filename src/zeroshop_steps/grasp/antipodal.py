@@ -20,7 +20,7 @@ from zeroshop_steps.geometry.placements import Placement, placements_of_hull
 from zeroshop_steps.geometry.solids import measure_solid
 from zeroshop_steps.geometry.support_classes import with_surface_support
 from zeroshop_steps.grasp.clearance import check_object, check_table
-from zeroshop_steps.grasp.contacts import ContactPairs, find_contact_pairs
+from zeroshop_steps.grasp.contacts import ContactPairs, find_contact_pairs, find_rim_pairs
 from zeroshop_steps.grasp.grasps import Grasp, write_grasps
 from zeroshop_steps.grasp.gripper import GRIPPERS, Gripper, find_gripper
 from zeroshop_steps.grasp.ranking import APPROACHES, Candidates, balance_of, choose_spread, combine, fit_of, make_candidates
@@ -34,6 +34,8 @@ OBJECT_MARGIN_M, TABLE_MARGIN_M = 0.002, 0.004
 LEAST_SHIFT_M = 0.004  # by which contacts are shifted to see whether a grasp is robust; more where the height is uncertain
 MOST_PAIRS = 1200  # of contacts that the gripper is tried at, from all directions; the best ones
 LEAST_ROBUSTNESS = 0.5
+WALL_M, RIM_REACH_M = 0.005, 0.015  # of a wall whose inner side nobody saw: its thickness, a guess, and how far from the lid it is taken
+HOLLOW_TEXT = "its grasps are at the rim, and hold only if what is assumed to be a lid is none"
 
 
 @dataclass(frozen=True)
@@ -72,75 +74,113 @@ def run(args: argparse.Namespace) -> None:
         metric = MetricMesh(with_surface_support(metric.mesh, args.evidence), metric.scale, metric.scale_source, metric.relative_deviation)
     gripper = find_gripper(args.gripper)
     options = GraspOptions(args.count, args.samples, args.friction, args.seed)
-    grasps, placements = find_grasps(metric, gripper, options, str(args.mesh))
-    write_grasps(args.out, grasps, describe(metric, gripper, options, placements))
+    found = find_grasps(metric, gripper, options, str(args.mesh))
+    grasps = found.grasps
+    write_grasps(args.out, grasps, describe(metric, gripper, options, found))
+    if found.hollow:
+        warn(f"measured surface of {args.mesh} has no grasp for {gripper.name}: {HOLLOW_TEXT}")
     if len(grasps) < args.count:
         warn(f"{args.mesh} has {len(grasps)} grasps for {gripper.name}; {args.count} were asked for")
     print(f"grasp: {len(grasps)} of {gripper.name}, scores {grasps[0].score:.2f} to {grasps[-1].score:.2f}", file=sys.stderr)
 
 
-def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, name: str) -> tuple[list[Grasp], list[Placement]]:
-    """The grasps of a closed mesh, the best first, and its stable placements (metres), which the grasps refer to.
+@dataclass(frozen=True)
+class FoundGrasps:
+    """What a hand needs to know of an object, metres, its frame.
+
+    Attributes:
+        grasps: the best first.
+        placements: the stable ones, which the grasps refer to.
+        points: (P, 3) spread over the surface that a hand must keep clear of.
+        friction: coefficient that they were found with.
+        hollow: whether the grasps hold only if surface that is assumed is a lid over a hollow.
+    """
+
+    grasps: list[Grasp]
+    placements: list[Placement]
+    points: np.ndarray
+    friction: float
+    hollow: bool = False
+
+
+class NoGrasp(StepError):
+    """A body of known scale that has no grasp for a gripper."""
+
+
+def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, name: str) -> FoundGrasps:
+    """The grasps of a closed mesh.
+
+    Where measured surface has none, as a plain bowl whose hollow nothing shows, its rim is grasped: a wall is assumed there, and a hollow
+    behind it. If there is none, the hand meets the lid on its approach.
 
     Args:
         name: of the mesh's file, for messages.
 
     Raises:
-        StepError: the mesh is open, nothing of it was measured, or nothing of it fits the gripper.
+        StepError: the mesh is open, nothing of it was measured, or (NoGrasp) nothing of it fits the gripper.
     """
     mesh, rng = metric.mesh, np.random.default_rng(options.seed)
-    solid = measure_solid(mesh, name)
-    placements = placements_of_hull(mesh.vertices, solid.centre)
+    centre = measure_solid(mesh, name).centre
+    placements = placements_of_hull(mesh.vertices, centre)
     surface = make_grasp_surface(mesh, rng)
     if not surface.measured.any():
         raise StepError(
             f"nothing of {name} was measured, and grasps are found on measured surface alone; take a surface method that measures (2dgs)"
         )
-    largest_m = gripper.max_opening_m - 2 * LEAST_BESIDE_M
     shift_m = max(LEAST_SHIFT_M, metric.relative_deviation * float(np.ptp(mesh.vertices, axis=0).max()))
-    pairs = find_contact_pairs(surface, options.samples, largest_m, options.friction, shift_m, rng)
+    pairs = find_contact_pairs(surface, options.samples, largest_width(gripper), options.friction, shift_m, rng)
     pairs = pairs.at(pairs.robustness >= LEAST_ROBUSTNESS)
-    balance = balance_of(pairs, solid.centre)
-    best = np.argsort(-combine({"friction": pairs.friction, "robustness": pairs.robustness, "balance": balance}), kind="stable")
+    found = _grasps_at(pairs, centre, placements, surface.points, gripper, options.count)
+    if found:
+        return FoundGrasps(found, placements, surface.points, options.friction)
+    points = surface.points[~surface.assumed]
+    rim = find_rim_pairs(surface, WALL_M, RIM_REACH_M, options.samples, rng)
+    found = _grasps_at(rim, centre, placements, points, gripper, options.count)
+    if not found:
+        raise NoGrasp(
+            f"{name} has no grasp for {gripper.name}: {len(pairs.width)} pairs of contacts were found that are at most"
+            f" {1000 * largest_width(gripper):.0f} mm apart, and the open gripper has no room at any."
+            " Take a gripper that opens wider, or check the mesh's size"
+        )
+    return FoundGrasps(found, placements, points, options.friction, True)
+
+
+def _grasps_at(
+    pairs: ContactPairs, centre: np.ndarray, placements: Sequence[Placement], points: np.ndarray, gripper: Gripper, count: int
+) -> list[Grasp]:
+    """The grasps at some of the pairs, at most `count`, the best first; empty where the gripper has no room at any."""
+    # Without their balance: the pairs nearest to the centre of mass may all lie where no hand gets.
+    best = np.argsort(-combine({"friction": pairs.friction, "robustness": pairs.robustness}), kind="stable")
     pairs = pairs.at(best[:MOST_PAIRS])
     candidates, above = _above_table(pairs, placements, gripper)
-    _require(len(above), name, gripper, pairs)
-    openings = opening_for(pairs.width, gripper)[candidates.pair]
-    widths = pairs.width[candidates.pair]
-    pads = check_object(surface.points, candidates.object_from_gripper, widths, openings, gripper, OBJECT_MARGIN_M)
+    if not len(above):
+        return []
+    poses, widths = candidates.object_from_gripper, pairs.width[candidates.pair]
+    pads = check_object(points, poses, widths, opening_for(widths, gripper), gripper, OBJECT_MARGIN_M)
     measures = {
         "friction": pairs.friction[candidates.pair],
         "robustness": pairs.robustness[candidates.pair],
-        "balance": balance_of(pairs, solid.centre)[candidates.pair],
+        "balance": balance_of(pairs, centre)[candidates.pair],
         "fit": fit_of(pads.excess_m),
         "touching": pads.touching,
     }
     free = np.flatnonzero(pads.free)
-    _require(len(free), name, gripper, pairs)
     scores = combine(measures)
-    reach = np.einsum(
-        "nd,nd->n", pairs.middle[candidates.pair] - candidates.object_from_gripper[:, :3, 3], candidates.object_from_gripper[:, :3, 2]
-    )
-    chosen = free[choose_spread(candidates.object_from_gripper[free], gripper.tcp_m, scores[free], options.count, above[free])]
-    found = [
+    reach = np.einsum("nd,nd->n", pairs.middle[candidates.pair] - poses[:, :3, 3], poses[:, :3, 2])
+    chosen = free[choose_spread(poses[free], gripper.tcp_m, scores[free], count, above[free])]
+    return [
         Grasp(
-            candidates.object_from_gripper[number], float(widths[number]), float(reach[number]), float(scores[number]),
+            poses[number], float(widths[number]), float(reach[number]), float(scores[number]),
             tuple(int(place) for place in np.flatnonzero(above[number])),
             {key: float(values[number]) for key, values in measures.items()},
         )
         for number in chosen
     ]  # fmt: skip
-    return found, placements
 
 
-def _require(left: int, name: str, gripper: Gripper, pairs: ContactPairs) -> None:
-    """Raise StepError where no candidate is left."""
-    if left == 0:
-        raise StepError(
-            f"{name} has no grasp for {gripper.name}: {len(pairs.width)} pairs of contacts were found that are at most"
-            f" {1000 * (gripper.max_opening_m - 2 * LEAST_BESIDE_M):.0f} mm apart, and the open gripper has no room at any."
-            " Take a gripper that opens wider, or check the mesh's size"
-        )
+def largest_width(gripper: Gripper) -> float:
+    """Between contacts that the gripper can take, m."""
+    return gripper.max_opening_m - 2 * LEAST_BESIDE_M
 
 
 def opening_for(widths_m: np.ndarray, gripper: Gripper) -> np.ndarray:
@@ -163,7 +203,7 @@ def _above_table(pairs: ContactPairs, placements: Sequence[Placement], gripper: 
     return Candidates(poses, np.concatenate([deep.pair[kept], shallow.pair[added]])), np.concatenate([above[kept], beyond[added]])
 
 
-def describe(metric: MetricMesh, gripper: Gripper, options: GraspOptions, placements: Sequence[Placement]) -> dict[str, Any]:
+def describe(metric: MetricMesh, gripper: Gripper, options: GraspOptions, found: FoundGrasps) -> dict[str, Any]:
     """What the JSON says beside the grasps."""
     return {
         "gripper": {
@@ -176,6 +216,7 @@ def describe(metric: MetricMesh, gripper: Gripper, options: GraspOptions, placem
         "scale_source": metric.scale_source,
         "friction": options.friction,
         "seed": options.seed,
+        "hollow_assumed": found.hollow,
         "placements": [
             {
                 "kind": placement.kind,
@@ -183,6 +224,6 @@ def describe(metric: MetricMesh, gripper: Gripper, options: GraspOptions, placem
                 "stability_deg": round(placement.stability_deg, 2),
                 "plane_from_object": [round(float(value), 7) for value in placement.plane_from_object.reshape(-1)],
             }
-            for placement in placements
+            for placement in found.placements
         ],
     }

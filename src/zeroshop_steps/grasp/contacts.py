@@ -7,12 +7,14 @@ stays so when the fingers come down a little beside it, by as much as the surfac
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from zeroshop_steps.grasp.surface import GraspSurface
 
 TILTS = 4  # axes that are tried at each sample: along the normal, and tilted at random within the friction cone
 SHIFTS = 8  # directions in which a pair is shifted to see whether it is robust
 START_M = 0.012  # in front of a contact, where a finger comes from; what lies nearer to the object stops it
+OUTWARD = 0.3  # least cosine between the normal of a wall's outer side and the direction from the lid to it
 INSIDE_M = 1e-5  # into the surface, where a ray to its other side starts
 
 
@@ -74,6 +76,28 @@ def find_contact_pairs(
     both = ContactPairs(**{name: np.concatenate([vars(one)[name] for one in pairs]) for name in vars(pairs[0])})
     both = both.at(_first_of_each(both))
     return replace(both, robustness=_robustness(surface, both, friction, shift_m))
+
+
+def find_rim_pairs(surface: GraspSurface, wall_m: float, reach_m: float, samples: int, rng: np.random.Generator) -> ContactPairs:
+    """Pairs through a wall whose inner side nobody saw, at the border of surface that is only assumed, as a lid over a hollow is.
+
+    Args:
+        wall_m: how thick the wall is taken to be; nothing is known of it.
+        reach_m: of a contact from the assumed surface.
+        samples: how many contacts, at most.
+        rng: for their choice.
+    """
+    measured = np.flatnonzero(surface.measured)
+    lid = surface.points[surface.assumed]
+    if not len(lid) or not len(measured):
+        return ContactPairs(*(np.zeros((0, 3)),) * 3, *(np.zeros(0),) * 2)
+    distance, nearest = cKDTree(lid).query(surface.points[measured], distance_upper_bound=reach_m)
+    near = np.isfinite(distance)
+    measured, outward = measured[near], surface.points[measured[near]] - lid[nearest[near]]
+    outer = np.einsum("nd,nd->n", outward, surface.normals[measured]) >= OUTWARD * np.linalg.norm(outward, axis=1)
+    chosen = rng.permutation(measured[outer])[:samples]
+    first, axis = surface.points[chosen], -surface.normals[chosen]
+    return ContactPairs(first, first + wall_m * axis, axis, np.ones(len(chosen)), np.ones(len(chosen)))
 
 
 def _exit(surface: GraspSurface, first: np.ndarray, axis: np.ndarray, largest_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

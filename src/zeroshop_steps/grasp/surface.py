@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.meshes import MEASURED_QUALITY, Mesh
+from zeroshop_steps.geometry.meshes import MEASURED_QUALITY, SEEN_QUALITY, Mesh
 from zeroshop_steps.geometry.surface_distance import sample_surface
 from zeroshop_steps.runtime.open3d_loader import ray_caster
 
@@ -24,6 +24,7 @@ class GraspSurface:
         points: (P, 3) evenly spread over it.
         normals: (P, 3) outward unit normals, averaged over `SMOOTHING_M`.
         measured: (P,) bool, whether photos measured the surface there.
+        assumed: (P,) bool, whether masks alone limit it there: it may be a lid over a hollow.
         tree: of the points.
         caster: rays against the whole mesh.
     """
@@ -31,6 +32,7 @@ class GraspSurface:
     points: np.ndarray
     normals: np.ndarray
     measured: np.ndarray
+    assumed: np.ndarray
     tree: cKDTree
     caster: Any
 
@@ -73,4 +75,5 @@ def make_grasp_surface(mesh: Mesh, rng: np.random.Generator) -> GraspSurface:
         sums[:, column] += np.bincount(pairs[:, 0], raw[pairs[:, 1], column], len(points))
         sums[:, column] += np.bincount(pairs[:, 1], raw[pairs[:, 0], column], len(points))
     normals = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
-    return GraspSurface(points, normals, quality >= MEASURED_QUALITY, tree, ray_caster((mesh.vertices, mesh.faces)))
+    measured, assumed = quality >= MEASURED_QUALITY, (quality >= SEEN_QUALITY) & (quality < MEASURED_QUALITY)
+    return GraspSurface(points, normals, measured, assumed, tree, ray_caster((mesh.vertices, mesh.faces)))

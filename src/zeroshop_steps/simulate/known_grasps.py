@@ -1,7 +1,6 @@
 """What a robot's hand knows of a mesh: its grasps and its surface."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,29 +10,12 @@ from zeroshop_steps.finish.underside import close_underside
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.metric_mesh import MetricMesh, read_metric_mesh
 from zeroshop_steps.geometry.solids import count_open_edges
-from zeroshop_steps.grasp.antipodal import GraspOptions, find_grasps
-from zeroshop_steps.grasp.grasps import Grasp
+from zeroshop_steps.grasp.antipodal import HOLLOW_TEXT, FoundGrasps, GraspOptions, find_grasps
 from zeroshop_steps.grasp.gripper import Gripper
-from zeroshop_steps.grasp.surface import make_grasp_surface
 from zeroshop_steps.runtime.errors import StepError, warn
 
 
-@dataclass(frozen=True)
-class KnownGrasps:
-    """What a hand needs to know of a model, metres, its frame.
-
-    Attributes:
-        grasps: the best first; none where it cannot be grasped.
-        points: (P, 3) spread over its whole surface.
-        friction: coefficient that they were found with.
-    """
-
-    grasps: list[Grasp]
-    points: np.ndarray
-    friction: float
-
-
-def grasps_of_model(models: Path, object_id: int, gripper: Gripper, options: GraspOptions) -> KnownGrasps:
+def grasps_of_model(models: Path, object_id: int, gripper: Gripper, options: GraspOptions) -> FoundGrasps:
     """The grasps of one model of a folder; none, with a warning, where there is none.
 
     An open underside is closed first, as `finish` does it: grasps need a body. What was added is unseen and not grasped.
@@ -43,14 +25,13 @@ def grasps_of_model(models: Path, object_id: int, gripper: Gripper, options: Gra
     if count_open_edges(metric.mesh):
         closed = close_below(metric.mesh)
         metric = MetricMesh(closed, metric.scale, metric.scale_source, metric.relative_deviation)
-    points = make_grasp_surface(metric.mesh, np.random.default_rng(options.seed)).points
     try:
-        grasps, _ = find_grasps(metric, gripper, options, str(path))
+        found = find_grasps(metric, gripper, options, str(path))
     except StepError as error:
         warn(f"{path} cannot be grasped: {error}")
-        return KnownGrasps([], points, options.friction)
-    print(f"{path}: {len(grasps)} grasps", file=sys.stderr)
-    return KnownGrasps(grasps, points, options.friction)
+        return FoundGrasps([], [], metric.mesh.vertices, options.friction)
+    print(f"{path}: {len(found.grasps)} grasps{', ' + HOLLOW_TEXT if found.hollow else ''}", file=sys.stderr)
+    return found
 
 
 def close_below(mesh: Mesh) -> Mesh:

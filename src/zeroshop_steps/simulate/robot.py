@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from zeroshop_steps.grasp.adapting import AdaptedGrasp, best_above_table
+from zeroshop_steps.grasp.antipodal import FoundGrasps
 from zeroshop_steps.grasp.gripper import Gripper
 from zeroshop_steps.simulate.camera import SensedFrame
-from zeroshop_steps.simulate.known_grasps import KnownGrasps
 from zeroshop_steps.simulate.perception import Perception, Sighting
 from zeroshop_steps.simulate.true_object import in_metres
 
@@ -46,7 +46,7 @@ class Robot:
 
     perception: Perception
     object_id: int
-    known: KnownGrasps
+    known: FoundGrasps
     gripper: Gripper
 
     def plan(self, frame: SensedFrame) -> Plan:
