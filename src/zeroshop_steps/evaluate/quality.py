@@ -21,7 +21,7 @@ from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.registered_views import View, read_first_cameras, read_views
 from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.runtime.files import read_json, write_json
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> None:
     figures = measure_quality(
         drop_underside(read_ply(args.mesh), metadata),
         np.array(facts["object_from_registration"]),
-        read_sparse_model(args.cameras / "sparse").cameras,
+        read_first_cameras(args.cameras),
         truth,
     )
     figures["scale_known"] = facts["scale"] == "known"
@@ -118,7 +118,7 @@ def measure_quality(mesh: Mesh, object_from_registration: np.ndarray, registered
     Args:
         mesh: textured, in the object frame.
         object_from_registration: (4, 4) similarity.
-        registered: the registered cameras.
+        registered: the registered cameras, of the first pass.
         truth: what it is compared with.
     """
     truth_from_registration = align_to_truth(pair_with_truth(registered, truth.cameras))

@@ -88,6 +88,15 @@ def read_passes(folder: Path) -> dict[str, int]:
     return {name: one["number"] for one in read_json(path)["passes"] for name in one["images"]} if path.is_file() else {}
 
 
+def read_first_cameras(folder: Path) -> tuple[Camera, ...]:
+    """The registered cameras of the first pass, whose frame is that of all.
+
+    They alone say how a joined model lies to the truth: a plain bowl's second pass may be turned about its axis, which no photo shows.
+    """
+    passes = read_passes(folder)
+    return tuple(camera for camera in read_sparse_model(Path(folder) / "sparse").cameras if passes.get(camera.name, 1) == 1)
+
+
 def choose_standing(views: Sequence[View]) -> list[View]:
     """The views of the first pass, in which the object stands on its support: they say what is up."""
     return [view for view in views if view.pass_number == 1]

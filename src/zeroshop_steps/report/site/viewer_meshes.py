@@ -8,6 +8,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.registered_views import read_first_cameras
 from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.report.site.html import format_method
@@ -77,7 +78,7 @@ def read_object_frame(cell: Cell) -> np.ndarray:
 
 def compute_truth_from_object(cell: Cell, run: Run) -> np.ndarray:
     """(4, 4) similarity from the object frame to the true frame, by the cameras."""
-    registered = read_sparse_model(run.folder / "cameras/sparse").cameras
+    registered = read_first_cameras(run.folder / "cameras")
     true_cameras = read_sparse_model(run.capture / "truth").cameras
     return align_to_truth(pair_with_truth(registered, true_cameras)) @ np.linalg.inv(read_object_frame(cell))
 
