@@ -88,18 +88,17 @@ def read_passes(folder: Path) -> dict[str, int]:
     return {name: one["number"] for one in read_json(path)["passes"] for name in one["images"]} if path.is_file() else {}
 
 
+def choose_standing(views: Sequence[View]) -> list[View]:
+    """The views of the first pass, in which the object stands on its support: they say what is up."""
+    return [view for view in views if view.pass_number == 1]
+
+
 def read_first_cameras(folder: Path) -> tuple[Camera, ...]:
     """The registered cameras of the first pass, whose frame is that of all.
 
     They alone say how a joined model lies to the truth: a plain bowl's second pass may be turned about its axis, which no photo shows.
     """
-    passes = read_passes(folder)
-    return tuple(camera for camera in read_sparse_model(Path(folder) / "sparse").cameras if passes.get(camera.name, 1) == 1)
-
-
-def choose_standing(views: Sequence[View]) -> list[View]:
-    """The views of the first pass, in which the object stands on its support: they say what is up."""
-    return [view for view in views if view.pass_number == 1]
+    return tuple(view.camera for view in choose_standing(read_views(folder)[0]))
 
 
 def read_object_masks(views: Sequence[View]) -> list[np.ndarray]:

@@ -103,10 +103,6 @@ class FoundGrasps:
     hollow: bool = False
 
 
-class NoGrasp(StepError):
-    """A body of known scale that has no grasp for a gripper."""
-
-
 def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, name: str) -> FoundGrasps:
     """The grasps of a closed mesh.
 
@@ -117,7 +113,7 @@ def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, nam
         name: of the mesh's file, for messages.
 
     Raises:
-        StepError: the mesh is open, nothing of it was measured, or (NoGrasp) nothing of it fits the gripper.
+        StepError: the mesh is open, nothing of it was measured, or nothing of it fits the gripper.
     """
     mesh, rng = metric.mesh, np.random.default_rng(options.seed)
     centre = measure_solid(mesh, name).centre
@@ -137,7 +133,7 @@ def find_grasps(metric: MetricMesh, gripper: Gripper, options: GraspOptions, nam
     rim = find_rim_pairs(surface, WALL_M, RIM_REACH_M, options.samples, rng)
     found = _grasps_at(rim, centre, placements, points, gripper, options.count)
     if not found:
-        raise NoGrasp(
+        raise StepError(
             f"{name} has no grasp for {gripper.name}: {len(pairs.width)} pairs of contacts were found that are at most"
             f" {1000 * largest_width(gripper):.0f} mm apart, and the open gripper has no room at any."
             " Take a gripper that opens wider, or check the mesh's size"

@@ -89,8 +89,6 @@ def find_rim_pairs(surface: GraspSurface, wall_m: float, reach_m: float, samples
     """
     measured = np.flatnonzero(surface.measured)
     lid = surface.points[surface.assumed]
-    if not len(lid) or not len(measured):
-        return ContactPairs(*(np.zeros((0, 3)),) * 3, *(np.zeros(0),) * 2)
     distance, nearest = cKDTree(lid).query(surface.points[measured], distance_upper_bound=reach_m)
     near = np.isfinite(distance)
     measured, outward = measured[near], surface.points[measured[near]] - lid[nearest[near]]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from zeroshop_steps.geometry.meshes import MEASURED_QUALITY, SEEN_QUALITY, Mesh
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.surface_distance import sample_surface
 from zeroshop_steps.runtime.open3d_loader import ray_caster
 
@@ -66,7 +66,6 @@ def make_grasp_surface(mesh: Mesh, rng: np.random.Generator) -> GraspSurface:
     count = int(np.clip(mesh.face_areas().sum() / SPACING_M**2 * 2, FEWEST_POINTS, MOST_POINTS))
     points, faces = sample_surface(mesh, count, rng)
     raw = mesh.face_normals()[faces]
-    quality = np.ones(len(faces)) if mesh.quality is None else mesh.quality[mesh.faces[faces]].mean(1)
     tree = cKDTree(points)
     pairs = tree.query_pairs(SMOOTHING_M, output_type="ndarray")
     pairs = pairs[np.einsum("nd,nd->n", raw[pairs[:, 0]], raw[pairs[:, 1]]) > SAME_SIDE]
@@ -75,5 +74,5 @@ def make_grasp_surface(mesh: Mesh, rng: np.random.Generator) -> GraspSurface:
         sums[:, column] += np.bincount(pairs[:, 0], raw[pairs[:, 1], column], len(points))
         sums[:, column] += np.bincount(pairs[:, 1], raw[pairs[:, 0], column], len(points))
     normals = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
-    measured, assumed = quality >= MEASURED_QUALITY, (quality >= SEEN_QUALITY) & (quality < MEASURED_QUALITY)
+    measured, assumed = mesh.measured_faces()[faces], mesh.assumed_faces()[faces]
     return GraspSurface(points, normals, measured, assumed, tree, ray_caster((mesh.vertices, mesh.faces)))
