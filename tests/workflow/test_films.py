@@ -42,3 +42,16 @@ def test_the_meshes_of_films_are_measured_against_the_truth(snakemake):
     mesh = snakemake("-n", "results/films_white/mug/video/colmap/2dgs/quality.json").stdout
     assert "--model results/demo/mug/model/model.ply --film-truth results/films_white/mug/film/truth" in mesh
     assert "--truth results/films_white/mug/film/truth --film-capture results/films_white/mug/video/capture" in run.stdout
+
+
+def test_a_thing_that_is_filmed_twice_becomes_one_mesh_of_both_films(snakemake):
+    run = snakemake("-n", "results/films_turned/mug/2dgs.ply", "results/films_turned/mug/video_joined/auto/camera_error.csv")
+    assert run.returncode == 0, run.stdout
+    jobs = planned(run.stdout)
+    assert jobs["film"] == jobs["turned_film"] == jobs["join_captures"] == jobs["join_passes"] == jobs["train_2dgs"] == 1
+    assert "--model results/demo/mug/turned_model/model.ply" in run.stdout
+    truths = "--film-truths results/films_turned/mug/film/truth results/films_turned/mug/film_2/truth"
+    assert f"--turned results/demo/mug/turned_model {truths}" in run.stdout
+    assert "--truth results/films_turned/mug/video_joined/capture/truth" in run.stdout
+    second = snakemake("-n", "results/films_turned/mug/video_2/auto/mask_error.csv").stdout
+    assert "--truth results/films_turned/mug/film_2/truth" in second

@@ -12,13 +12,15 @@ CLOCK_TOLERANCE_S = 5  # clocks of file servers differ by a second or two; a cap
 def photos_of(
     wildcards,
 ):
-    """The table row of the user's own capture; for a rendered film, a row that is made up."""
+    """The table row of the user's own capture; for rendered films, a row that is made up."""
     check_object(wildcards)
     if not is_filmed(wildcards.dataset):
         return PHOTOS[wildcards.dataset, wildcards.object]
     folder = f"{RESULTS}/{wildcards.dataset}/{wildcards.object}/film"
     scene = "" if config["datasets"][wildcards.dataset]["board"] == "beside" else f"{folder}/empty_scene"
     row = {"images": f"{folder}/film.mp4", "height_method": "marker", "marker_images": scene}
+    if film_passes(wildcards.dataset) > 1:
+        row["images_2"] = f"{folder}_2/film.mp4"
     return {**dict.fromkeys(("masks", "prompt", "depth", *LATER_PASSES.values()), ""), "height_m": None, **row}
 
 

@@ -106,6 +106,11 @@ def is_filmed(dataset):
     return dataset_named(dataset)["kind"] == "films"
 
 
+def film_passes(dataset):
+    """How often each object of a dataset of rendered films is filmed: 2 if it is turned over and filmed again."""
+    return dataset_named(dataset).get("passes", 1)
+
+
 def knows_truth(dataset):
     """Whether meshes of a dataset can be measured against a true model: those of rendered images and films."""
     return is_virtual(dataset) or is_filmed(dataset)

@@ -19,8 +19,10 @@ def quality_of(
 def film_truth_of(
     wildcards,
 ):
-    """The truth of a rendered film; a virtual capture has its own."""
-    return [f"{OBJECT}/film/truth".format(**wildcards)] if is_filmed(wildcards.dataset) else []
+    """The truth of a rendered film; a virtual capture, and that of joined films, have their own."""
+    if not is_filmed(wildcards.dataset) or wildcards.scene == JOINED_PHOTOS:
+        return []
+    return [f"{OBJECT}/{'film_2' if wildcards.scene in LATER_PASSES else 'film'}/truth".format(**wildcards)]
 
 
 def true_model_of(
@@ -49,7 +51,7 @@ rule camera_error:
         runtime=per_attempt(5),
     params:
         truth=lambda wildcards, input: (
-            f"{input.film_truth} --film-capture {input.capture}" if is_filmed(wildcards.dataset) else f"{input.capture}/truth"
+            f"{input.film_truth} --film-capture {input.capture}" if input.film_truth else f"{input.capture}/truth"
         ),
     message:
         "Comparing the cameras of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, with the true ones"
@@ -62,7 +64,7 @@ rule mask_error:
     input:
         cameras=f"{RUN}/cameras",
         capture=f"{SCENE}/capture",
-        truth=f"{OBJECT}/film/truth",
+        truth=film_truth_of,
     output:
         table=f"{RUN}/mask_error.csv",
         picture=f"{RUN}/mask_error.png",

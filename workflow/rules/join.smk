@@ -38,16 +38,27 @@ def of_passes(
     return lambda wildcards: [f"{OBJECT}/{scene}/{path}".format(**wildcards) for scene in passes_of(wildcards)]
 
 
-def turned_option(
+def turned_models_of(
     wildcards,
 ):
-    """The option that says how a rendered model was turned."""
-    return f"--turned {OBJECT}/turned_model".format(**wildcards) if is_virtual(wildcards.dataset) else ""
+    """The model as it was turned for the second pass, where it is known."""
+    if is_filmed(wildcards.dataset):
+        return [filmed_turned_model(wildcards)]
+    return [f"{OBJECT}/turned_model".format(**wildcards)] if is_virtual(wildcards.dataset) else []
+
+
+def film_truths_of(
+    wildcards,
+):
+    """The truth of both films of an object that was filmed twice."""
+    return [f"{OBJECT}/{film}/truth".format(**wildcards) for film in ("film", "film_2")] if is_filmed(wildcards.dataset) else []
 
 
 rule join_captures:
     input:
         captures=of_passes("capture"),
+        turned=turned_models_of,
+        film_truths=film_truths_of,
     output:
         capture=directory(f"{SCENE}/capture"),
     log:
@@ -60,11 +71,11 @@ rule join_captures:
         mem_mb=per_attempt(1000),
         runtime=per_attempt(10),
     params:
-        turned=turned_option,
+        truth=lambda wildcards, input: step_options({"turned": list(input.turned) or None, "film_truths": list(input.film_truths) or None}),
     message:
         "Putting the pictures of all passes of {wildcards.object} side by side"
     shell:
-        "python -m zeroshop_steps.join --method captures --captures {input.captures} {params.turned} --scene {wildcards.scene}"
+        "python -m zeroshop_steps.join --method captures --captures {input.captures} {params.truth} --scene {wildcards.scene}"
         " --out {output.capture} > {log} 2>&1"
 
 

@@ -71,7 +71,8 @@ def cells_of(
     are registered as photos are.
     """
     if is_filmed(dataset):
-        scenes, registrations = scenes or [WHOLE_SCENE], registrations or [config["chosen"]["photos"]["registration"]]
+        whole = JOINED_PHOTOS if film_passes(dataset) > 1 else WHOLE_SCENE
+        scenes, registrations = scenes or [whole], registrations or [config["chosen"]["photos"]["registration"]]
     else:
         virtual_dataset(dataset, "Tables compare with the truth, which photos lack.")
     if not (registrations and nvs):

@@ -53,15 +53,15 @@ class GroundTruth:
 
     @staticmethod
     def read(capture: Path, model: Path) -> "GroundTruth":
-        """Read the truth of a virtual capture of a model."""
+        """Read the truth of a virtual capture of a model, or of films of all of its passes."""
         surface = read_ply(model)
-        on_ground = str(read_json(capture / "capture.json")["scene"]).startswith("su_")
+        on_ground = read_json(capture / "capture.json")["scene"] != "se"
         return GroundTruth(
             surface,
             read_json(model.with_name("model_info.json"))["diameter"],
             float(surface.vertices[:, 2].min()) if on_ground else None,
             read_sparse_model(capture / "truth").cameras,
-            read_views(capture / "held_out", sparse="truth")[0],
+            read_views(capture / "held_out", sparse="truth")[0] if (capture / "held_out" / "truth").is_dir() else [],
         )
 
     @staticmethod

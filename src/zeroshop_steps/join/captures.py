@@ -4,11 +4,15 @@ True cameras are moved into the frame of the model as it stood in the first pass
 """
 
 import argparse
+import itertools
 import shutil
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.evaluate.film_truth import read_true_cameras as film_cameras
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import list_images
 from zeroshop_steps.geometry.transforms import transform_camera
@@ -16,7 +20,7 @@ from zeroshop_steps.join.pass_images import make_joint_name
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 
-CACHED = Cached(inputs=("captures", "turned"))
+CACHED = Cached(inputs=("captures", "turned", "film_truths"))
 PICTURES = ("images", "masks")
 
 
@@ -26,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--turned", type=Path, nargs="*", default=[], help="models as they were turned for the later passes, if they are known"
     )
+    parser.add_argument("--film-truths", type=Path, nargs="*", default=[], help="truths of the films that the captures are of, if rendered")
     parser.add_argument("--scene", required=True, help="name of the joined scene")
     parser.add_argument("--out", type=Path, required=True, help="capture folder to write")
 
@@ -33,20 +38,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Write the capture."""
     turned = [np.eye(4), *(np.array(read_json(folder / "turned.json")["turned_from_model"]) for folder in args.turned)]
+    films = args.film_truths or [None] * len(args.captures)
     records = [read_json(folder / "capture.json") for folder in args.captures]
     with atomic_directory(args.out) as folder:
         for part in ("", "held_out"):
             copy_pictures([capture / part for capture in args.captures], folder / part)
-            if args.turned:
-                cameras = [
-                    camera
-                    for number, (capture, moved) in enumerate(zip(args.captures, turned, strict=True), start=1)
-                    for camera in read_true_cameras(capture / part, number, moved)
-                ]
-                write_cameras(folder / part / "truth", sorted(cameras, key=lambda camera: camera.name))
+            true = (
+                [read_true_cameras(capture / part, film) for capture, film in zip(args.captures, films, strict=True)] if args.turned else []
+            )
+            if any(true):
+                moved = [put_into_first_pass(*one, number) for number, one in enumerate(zip(true, turned, strict=True), start=1)]
+                write_cameras(folder / part / "truth", sorted(itertools.chain(*moved), key=lambda camera: camera.name))
         images = [
             record.get("images", len(list_images(capture / "images"))) for record, capture in zip(records, args.captures, strict=True)
         ]
+        records[0].pop("source_frames", None)  # of a film: they are those of the first pass alone
         write_json(folder / "capture.json", records[0] | {"scene": args.scene, "images": sum(images), "images_of_passes": images})
 
 
@@ -60,8 +66,14 @@ def copy_pictures(captures: list[Path], out: Path) -> None:
                     shutil.copyfile(path, out / kind / make_joint_name(number, path.name))
 
 
-def read_true_cameras(capture: Path, number: int, turned_from_model: np.ndarray) -> list[Camera]:
-    """The true cameras of a pass under their joint names, in the frame of the model as it stood in the first pass."""
+def read_true_cameras(capture: Path, film_truth: Path | None) -> Sequence[Camera]:
+    """The true cameras of a rendered capture or film, in the frame of the model as it lay; none for what a film lacks."""
+    if film_truth is None:
+        return read_sparse_model(capture / "truth").cameras
+    return film_cameras(capture, film_truth) if (capture / "images").is_dir() else ()
+
+
+def put_into_first_pass(cameras: Sequence[Camera], turned_from_model: np.ndarray, number: int) -> list[Camera]:
+    """The cameras of a pass under their joint names, in the frame of the model as it stood in the first pass."""
     model_from_turned = np.linalg.inv(turned_from_model)
-    moved = [transform_camera(camera, model_from_turned) for camera in read_sparse_model(capture / "truth").cameras]
-    return [Camera(make_joint_name(number, one.name), one.width_px, one.height_px, one.intrinsics, one.camera_from_world) for one in moved]
+    return [replace(transform_camera(one, model_from_turned), name=make_joint_name(number, one.name)) for one in cameras]

@@ -15,6 +15,7 @@ from zeroshop_steps.runtime.progress import ProgressReport
 from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import RenderedImages, depth_loss
 from zeroshop_steps.surface.optimizer import ResizableAdam, TrainableModel
+from zeroshop_steps.surface.pass_light import PassLight
 from zeroshop_steps.surface.training_options import TrainingSettings
 from zeroshop_steps.surface.training_views import TrainingView
 
@@ -63,6 +64,7 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
     def __init__(self, model: ModelT, views: ViewPyramid, initialization: Initialization, settings: SettingsT) -> None:
         self.model, self.optimizer = model, ResizableAdam(model, self.learning_rates, self.betas)
         self.pyramid, self.initialization, self.settings = views, initialization, settings
+        self.pass_light = PassLight.for_views(views.fine)
         self.iteration = 0
         self.order = np.random.default_rng(settings.seed)
         self.queue: list[int] = []
@@ -110,7 +112,7 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
 
     def losses(self, rendering: RenderingT, index: int, share: float) -> dict[str, torch.Tensor]:
         """The weighted terms of the loss by name; share: how much of the run is done."""
-        settings, view = self.settings, self.views[index]
+        settings, view = self.settings, self.pass_light.relight(rendering, self.views[index])
         terms = self.view_loss(rendering, view, share >= settings.normal_from_share)
         pixels, depths = self.depth_targets[index]
         # Stereo's depths are dense, and each weighs the same. Sparse points are few: their mean counts, as in Sun et al. 2025.
@@ -134,6 +136,7 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
             self.queue = self.order.permutation(len(self.views)).tolist()
         index = self.queue.pop()
         rendering = self.render(index, min(settings.sh_degree, int(share * 2 * (settings.sh_degree + 1))))
+        self.pass_light.learn(rendering, self.views[index])
         terms = self.losses(rendering, index, share)
         loss = torch.as_tensor(sum(terms.values()))
         loss.backward()
@@ -146,11 +149,11 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
         return float(loss.detach())
 
     def psnr_db(self, index: int) -> float:
-        """Peak signal-to-noise ratio of training view `index` over its active pixels."""
+        """Peak signal-to-noise ratio of training view `index` over its active pixels, in the light of the first pass."""
         with torch.no_grad():
-            color = self.render(index, self.settings.sh_degree).color
-        view = self.views[index]
-        error = ((color - view.color) ** 2).mean(0)[view.active].mean()
+            rendering = self.render(index, self.settings.sh_degree)
+        view = self.pass_light.relight(rendering, self.views[index])
+        error = ((rendering.color - view.color) ** 2).mean(0)[view.active].mean()
         return float(-10.0 * torch.log10(error.clamp(min=1e-10)))
 
     def run_with_checkpoints(self, every: int, path: Path, identity: dict[str, Any], cameras: Path) -> None:
@@ -178,6 +181,7 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
             "order": self.order.bit_generator.state,
             "queue": self.queue,
             "history": self.history,
+            "pass_light": self.pass_light.state(),
         }
         memory = io.BytesIO()  # PyTorch's own files tell of a full disk in riddles
         torch.save(content | self.extra_state(), memory)
@@ -199,5 +203,6 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
         trainer.optimizer.adam.load_state_dict(content["adam"])
         trainer.iteration, trainer.queue, trainer.history = content["iteration"], content["queue"], content["history"]
         trainer.order.bit_generator.state = content["order"]
+        trainer.pass_light.restore(content["pass_light"])
         trainer.restore_extra_state(content)
         return trainer

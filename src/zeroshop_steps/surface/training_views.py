@@ -25,6 +25,7 @@ class TrainingView:
         active: (H, W) bool, the pixels that count in the loss: the mask and the border around it.
         tile_active: (ceil(H / 16), ceil(W / 16)) bool, the tiles that hold active pixels.
         confidence: (H, W) float32 how sure the mask is of each pixel, 0 to 1; None if it is sure of all.
+        pass_number: 1, or that of a later pass, in which the object lay differently.
     """
 
     camera: Camera
@@ -33,6 +34,7 @@ class TrainingView:
     active: torch.Tensor
     tile_active: np.ndarray
     confidence: torch.Tensor | None = None
+    pass_number: int = 1
 
     @property
     def counted(self) -> torch.Tensor:
@@ -46,12 +48,13 @@ class TrainingView:
 
 @dataclass(frozen=True)
 class CameraSet:
-    """What a registration holds: the sparse model, and in the order of its cameras images, masks (bool), and their confidences."""
+    """What a registration holds: the sparse model, and in the order of its cameras images, masks (bool), their confidences and passes."""
 
     model: SparseModel
     images: tuple[np.ndarray, ...]
     masks: tuple[np.ndarray, ...]
     confidences: tuple[np.ndarray | None, ...]
+    pass_numbers: tuple[int, ...]
 
     def find_possible(self) -> list[np.ndarray]:
         """(H, W) bool of every view: the pixels that may show the object."""
@@ -68,7 +71,7 @@ def read_camera_set(folder: Path) -> CameraSet:
     if len(views) < 3:
         raise StepError(f"{folder}/sparse holds {len(views)} cameras; at least 3 are needed to see depth. Run registration again")
     images, confidences = tuple(view.image() for view in views), tuple(view.confidence() for view in views)
-    return CameraSet(model, images, tuple(read_object_masks(views)), confidences)
+    return CameraSet(model, images, tuple(read_object_masks(views)), confidences, tuple(view.pass_number for view in views))
 
 
 def make_training_views(camera_set: CameraSet, sphere: ObjectSphere, image_width_px: int, border_px: int) -> list[TrainingView]:
@@ -84,11 +87,11 @@ def make_seed_views(camera_set: CameraSet, sphere: ObjectSphere) -> list[Trainin
 
 
 def _cut_views(camera_set: CameraSet, crops: list[Crop]) -> list[TrainingView]:
-    parts = zip(camera_set.images, camera_set.masks, camera_set.confidences, crops, strict=True)
+    parts = zip(camera_set.images, camera_set.masks, camera_set.confidences, camera_set.pass_numbers, crops, strict=True)
     return [_make_view(*part) for part in parts]
 
 
-def _make_view(image: np.ndarray, mask: np.ndarray, confidence: np.ndarray | None, crop: Crop) -> TrainingView:
+def _make_view(image: np.ndarray, mask: np.ndarray, confidence: np.ndarray | None, pass_number: int, crop: Crop) -> TrainingView:
     def cut(picture: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(cv2.resize(picture.astype(np.float32), crop.size_px, interpolation=cv2.INTER_AREA)[crop.window])
 
@@ -100,6 +103,7 @@ def _make_view(image: np.ndarray, mask: np.ndarray, confidence: np.ndarray | Non
         torch.from_numpy(np.ascontiguousarray(crop.active)),
         find_active_tiles(crop.active),
         None if confidence is None else torch.from_numpy(cut(confidence)),
+        pass_number,
     )
 
 
@@ -109,4 +113,4 @@ def make_grid_view(view: TrainingView) -> TrainingView:
     active = view.active[::s, ::s]
     confidence = None if view.confidence is None else view.confidence[::s, ::s]
     tiles = find_active_tiles(active.numpy())
-    return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, tiles, confidence)
+    return TrainingView(grid_camera(view.camera), view.color[:, ::s, ::s], view.mask[::s, ::s], active, tiles, confidence, view.pass_number)

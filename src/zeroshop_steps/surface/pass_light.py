@@ -1,0 +1,95 @@
+"""The light of later passes: an object that is turned over under fixed lamps is lit from its other side.
+
+What a matt surface sends back depends on its normal, smoothly (Ramamoorthi & Hanrahan 2001): nine functions of the normal explain
+nearly all of it. So the light of a later pass is that of the first times a factor, whose logarithm is a sum of these functions, one
+for each colour channel. It is fitted beside the training, to photos and renderings, and taken out of the photos before they are
+compared. The model keeps the light of the first pass.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from zeroshop_steps.surface.losses import RenderedImages
+from zeroshop_steps.surface.training_views import TrainingView
+
+MEMORY = 0.97
+"""Share of what was learned that stays when another view comes: the model changes while it is trained."""
+LOG_FACTOR_MAX = 1.1
+"""A factor of three; more is no other light, but another colour."""
+DARKEST = 0.04
+"""Brightness, of 1, below which noise dominates the ratio of photo and rendering."""
+OUTLIER = 0.15
+"""Difference of logarithms at which a pixel counts half: highlights, cast shadows, and where the model is not right yet."""
+CAUTION = 1e-3
+"""Weight of the wish for the same light, as a share of a view's pixels: for normals that no view shows."""
+SOLID_ALPHA = 0.5
+"""Normals are known where the accumulated opacity is larger than this."""
+
+
+def light_basis(normals: torch.Tensor) -> torch.Tensor:
+    """(K, 9) polynomials up to degree 2 of (K, 3) unit normals: they span the spherical harmonics of these degrees."""
+    x, y, z = normals.T
+    return torch.stack([torch.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, 3 * z * z - 1], 1)
+
+
+class PassLight:
+    """The light of every later pass beside that of the first.
+
+    Attributes:
+        coefficients: (P, 9, 3) of passes 2 to P + 1 and the three colour channels.
+    """
+
+    def __init__(self, later_passes: int) -> None:
+        self.coefficients = torch.zeros(later_passes, 9, 3)
+        # Least squares, a channel each: what the views have said so far, the latest most.
+        self.products = torch.zeros(later_passes, 3, 9, 9)
+        self.targets = torch.zeros(later_passes, 3, 9)
+
+    @classmethod
+    def for_views(cls, views: list[TrainingView]) -> "PassLight":
+        """The same light in all passes, to begin with."""
+        return cls(max((view.pass_number for view in views), default=1) - 1)
+
+    def learn(self, rendering: RenderedImages, view: TrainingView) -> None:
+        """Fit the light better to one more view; the first pass says nothing of it."""
+        if view.pass_number == 1:
+            return
+        which, (solid, basis) = view.pass_number - 2, self._find_basis(rendering, view)
+        shown, drawn = view.color[:, solid], rendering.color.detach()[:, solid] / rendering.alpha.detach()[solid]
+        ratio = torch.log(shown.clamp(min=DARKEST) / drawn.clamp(min=DARKEST))
+        usable = (shown > DARKEST) & (drawn > DARKEST) & (ratio.abs() < LOG_FACTOR_MAX)
+        misfit = (ratio - (basis @ self.coefficients[which]).T) / OUTLIER
+        weights = view.counted[solid] * usable / (1.0 + misfit * misfit) / max(1, len(basis))
+        for channel in range(3):
+            weighted = basis * weights[channel][:, None]
+            self.products[which, channel] = MEMORY * self.products[which, channel] + weighted.T @ basis
+            self.targets[which, channel] = MEMORY * self.targets[which, channel] + weighted.T @ ratio[channel]
+        ridged = self.products[which] + CAUTION * torch.eye(9)
+        self.coefficients[which] = torch.linalg.solve(ridged, self.targets[which]).T
+
+    def relight(self, rendering: RenderedImages, view: TrainingView) -> TrainingView:
+        """The view, its photo as if it had been taken in the light of the first pass."""
+        if view.pass_number == 1:
+            return view
+        solid, basis = self._find_basis(rendering, view)
+        factors = (basis @ self.coefficients[view.pass_number - 2]).clamp(-LOG_FACTOR_MAX, LOG_FACTOR_MAX).exp()
+        color = view.color.clone()
+        color[:, solid] /= factors.T
+        return replace(view, color=color)
+
+    def _find_basis(self, rendering: RenderedImages, view: TrainingView) -> tuple[torch.Tensor, torch.Tensor]:
+        """The (H, W) bool pixels of known normals, and the (K, 9) basis there."""
+        solid = view.active & (rendering.alpha.detach() > SOLID_ALPHA)
+        normals = rendering.normal.detach()[:, solid].T
+        world_from_camera = torch.from_numpy(view.camera.camera_from_world[:3, :3].T.astype(np.float32))
+        return solid, light_basis(torch.nn.functional.normalize(normals, dim=1) @ world_from_camera.T)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """What a checkpoint keeps; `restore` takes it back."""
+        return {"coefficients": self.coefficients, "products": self.products, "targets": self.targets}
+
+    def restore(self, content: dict[str, torch.Tensor]) -> None:
+        """Take back what `state` gave."""
+        self.coefficients, self.products, self.targets = (content[key].clone() for key in ("coefficients", "products", "targets"))
