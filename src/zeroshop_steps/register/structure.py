@@ -27,6 +27,7 @@ from zeroshop_steps.register.record import (
     describe_model,
 )
 from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
+from zeroshop_steps.register.sharpening import sharpen
 from zeroshop_steps.register.strange_sides import LookAgain, check_sides
 from zeroshop_steps.register.undistort import undistort
 
@@ -169,6 +170,9 @@ def reconstruct(
             *figures.get("warnings", []),
             f"the masks of {len(report.wrong_masks)} of {count} photos contradict those of the others: {shown}",
         ]
+    if report.reason is None:
+        model, report = _sharpen(model, report, image_set, database, options, figures)
+        stopwatch.lap("sharpen")
     held_loosely = by_object or model.compute_mean_observations_per_reg_image() < LOOSE_OBSERVATIONS
     if image_set.masks and held_loosely and not joined and report.reason is None:
         model, report = _adjust_by_outlines(model, report, image_set, database, options, figures)
@@ -189,6 +193,20 @@ def reconstruct(
 def _map_groups(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:
     mapper = make_mapping_options(LEAST_IMAGES, options.seed)
     return map_groups(database, image_set.images[0].parent, database.parent / "groups", mapper)
+
+
+def _sharpen(
+    model: pycolmap.Reconstruction,
+    report: ConsistencyReport,
+    image_set: ImageSet,
+    database: Path,
+    options: StructureOptions,
+    figures: dict[str, Any],
+) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
+    """A model that passed all checks, its points brought into line by the pictures; as it was where it would not pass any more."""
+    sharpened, figures["sharpened"] = sharpen(model, {path.name: path for path in image_set.images})
+    again = check_consistency(sharpened, image_set, database, options.limits, options.doubt_masks)
+    return (model, report) if again.reason else (sharpened, again)
 
 
 def _adjust_by_outlines(
