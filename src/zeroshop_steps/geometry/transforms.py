@@ -1,6 +1,7 @@
 """Points and cameras under (4, 4) transforms, and cameras of a smaller image or of a part of one."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera
 
@@ -21,6 +22,15 @@ def make_cross_matrices(vectors: np.ndarray) -> np.ndarray:
 def compute_scale(similarity: np.ndarray) -> float:
     """The scale factor of a (4, 4) similarity: the cube root of its determinant."""
     return float(np.cbrt(np.linalg.det(similarity[:3, :3])))
+
+
+def move_similarity(start: np.ndarray, step: np.ndarray, centre: np.ndarray, size: float) -> np.ndarray:
+    """The (4, 4) similarity `start` after a (7,) step: turned (3) and scaled (1, a logarithm) about a centre, shifted (3) in sizes."""
+    turn = np.exp(step[3]) * Rotation.from_rotvec(step[:3]).as_matrix()
+    moved = np.eye(4)
+    moved[:3, :3] = turn
+    moved[:3, 3] = centre - turn @ centre + step[4:] * size
+    return moved @ start
 
 
 def transform_camera(camera: Camera, target_from_world: np.ndarray) -> Camera:

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pycolmap
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.transforms import transform_points
+from zeroshop_steps.geometry.transforms import move_similarity, transform_points
 from zeroshop_steps.join.object_matches import PointPairs
 from zeroshop_steps.join.ways import Way
 from zeroshop_steps.register.image_set import REFERENCE_PX
@@ -81,11 +80,11 @@ def refine(way: Way, pairs: PointPairs, target: pycolmap.Reconstruction, source:
         start = moved
 
         def residuals(step: np.ndarray, start: np.ndarray = start, chosen: np.ndarray = chosen) -> np.ndarray:
-            forward, back = errors_px(_step(start, step, centre, size))
+            forward, back = errors_px(move_similarity(start, step, centre, size))
             return np.concatenate([forward[chosen[in_target.point]].ravel(), back[chosen[in_source.point]].ravel()])
 
         fit = least_squares(residuals, np.zeros(7), loss="soft_l1", f_scale=LOSS_PX, x_scale="jac")
-        moved = _step(start, fit.x, centre, size)
+        moved = move_similarity(start, fit.x, centre, size)
         near = measure_pairs_px(moved) < NEAR_PX
         if near.sum() < len(near[chosen]) / 4:
             break
@@ -98,12 +97,3 @@ def _median_of_points(errors: np.ndarray, point: np.ndarray, count: int) -> np.n
     order = np.argsort(point, kind="stable")
     parts = np.split(errors[order], np.searchsorted(point[order], np.arange(1, count)))
     return np.array([np.median(part) if len(part) else np.inf for part in parts])
-
-
-def _step(start: np.ndarray, step: np.ndarray, centre: np.ndarray, size: float) -> np.ndarray:
-    """A similarity after a step: turned (3) and scaled (1) about the centre, and shifted (3) by shares of the size."""
-    turn = np.exp(step[3]) * Rotation.from_rotvec(step[:3]).as_matrix()
-    moved = np.eye(4)
-    moved[:3, :3] = turn
-    moved[:3, 3] = centre - turn @ centre + step[4:] * size
-    return moved @ start

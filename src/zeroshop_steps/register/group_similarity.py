@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
-from zeroshop_steps.geometry.transforms import compute_scale
+from zeroshop_steps.geometry.transforms import compute_scale, move_similarity
 from zeroshop_steps.register.image_set import REFERENCE_PX
 from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
 from zeroshop_steps.register.silhouette_coherence import bound_object, choose_rim_pixels
@@ -150,10 +150,10 @@ def refine(
     """
 
     def residuals(change: np.ndarray) -> np.ndarray:
-        return measure_misses(target, source, _move(start, change, target))
+        return measure_misses(target, source, move_similarity(start, change, target.centre, target.radius))
 
     fit = least_squares(residuals, np.zeros(7), diff_step=step, loss="soft_l1", f_scale=loss_px, max_nfev=evaluations)
-    refined = _move(start, fit.x, target)
+    refined = move_similarity(start, fit.x, target.centre, target.radius)
     return Hypothesis(refined, float(measure_misses(target, source, refined).mean()))
 
 
@@ -191,12 +191,3 @@ def make_frame(up: np.ndarray) -> np.ndarray:
     across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     across /= np.linalg.norm(across)
     return np.stack([across, np.cross(up, across), up], axis=1)
-
-
-def _move(start: np.ndarray, step: np.ndarray, target: CameraGroup) -> np.ndarray:
-    """A similarity after a step: turned (3) and scaled (1) about the target's centre, and shifted (3) by shares of its radius."""
-    turn = np.exp(step[3]) * Rotation.from_rotvec(step[:3]).as_matrix()
-    moved = np.eye(4)
-    moved[:3, :3] = turn
-    moved[:3, 3] = target.centre - turn @ target.centre + step[4:] * target.radius
-    return moved @ start
