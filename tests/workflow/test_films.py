@@ -23,6 +23,7 @@ def test_the_board_beside_the_object_needs_no_photos_of_the_empty_scene(snakemak
 def test_a_plain_table_is_a_dataset_of_its_own(snakemake):
     run = snakemake("-n", "results/films_glossy/mug/film/film.mp4")
     assert "--table glossy" in run.stdout
+    assert "--method none" in snakemake("-n", "results/films_glossy/mug/video/colmap/2dgs/height.json").stdout
     assert "--table print" in snakemake("-n", "results/films/mug/film/film.mp4").stdout
 
 

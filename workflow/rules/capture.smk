@@ -17,8 +17,11 @@ def photos_of(
     if not is_filmed(wildcards.dataset):
         return PHOTOS[wildcards.dataset, wildcards.object]
     folder = f"{RESULTS}/{wildcards.dataset}/{wildcards.object}/film"
-    scene = "" if config["datasets"][wildcards.dataset]["board"] == "beside" else f"{folder}/empty_scene"
+    described = config["datasets"][wildcards.dataset]
+    scene = "" if described["board"] == "beside" else f"{folder}/empty_scene"
     row = {"images": f"{folder}/film.mp4", "height_method": "marker", "marker_images": scene}
+    if scene and described.get("table", "print") != "print":
+        row |= {"height_method": "", "marker_images": ""}  # nothing tells where photos of an empty plain table lie: unknown scale
     if film_passes(wildcards.dataset) > 1:
         row["images_2"] = f"{folder}_2/film.mp4"
     return {**dict.fromkeys(("masks", "prompt", "depth", *LATER_PASSES.values()), ""), "height_m": None, **row}
