@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
-from zeroshop_steps.finish.close import close_in_space, fill_small_holes
+from zeroshop_steps.finish.close import close_in_space, fill_small_holes, find_floor
 from zeroshop_steps.finish.underside import close_underside, find_open_borders
 from zeroshop_steps.finish.watertight import GroundPlane
 from zeroshop_steps.geometry.cameras import Camera
@@ -132,6 +132,22 @@ def test_a_few_small_holes_are_filled_and_nothing_else_changes(views):
     assert record.faces == underside.faces, "photos see the filled hole"
 
 
+def test_without_a_support_plane_nothing_is_closed_far_below_what_was_measured():
+    block = trimesh.creation.box((40.0, 40.0, 30.0)).subdivide().subdivide().subdivide().subdivide()
+    mesh = Mesh(np.array(block.vertices), np.array(block.faces)).with_normals()
+    steep = [camera_at(f"{k}.png", 60.0 * k, 50.0, 200.0) for k in range(6)]
+    seen = [MaskedView(camera, Path(camera.name), None, MeshRenderer(mesh).cast_rays(camera).mask) for camera in steep]
+    torn = without_faces(mesh, np.array([0.0, 0.0, -15.0]), 29.0)
+    height = {"up": UP.tolist(), "bottom": float(torn.vertices[:, 2].min())}
+    assert find_floor(torn, height | {"up_uncertainty": {"roll_certainty": 0.5}}) is None
+    floor = find_floor(torn, height | {"up_uncertainty": {"roll_certainty": 0.99}})
+    bounded, _ = close_in_space(torn, seen, floor, MAX_FACES)
+    free, _ = close_in_space(torn, seen, None, MAX_FACES)
+    lowest = torn.vertices[:, 2].min()
+    assert bounded.as_trimesh().is_watertight
+    assert lowest - bounded.vertices[:, 2].min() < 0.6 < 2.0 < lowest - free.vertices[:, 2].min()
+
+
 def test_wide_holes_are_left_to_the_closing_in_space(views):
     mesh, underside = close_underside(without_faces(ball(), side(), 20.0), UP, FOOT_MM)
     assert fill_small_holes(mesh, underside, views) is None
@@ -147,7 +163,7 @@ def test_wide_holes_are_left_to_the_closing_in_space(views):
 )
 def test_the_step_says_what_it_did(tmp_path, options, up_source, state, method):
     write_ply(tmp_path / "clean.ply", ball())
-    write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": FOOT_MM, "up_source": up_source})
+    write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": FOOT_MM, "up_source": up_source, "up_uncertainty": {}})
     words = ["--method", "close", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json", *options]
     words += ["--cameras", tmp_path / "cameras", "--out", tmp_path / "closed.ply"]
     assert stage_main("zeroshop_steps.finish", [str(word) for word in words]) == 0

@@ -26,7 +26,7 @@ def normals_of(view: TrainingView, depth: np.ndarray) -> torch.Tensor:
 def in_other_light(view: TrainingView, normals: torch.Tensor, coefficients: torch.Tensor) -> TrainingView:
     """The view as a photo of pass 2; the light depends on normals in the world."""
     world_from_camera = torch.from_numpy(view.camera.camera_from_world[:3, :3].T.astype(np.float32))
-    factors = (light_basis((world_from_camera @ normals.reshape(3, -1)).T) @ coefficients).exp().T.reshape(3, SIZE_PX, SIZE_PX)
+    factors = (coefficients.T @ light_basis(world_from_camera @ normals.reshape(3, -1))).exp().reshape(3, SIZE_PX, SIZE_PX)
     return replace(view, color=view.color * factors, pass_number=2)
 
 

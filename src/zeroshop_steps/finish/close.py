@@ -9,7 +9,7 @@ faces that were added and that fewer than two photos see come last: neither qual
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +35,8 @@ SMALL_HOLES_DIAGONALS = 1.0
 clamp has 0.6, a mug whose plain inside is torn 7.8; real captures with torn surfaces have 13."""
 UPRIGHT_SHARE = 0.9
 """A filled hole is accepted where its border, seen along its normal, hardly overlaps itself: by area."""
+UPRIGHT_CERTAINTY, FLOOR_DIAGONALS = 0.9, 0.005
+"""Where cameras were held as upright as this (1: all agree), nothing is closed farther below the mesh than this."""
 SMOOTHING_STEPS = 5
 """Taubin steps that take the steps of the voxels away from the closed surface."""
 ADDED_DIAGONALS = 0.005
@@ -68,13 +70,14 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     mesh, height = read_ply(args.mesh), read_json(args.height)
     plane = GroundPlane(np.array(height["up"]), height["bottom"]) if height["up_source"] == "support_plane" else None
+    floor = plane or find_floor(mesh, height)
     method, ground_share = "none", plane.ground_share(mesh) if plane else 0.0
     closed, underside = leave_open(mesh)
     proposed: dict[str, Any] = {}
     if args.generated and args.underside == args.holes == "closed":
         views, _ = read_views(args.cameras)
         confirmed = read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3))
-        closed, underside, proposed = close_by_generated(mesh, read_ply(args.generated), views, confirmed, plane, args.max_faces)
+        closed, underside, proposed = close_by_generated(mesh, read_ply(args.generated), views, confirmed, floor, args.max_faces)
         method = "generated"
     elif args.underside == "closed" and plane:
         closed, underside = close_underside(mesh, plane.normal, plane.offset)
@@ -82,7 +85,7 @@ def run(args: argparse.Namespace) -> None:
     if method != "generated" and args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
         views, _ = read_views(args.cameras)
         filled = None if ground_share > GROUND_SHARE else fill_small_holes(closed, underside, views)
-        closed, underside = filled or close_in_space(mesh, views, plane, args.max_faces)
+        closed, underside = filled or close_in_space(mesh, views, floor, args.max_faces)
         method = "holes" if filled else "volume"
     write_ply(args.out, closed)
     facts = {
@@ -92,6 +95,16 @@ def run(args: argparse.Namespace) -> None:
     }
     write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"close: {method}, {underside.faces} unseen faces added, watertight: {underside.watertight}", file=sys.stderr)
+
+
+def find_floor(mesh: Mesh, height: Mapping[str, Any]) -> "GroundPlane | None":
+    """A plane just below the mesh where no support plane was found, but cameras were held upright: what is below it no photo tells."""
+    from zeroshop_steps.finish.watertight import GroundPlane
+
+    if (height["up_uncertainty"].get("roll_certainty") or 0.0) < UPRIGHT_CERTAINTY:
+        return None
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    return GroundPlane(np.array(height["up"]), height["bottom"] - FLOOR_DIAGONALS * diagonal, found=False)
 
 
 def close_by_generated(

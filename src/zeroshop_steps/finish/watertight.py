@@ -7,8 +7,9 @@ The result is a signed distance: the mesh's own near measured surface, elsewhere
 the rims of the holes (Davis et al., Filling holes in complex surfaces using volumetric diffusion, 3DPVT 2002). Marching cubes
 (Lorensen and Cline 1987) makes a closed mesh of it, whose vertices are put back onto the measured surface.
 
-Where the support plane is known, the object ends there. In a thin layer above the plane, where masks often hold a strip of ground,
-nothing stays that lies outside of the object's cross-section above that layer.
+Where the support plane is known, the object ends there; where it is not, just below the lowest measured surface. In a thin layer
+above a known plane, where masks often hold a strip of ground, nothing stays that lies outside of the object's cross-section above
+that layer.
 """
 
 from collections.abc import Sequence
@@ -63,10 +64,18 @@ SNAP_VOXELS = 0.75
 
 @dataclass(frozen=True)
 class GroundPlane(Plane):
-    """The support plane, with its unit normal towards the object, in the mesh's frame."""
+    """The support plane, with its unit normal towards the object, in the mesh's frame.
+
+    Attributes:
+        found: whether points or views showed it. Otherwise it only bounds what is closed: it lies just below the measured surface.
+    """
+
+    found: bool = True
 
     def ground_layer(self, mesh: Mesh) -> float:
-        """Thickness of the layer above the plane in which masks may hold ground."""
+        """Thickness of the layer above the plane in which masks may hold ground; 0 for a plane that was not found."""
+        if not self.found:
+            return 0.0
         diagonal, height = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), float(self.heights(mesh.vertices).max())
         return min(GROUND_DIAGONALS * diagonal, GROUND_HEIGHTS * height)
 
@@ -83,7 +92,7 @@ def close_surface(mesh: Mesh, views: Sequence[View], plane: GroundPlane | None, 
     Args:
         mesh: cleaned, with open borders, facing outwards, in the frame of the views' cameras.
         views: registered photos with masks.
-        plane: what the object stands on, if known.
+        plane: what the object stands on, or ends at.
         guess: what a generated shape says where the photos say nothing; without it, the surface is as small as it can be.
     """
     mesh = mesh.with_normals()

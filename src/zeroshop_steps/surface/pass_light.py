@@ -22,6 +22,8 @@ DARKEST = 0.04
 """Brightness, of 1, below which noise dominates the ratio of photo and rendering."""
 OUTLIER = 0.15
 """Difference of logarithms at which a pixel counts half: highlights, cast shadows, and where the model is not right yet."""
+STRIDE_PX = 3
+"""The light is fitted to every third pixel of every third row."""
 CAUTION = 1e-3
 """Weight of the wish for the same light, as a share of a view's pixels: for normals that no view shows."""
 SOLID_ALPHA = 0.5
@@ -29,9 +31,9 @@ SOLID_ALPHA = 0.5
 
 
 def light_basis(normals: torch.Tensor) -> torch.Tensor:
-    """(K, 9) polynomials up to degree 2 of (K, 3) unit normals: they span the spherical harmonics of these degrees."""
-    x, y, z = normals.T
-    return torch.stack([torch.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, 3 * z * z - 1], 1)
+    """(9, K) polynomials up to degree 2 of (3, K) unit normals: they span the spherical harmonics of these degrees."""
+    x, y, z = normals
+    return torch.stack([torch.ones_like(x), x, y, z, x * y, y * z, x * z, x * x - y * y, 3 * z * z - 1])
 
 
 class PassLight:
@@ -56,16 +58,20 @@ class PassLight:
         """Fit the light better to one more view; the first pass says nothing of it."""
         if view.pass_number == 1:
             return
-        which, (solid, basis) = view.pass_number - 2, self._find_basis(rendering, view)
-        shown, drawn = view.color[:, solid], rendering.color.detach()[:, solid] / rendering.alpha.detach()[solid]
+        which = view.pass_number - 2
+        solid, basis = _find_basis(rendering, view, STRIDE_PX)
+        alpha, drawn, shown, counted = (
+            one[..., ::STRIDE_PX, ::STRIDE_PX].flatten(-2)
+            for one in (rendering.alpha.detach(), rendering.color.detach(), view.color, view.counted)
+        )
+        drawn = drawn / alpha.clamp(min=SOLID_ALPHA)
         ratio = torch.log(shown.clamp(min=DARKEST) / drawn.clamp(min=DARKEST))
-        usable = (shown > DARKEST) & (drawn > DARKEST) & (ratio.abs() < LOG_FACTOR_MAX)
-        misfit = (ratio - (basis @ self.coefficients[which]).T) / OUTLIER
-        weights = view.counted[solid] * usable / (1.0 + misfit * misfit) / max(1, len(basis))
-        for channel in range(3):
-            weighted = basis * weights[channel][:, None]
-            self.products[which, channel] = MEMORY * self.products[which, channel] + weighted.T @ basis
-            self.targets[which, channel] = MEMORY * self.targets[which, channel] + weighted.T @ ratio[channel]
+        usable = solid & (shown > DARKEST) & (drawn > DARKEST) & (ratio.abs() < LOG_FACTOR_MAX)
+        misfit = (ratio - self.coefficients[which].T @ basis) / OUTLIER
+        weights = counted * usable / (1.0 + misfit * misfit) / solid.sum().clamp(min=1)
+        weighted = weights[:, None] * basis
+        self.products[which] = MEMORY * self.products[which] + weighted @ basis.T
+        self.targets[which] = MEMORY * self.targets[which] + (weighted @ ratio[..., None])[..., 0]
         ridged = self.products[which] + CAUTION * torch.eye(9)
         self.coefficients[which] = torch.linalg.solve(ridged, self.targets[which]).T
 
@@ -73,18 +79,10 @@ class PassLight:
         """The view, its photo as if it had been taken in the light of the first pass."""
         if view.pass_number == 1:
             return view
-        solid, basis = self._find_basis(rendering, view)
-        factors = (basis @ self.coefficients[view.pass_number - 2]).clamp(-LOG_FACTOR_MAX, LOG_FACTOR_MAX).exp()
-        color = view.color.clone()
-        color[:, solid] /= factors.T
-        return replace(view, color=color)
-
-    def _find_basis(self, rendering: RenderedImages, view: TrainingView) -> tuple[torch.Tensor, torch.Tensor]:
-        """The (H, W) bool pixels of known normals, and the (K, 9) basis there."""
-        solid = view.active & (rendering.alpha.detach() > SOLID_ALPHA)
-        normals = rendering.normal.detach()[:, solid].T
-        world_from_camera = torch.from_numpy(view.camera.camera_from_world[:3, :3].T.astype(np.float32))
-        return solid, light_basis(torch.nn.functional.normalize(normals, dim=1) @ world_from_camera.T)
+        solid, basis = _find_basis(rendering, view)
+        factors = (self.coefficients[view.pass_number - 2].T @ basis).clamp(-LOG_FACTOR_MAX, LOG_FACTOR_MAX)
+        factors = (-factors * solid).exp()
+        return replace(view, color=view.color * factors.reshape(view.color.shape))
 
     def state(self) -> dict[str, torch.Tensor]:
         """What a checkpoint keeps; `restore` takes it back."""
@@ -93,3 +91,12 @@ class PassLight:
     def restore(self, content: dict[str, torch.Tensor]) -> None:
         """Take back what `state` gave."""
         self.coefficients, self.products, self.targets = (content[key].clone() for key in ("coefficients", "products", "targets"))
+
+
+def _find_basis(rendering: RenderedImages, view: TrainingView, stride_px: int = 1) -> tuple[torch.Tensor, torch.Tensor]:
+    """Of every so many pixels of every so many rows: (K,) bool whether its normal is known, and the (9, K) basis there."""
+    part = (..., slice(None, None, stride_px), slice(None, None, stride_px))
+    solid = (view.active[part] & (rendering.alpha.detach()[part] > SOLID_ALPHA)).flatten()
+    world_from_camera = torch.from_numpy(view.camera.camera_from_world[:3, :3].T.astype(np.float32))
+    normals = world_from_camera @ rendering.normal.detach()[part].flatten(1)
+    return solid, light_basis(normals / (normals * normals).sum(0).clamp(min=1e-12).sqrt())
