@@ -115,7 +115,7 @@ def sharpen(model: pycolmap.Reconstruction, images: dict[str, Path]) -> tuple[py
     before_px = float(np.mean([model.points3D[point_id].error for point_id in aligned]))
     aligned |= _find_support_of_weak(model, aligned)
     others = {point_id: model.points3D[point_id] for point_id in model.point3D_ids() if point_id not in aligned}
-    _replace_points(copy, aligned)
+    _replace_points(copy, model, aligned)
     unit_px = max(max(camera.width, camera.height) for camera in copy.cameras.values()) / REFERENCE_PX
     for scale_px in LOSS_SCALES_PX:
         _adjust(copy, scale_px * unit_px)
@@ -217,15 +217,16 @@ def _find_support_of_weak(
     return support
 
 
-def _replace_points(model: pycolmap.Reconstruction, aligned: dict[int, dict[Element, np.ndarray]]) -> None:
-    """Leave the aligned points alone in the model, at their new pixels."""
-    kept = {point_id: model.points3D[point_id] for point_id in aligned}
-    for point_id in list(model.point3D_ids()):
-        model.delete_point3D(point_id)
+def _replace_points(
+    sharpened: pycolmap.Reconstruction, model: pycolmap.Reconstruction, aligned: dict[int, dict[Element, np.ndarray]]
+) -> None:
+    """Leave the aligned points alone in a copy of the model, at their new pixels."""
+    for point_id in list(sharpened.point3D_ids()):
+        sharpened.delete_point3D(point_id)
     for point_id, places in aligned.items():
         for (image_id, index), pixel in places.items():
-            model.images[image_id].points2D[index].xy = pixel
-        _add_point(model, point_id, kept[point_id], list(places))
+            sharpened.images[image_id].points2D[index].xy = pixel
+        _add_point(sharpened, point_id, model.points3D[point_id], list(places))
 
 
 def _add_point(model: pycolmap.Reconstruction, point_id: int, point: pycolmap.Point3D, elements: list[Element]) -> None:
