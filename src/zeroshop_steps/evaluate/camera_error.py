@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.evaluate.film_truth import read_true_cameras
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import write_table
+from zeroshop_steps.synthetic.film_truth import read_true_cameras
 
 READS_FAILURES = True
 

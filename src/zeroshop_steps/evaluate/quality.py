@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.evaluate.film_truth import read_true_cameras
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
@@ -26,6 +25,7 @@ from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import write_table
+from zeroshop_steps.synthetic.film_truth import read_true_cameras
 
 F_SCORE_MM = 2.0  # threshold of f_score_2_mm
 F_SCORE_DIAMETER = 0.01  # threshold of f_score_1_percent and its precision and recall, in diameters

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.evaluate.film_truth import read_true_cameras as film_cameras
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import list_images
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.join.pass_images import make_joint_name
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.synthetic.film_truth import read_true_cameras as film_cameras
 
 CACHED = Cached(inputs=("captures", "turned", "film_truths"))
 PICTURES = ("images", "masks")
