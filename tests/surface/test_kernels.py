@@ -33,7 +33,9 @@ def test_kernels_compiled_now_or_loaded_give_the_same_bytes(tmp_path: Path) -> N
     assert trained.count("\n") > 8
     assert train(kernels, 2) == trained, "all kernels loaded, and on two threads"
     large = [*kernels.rglob("*.blend_*ward-*.nbi"), *kernels.rglob("*.project_*ward-*.nbi")]
-    assert len(large) == 8, "forward and backward, of both optimizers"
+    # Tests of a second checkout have compiled kernels, too: those of other sources lie in folders of the same name with another digest.
+    kinds = {(index.parent.name.split("_")[0], index.name) for index in large}
+    assert len(kinds) == 8, "forward and backward, of both optimizers"
     for index in large:
         index.unlink()
     assert train(kernels, 2) == trained, "the large kernels compiled now, what they call loaded"
