@@ -1,9 +1,7 @@
-"""Synthetic: models whose true shape is known, and pictures and films rendered of them.
+"""Synthetic: models whose true shape is known, and pictures rendered of them; films.smk has films.
 
 results/DATASET/OBJECT/model           a shop product made by code, or one of BOP's models
 results/DATASET/OBJECT/SCENE/capture   rendered views of it (su_l, su_h, se; su_b with a printed board), with true cameras
-results/DATASET/OBJECT/film            a film of it as a phone takes one; from there on its dataset goes the way of a user's own
-results/DATASET/OBJECT/film_2          another one, for which it was turned over, where the dataset has two passes
 """
 
 # With a printed board beside the object: for measuring how well a height is found (height.smk), in no table of meshes.
@@ -95,30 +93,6 @@ def rendered_seed(
 ):
     """The seed of its ground and noise: in the second pass, the object lies on another print."""
     return config["seed"] + (wildcards.scene == TURNED_SCENE)
-
-
-def filmed_object(
-    wildcards,
-):
-    """The folder of the object that is filmed, in its own dataset."""
-    check_object(wildcards)
-    of = config["datasets"][wildcards.dataset]["of"]
-    [dataset] = [name for name, names in of.items() if wildcards.object in names]
-    return f"{RESULTS}/{virtual_dataset(dataset, 'Films are of models.')}/{wildcards.object}"
-
-
-def filmed_model(
-    wildcards,
-):
-    """The model that is filmed."""
-    return f"{filmed_object(wildcards)}/model"
-
-
-def filmed_turned_model(
-    wildcards,
-):
-    """The same model as it lies in the second pass."""
-    return f"{filmed_object(wildcards)}/turned_model"
 
 
 rule demo_model:
@@ -274,52 +248,3 @@ use rule capture_with_board as capture_empty_scene with:
         view="empty",
     message:
         "Rendering the empty scene of {wildcards.object} with a printed board"
-
-
-rule film:
-    input:
-        model=filmed_model,
-    output:
-        film=f"{OBJECT}/film/film.mp4",
-        empty_scene=directory(f"{OBJECT}/film/empty_scene"),
-        truth=directory(f"{OBJECT}/film/truth"),
-    log:
-        f"{OBJECT}/logs/film.log",
-    benchmark:
-        f"{OBJECT}/benchmarks/film.tsv"
-    wildcard_constraints:
-        dataset=datasets_of("films"),
-    threads: 8
-    resources:
-        mem_mb=per_attempt(4000),
-        runtime=per_attempt(20),
-    params:
-        board=lambda wildcards: config["datasets"][wildcards.dataset]["board"],
-        table=lambda wildcards: config["datasets"][wildcards.dataset].get("table", "print"),
-        seed=config["seed"],
-        folder=subpath(output.film, parent=True),
-    message:
-        "Filming {wildcards.object}"
-    shell:
-        "python -m zeroshop_steps.synthetic --method film --model {input.model}/model.ply --board {params.board}"
-        " --table {params.table} --seed {params.seed} --threads {threads} --out {params.folder} > {log} 2>&1"
-
-
-use rule film as turned_film with:
-    input:
-        model=filmed_turned_model,
-    output:
-        film=f"{OBJECT}/film_2/film.mp4",
-        empty_scene=directory(f"{OBJECT}/film_2/empty_scene"),
-        truth=directory(f"{OBJECT}/film_2/truth"),
-    log:
-        f"{OBJECT}/logs/film_2.log",
-    benchmark:
-        f"{OBJECT}/benchmarks/film_2.tsv"
-    params:
-        board=lambda wildcards: config["datasets"][wildcards.dataset]["board"],
-        table=lambda wildcards: config["datasets"][wildcards.dataset].get("table", "print"),
-        seed=config["seed"] + 1,
-        folder=subpath(output.film, parent=True),
-    message:
-        "Filming {wildcards.object} turned over"

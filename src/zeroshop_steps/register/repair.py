@@ -13,11 +13,13 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.register.bundle_adjustment import adjust_robustly
 from zeroshop_steps.register.image_set import REFERENCE_PX
 from zeroshop_steps.register.mapping import make_mapping_options
 
 STRICT_ERROR_PX = 3.0  # of absolute pose estimation, per 1000 px of the images' longer side
 LOSS_SCALE_PX = 0.5  # of the Cauchy loss; a good match is within 0.3 px
+ITERATIONS = 50  # of bundle adjustment, at most
 
 
 def measure_reprojection_errors_px(model: pycolmap.Reconstruction) -> dict[str, float]:
@@ -58,13 +60,7 @@ def refine_robustly(model: pycolmap.Reconstruction) -> None:
     surface a camera ends 12 mm off, with the Cauchy loss 2 mm.
     """
     pycolmap.ObservationManager(model).filter_all_points3D(2 * STRICT_ERROR_PX, 1.5)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = LOSS_SCALE_PX
-    options.ceres.solver_options.num_threads = 1
-    options.ceres.solver_options.max_num_iterations = 50
-    pycolmap.bundle_adjustment(model, options)
+    adjust_robustly(model, LOSS_SCALE_PX, ITERATIONS)
     pycolmap.ObservationManager(model).filter_all_points3D(STRICT_ERROR_PX, 1.5)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.register.bundle_adjustment import adjust_robustly
 from zeroshop_steps.register.image_set import REFERENCE_PX
 
 LARGEST_PX = 1600  # images are made so small: patches of larger ones would show nothing but noise
@@ -29,6 +30,7 @@ CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-3)
 SMOOTHING_PX = 3  # side of the Gaussian over patches
 LOSS_SCALES_PX = (0.5, 0.2, 0.2)
 """Of the Cauchy loss, one round of adjustment each, per 1000 px of the images' longer side; aligned patches lie within 0.1 px."""
+ITERATIONS = 100  # of each round, at most
 MOST_ERROR_PX = 1.0  # of an aligned point after that, likewise
 LEAST_ALIGNED = 50  # points; fewer do not hold cameras better than what was there
 WEAK = 30  # aligned observations; an image with fewer keeps the others, too
@@ -118,7 +120,7 @@ def sharpen(model: pycolmap.Reconstruction, images: dict[str, Path]) -> tuple[py
     _replace_points(copy, model, aligned)
     unit_px = max(max(camera.width, camera.height) for camera in copy.cameras.values()) / REFERENCE_PX
     for scale_px in LOSS_SCALES_PX:
-        _adjust(copy, scale_px * unit_px)
+        adjust_robustly(copy, scale_px * unit_px, ITERATIONS)
         copy.update_point_3d_errors()
         for point_id in [point_id for point_id, point in copy.points3D.items() if point.error > MOST_ERROR_PX * unit_px]:
             others[point_id] = model.points3D[point_id]
@@ -238,19 +240,6 @@ def _add_point(model: pycolmap.Reconstruction, point_id: int, point: pycolmap.Po
         model.images[image_id].set_point3D_for_point2D(index, point_id)
 
 
-def _adjust(model: pycolmap.Reconstruction, scale_px: float, cameras: bool = True) -> None:
-    """Bundle adjustment under a Cauchy loss, in place; of the points alone, if cameras stay."""
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = scale_px
-    options.ceres.solver_options.num_threads = 1
-    options.ceres.solver_options.max_num_iterations = 100
-    if not cameras:
-        options.refine_focal_length = options.refine_extra_params = options.refine_rig_from_world = False
-    pycolmap.bundle_adjustment(model, options)
-
-
 def _add_others(
     sharpened: pycolmap.Reconstruction, model: pycolmap.Reconstruction, others: dict[int, pycolmap.Point3D], scale_px: float
 ) -> None:
@@ -260,5 +249,5 @@ def _add_others(
         for image_id, index in elements:
             sharpened.images[image_id].points2D[index].xy = model.images[image_id].points2D[index].xy
         _add_point(sharpened, point_id, point, elements)
-    _adjust(sharpened, scale_px, cameras=False)
+    adjust_robustly(sharpened, scale_px, ITERATIONS, cameras=False)
     sharpened.update_point_3d_errors()

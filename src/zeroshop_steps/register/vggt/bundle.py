@@ -7,6 +7,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.register.bundle_adjustment import adjust_robustly
 from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.repair import remove_images
 from zeroshop_steps.register.sift import make_verification_options
@@ -78,7 +79,7 @@ def adjust_cameras(
         _keep_long_tracks(model)
         if not model.num_points3D():
             return model
-        _adjust_bundle(model, LOSS_SHARE * limit_px, rounds if limit > max_error_px else 5 * rounds)
+        adjust_robustly(model, LOSS_SHARE * limit_px, rounds if limit > max_error_px else 5 * rounds)
         lens = model.cameras[1]
         poses = np.array([model.images[index].cam_from_world().matrix() for index in range(1, len(names) + 1)])
     pycolmap.ObservationManager(model).filter_all_points3D(max_error_px * width_px / 1000, MIN_ANGLE_DEG)
@@ -95,7 +96,7 @@ def drop_weak_images(model: pycolmap.Reconstruction, min_observations: int, max_
     _keep_long_tracks(model)
     if model.num_points3D():
         limit_px = max_error_px * model.cameras[1].width / 1000
-        _adjust_bundle(model, LOSS_SHARE * limit_px, LAST_ROUNDS)
+        adjust_robustly(model, LOSS_SHARE * limit_px, LAST_ROUNDS)
         pycolmap.ObservationManager(model).filter_all_points3D(limit_px, MIN_ANGLE_DEG)
         _keep_long_tracks(model)
     return model
@@ -160,14 +161,3 @@ def _keep_long_tracks(model: pycolmap.Reconstruction) -> None:
     manager = pycolmap.ObservationManager(model)
     for point_id in [point_id for point_id, point in model.points3D.items() if point.track.length() < MIN_VIEWS]:
         manager.delete_point3D(point_id)
-
-
-def _adjust_bundle(model: pycolmap.Reconstruction, scale_px: float, iterations: int) -> None:
-    """Bundle adjustment under a Cauchy loss, in place."""
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = scale_px
-    options.ceres.solver_options.num_threads = 1
-    options.ceres.solver_options.max_num_iterations = iterations
-    pycolmap.bundle_adjustment(model, options)
