@@ -29,6 +29,7 @@ def roscore(tmp_path_factory):
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     own = {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1", "ROS_LOG_DIR": str(folder), "ROS_HOME": str(folder)}
+    own["PYTHONUNBUFFERED"] = "1"  # else what tells that they run stays in the buffers of their logs
     environment = os.environ | own
     with (folder / "roscore.log").open("w") as log:
         process = subprocess.Popen(["roscore", "-p", str(port)], env=environment, stdout=log, stderr=subprocess.STDOUT)
