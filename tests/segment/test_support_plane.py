@@ -67,7 +67,7 @@ def test_an_empty_ground_is_an_error(carton_scene, monkeypatch):
     from zeroshop_steps.segment import ground
 
     views, model = carton_scene
-    monkeypatch.setattr(ground.GroundPicture, "evidence", lambda self, camera, image: np.full(image.shape[:2], -1.0, np.float32))
+    monkeypatch.setattr(ground.GroundPicture, "evidence", lambda self, camera, image, *_: np.full(image.shape[:2], -1.0, np.float32))
     with pytest.raises(StepError, match="nothing stands on the ground"):
         find_masks(views, model, 120, seed=0)
 

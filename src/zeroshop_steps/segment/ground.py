@@ -5,7 +5,7 @@ shadows. A pixel that differs from it shows an object: background subtraction, w
 camera.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -13,6 +13,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.segment.ground_structure import find_other_structure, measure_print
 
 # Lengths are shares of the cameras' distance from the focus, colours are levels of 255, odds are natural logarithms.
 # All were set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
@@ -42,23 +43,31 @@ class GroundPicture:
         spread: (N, N) float32: median deviation of the views from it.
         known: (N, N) bool: enough views see the cell.
         world_from_cell: (4, 3): homogeneous cell position (x, y, 1) to a homogeneous point of the plane.
+        printed: from 0 to 1, how far the views show the same print on it, so that other structure is told from it.
     """
 
     color: np.ndarray
     spread: np.ndarray
     known: np.ndarray
     world_from_cell: np.ndarray
+    printed: float = 0.0
 
     def view_from_cell(self, camera: Camera) -> np.ndarray:
         """(3, 3) homography from cells to the pixels of a view, pixel centres at whole numbers."""
         shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
         return shift @ camera.intrinsics @ camera.camera_from_world[:3] @ self.world_from_cell
 
-    def evidence(self, camera: Camera, image: np.ndarray) -> np.ndarray:
+    def evidence(self, camera: Camera, image: np.ndarray, structure_odds: float = 0.0) -> np.ndarray:
         """(H, W) float32 log odds, at most `MOST_ODDS` either way, that a pixel shows an object; 0 where the ground is unknown.
 
         A colour that differs from the ground's speaks for an object. One that agrees speaks against it, and more so where the ground
         accepts few colours.
+
+        Args:
+            camera: of the view.
+            image: (H, W, 3) float32 RGB, 0 to 255.
+            structure_odds: log odds, at least, where a printed ground's structure is not seen; with 0 it only takes back what colours that
+                agree by chance say against an object.
         """
         homography = self.view_from_cell(camera)
         size = (camera.width_px, camera.height_px)
@@ -80,6 +89,8 @@ class GroundPicture:
         share, other_color = (np.clip((value - SAME_SIGMAS) / (OTHER_SIGMAS - SAME_SIGMAS), 0, 1) for value in (off, off_in_any_light))
         odds = (1 - share) * against + share * (LIGHT_ODDS + other_color * (MOST_ODDS - LIGHT_ODDS))
         odds *= np.where(odds > 0, np.clip(1 - spread / NO_GROUND_SPREAD, 0, 1), 1)
+        other = self.printed * find_other_structure(image, expected)
+        odds += other * (np.maximum(odds, structure_odds) - odds)
         return np.where((known > 0.99) & find_in_front(camera, homography), odds, 0.0).astype(np.float32)
 
 
@@ -92,7 +103,8 @@ def build_ground_picture(
         images: (H, W, 3) float32 RGB of the cameras' sizes.
         hidden: (H, W) bool for each view: pixels that are known not to show the ground.
     """
-    return sample_ground(support, cameras, images, hidden)[0]
+    picture, samples = sample_ground(support, cameras, images, hidden)
+    return replace(picture, printed=measure_print(picture.color, picture.known, samples))
 
 
 def sample_ground(

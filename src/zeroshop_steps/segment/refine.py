@@ -22,6 +22,8 @@ INSIDE_ODDS = (0.5, 0.7, 0.7)
 """Log odds for pixels inside the common hull's silhouette, in each round."""
 OUTSIDE_ODDS = (0.0, -1.5, -2.5)
 """Log odds for pixels well outside of it, in each round; a margin around it has 0."""
+DEEP = 0.08  # from the rim of the hull's silhouette on, a pixel is in its midst
+DEEP_ODDS = 0.5  # log odds there, at least, of what the hull and the colour say together
 FORBIDDEN_ODDS = -6.0  # of pixels that cannot be the object: no colour outweighs it
 HULL_MARGIN = 0.01  # width of the margin around the silhouette
 RING = 0.6  # width of the surroundings whose colours are learned
@@ -106,6 +108,8 @@ def refine_masks(
             color = np.where(table < 0, np.minimum(color, 0.0), color)
             total = np.where(odds == 0.0, agree, odds) + color + prior
             total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
+            # On print, a colour alone is no sign of ground in the midst of what nearly all masks share.
+            total += ground.printed * np.where(_grow(hull, -DEEP), np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
             masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, [render_silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)

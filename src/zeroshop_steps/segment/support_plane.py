@@ -160,7 +160,7 @@ def _find_on_plane(
     """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
     cameras, images = scene.cameras, scene.images
     risen = find_risen_points(scene.model.points, support) if plain or scene.plain else None
-    by_place = [ground.evidence(camera, image) for camera, image in zip(cameras, images, strict=True)]
+    by_place = [ground.evidence(camera, image, MOST_ODDS) for camera, image in zip(cameras, images, strict=True)]
     by_table = [
         plain.evidence(camera, image) if plain else np.zeros(image.shape[:2], np.float32)
         for camera, image in zip(cameras, images, strict=True)
