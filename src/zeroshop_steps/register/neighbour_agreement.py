@@ -208,15 +208,17 @@ def _find_front(camera: Camera, mask: np.ndarray, hull: np.ndarray, radius: floa
     rows, columns = np.nonzero(mask)
     rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], 1) @ np.linalg.inv(camera.intrinsics).T
     world_from_camera = np.linalg.inv(camera.camera_from_world)
+    per_length = VOXELS / (2 * radius)
+    steps, start = per_length * rays @ world_from_camera[:3, :3].T, per_length * world_from_camera[:3, 3] + VOXELS / 2
+    solid = np.pad(hull, 1)  # so that what lies outside is empty
+    strides = np.array(solid.strides) // solid.itemsize
     middle = camera.camera_from_world[2, 3]
-    found = np.zeros(len(rows))
+    found, left = np.zeros(len(rows)), np.arange(len(rows))
     for depth in np.linspace(middle - radius, middle + radius, 2 * VOXELS):
-        left = np.flatnonzero(found == 0)
-        points = (rays[left] * depth) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
-        index = np.floor((points / radius + 1) / 2 * VOXELS).astype(int)
-        inside = ((index >= 0) & (index < VOXELS)).all(1)
-        hit = left[inside][hull[tuple(index[inside].T)]]
-        found[hit] = depth
+        index = np.floor(np.clip(steps * depth + start, -1.0, VOXELS)).astype(np.int32) + 1
+        hit = solid.ravel()[index @ strides]
+        found[left[hit]] = depth
+        left, steps = left[~hit], steps[~hit]
     depths = np.zeros(mask.shape)
     depths[rows, columns] = found
     return depths
