@@ -4,6 +4,7 @@ import argparse
 import math
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
 from zeroshop_steps.register.group_joining import LEAST_IMAGES, join_groups
 from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.improvement import Improver
 from zeroshop_steps.register.mapping import make_mapping_options, map_groups, map_incrementally
-from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.photo_groups import describe_groups, find_groups
 from zeroshop_steps.register.record import (
@@ -27,7 +28,6 @@ from zeroshop_steps.register.record import (
     describe_model,
 )
 from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
-from zeroshop_steps.register.sharpening import sharpen
 from zeroshop_steps.register.strange_sides import LookAgain, check_sides
 from zeroshop_steps.register.undistort import undistort
 
@@ -35,9 +35,6 @@ MANY_IMAGES = 30  # beyond them, adjusting all cameras together after each few i
 LOOSE_OBSERVATIONS = 650
 """Points seen by an image, in the mean: with fewer, outlines are asked, too. On plain grounds, cameras with 314, 379 and 642 went from 2.7,
 0.23 and 0.62 mm to 0.5, 0.21 and 0.17; with 690 and 694, from 0.26 and 0.26 to 0.33 and 0.43. Print gives a thousand and more."""
-ROUGH_MISS_PX = 0.5
-"""Rims that miss by more in the mean, per 1000 px, are too rough to adjust by. Renderer's masks: 0.05 to 0.2; a network's in 43 photos
-of a mug on a wooden table 0.31, where they brought the cameras from 3.1 to 1.6 mm."""
 LEAST_COMMON_SHARE = 0.5
 """Share of the photos that must belong together: with fewer, nothing tells which of them show the object that is meant."""
 
@@ -148,13 +145,23 @@ def reconstruct(
         if whole is not None and whole.num_reg_images() >= needed:
             model, registered, joined = whole, whole.num_reg_images(), True
             # No matches hold the groups to each other: outlines and pictures do, and were asked.
-            report = check_consistency(model, image_set, database, replace(options.limits, cut_matches=0))
+            options = replace(options, limits=replace(options.limits, cut_matches=0))
+            report = check_consistency(model, image_set, database, options.limits)
     if model is None or registered < needed:
         way_out = "register the whole scene, with its ground" if options.object_only else "put the object on a strongly textured surface"
         raise RegistrationFailed(
             f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, or {way_out}",
             figures,
         )
+    if report.reason is None:
+        check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
+        improver = Improver(image_set, check, needed if by_object else count, figures)
+        model, report = improver.sharpen(model, report)
+        stopwatch.lap("sharpen")
+        held_loosely = by_object or model.compute_mean_observations_per_reg_image() < LOOSE_OBSERVATIONS
+        if image_set.masks and held_loosely:
+            model, report = improver.adjust_by_outlines(model, report)
+            stopwatch.lap("outlines")
     placed = {image.name for image in model.images.values() if image.has_pose}
     missing = [name for name in image_set.names if name not in placed]
     figures["unregistered"] = missing
@@ -170,13 +177,6 @@ def reconstruct(
             *figures.get("warnings", []),
             f"the masks of {len(report.wrong_masks)} of {count} photos contradict those of the others: {shown}",
         ]
-    if report.reason is None:
-        model, report = _sharpen(model, report, image_set, database, options, figures)
-        stopwatch.lap("sharpen")
-    held_loosely = by_object or model.compute_mean_observations_per_reg_image() < LOOSE_OBSERVATIONS
-    if image_set.masks and held_loosely and not joined and report.reason is None:
-        model, report = _adjust_by_outlines(model, report, image_set, database, options, figures)
-        stopwatch.lap("outlines")
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
     figures |= describe_lenses(model)
@@ -193,37 +193,6 @@ def reconstruct(
 def _map_groups(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:
     mapper = make_mapping_options(LEAST_IMAGES, options.seed)
     return map_groups(database, image_set.images[0].parent, database.parent / "groups", mapper)
-
-
-def _sharpen(
-    model: pycolmap.Reconstruction,
-    report: ConsistencyReport,
-    image_set: ImageSet,
-    database: Path,
-    options: StructureOptions,
-    figures: dict[str, Any],
-) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
-    """A model that passed all checks, its points brought into line by the pictures; as it was where it would not pass any more."""
-    sharpened, figures["sharpened"] = sharpen(model, {path.name: path for path in image_set.images})
-    again = check_consistency(sharpened, image_set, database, options.limits, options.doubt_masks)
-    return (model, report) if again.reason else (sharpened, again)
-
-
-def _adjust_by_outlines(
-    model: pycolmap.Reconstruction,
-    report: ConsistencyReport,
-    image_set: ImageSet,
-    database: Path,
-    options: StructureOptions,
-    figures: dict[str, Any],
-) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
-    """A model that passed all checks, adjusted by the masks' rims; as it was where these are rough, or where it would not pass any more."""
-    adjusted, misses = adjust_model_by_outlines(model, image_set, report.wrong_masks)
-    again = check_consistency(adjusted, image_set, database, options.limits, options.doubt_masks)
-    figures["outlines"] = {"miss_px": misses, "adjusted": again.reason is None and misses[1] <= ROUGH_MISS_PX}
-    if not figures["outlines"]["adjusted"]:
-        return model, report
-    return adjusted, again
 
 
 def _count_common(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> int:

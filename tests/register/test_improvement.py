@@ -1,0 +1,75 @@
+"""A model is improved only where it passes the checks still; photos that contradict it then are left out, if enough stay."""
+
+from dataclasses import dataclass, replace
+
+import pytest
+
+from zeroshop_steps.register import improvement
+from zeroshop_steps.register.consistency import ConsistencyReport
+from zeroshop_steps.register.improvement import ROUGH_MISS_PX, Improver
+
+
+@dataclass(frozen=True)
+class Model:
+    """Names of the registered images, and what was done to it."""
+
+    images: tuple[str, ...] = ("a", "b", "c", "d")
+    changes: tuple[str, ...] = ()
+
+    def num_reg_images(self):
+        return len(self.images)
+
+
+def report(reason=None, culprits=()):
+    return ConsistencyReport(None, None, {}, reason, culprits)
+
+
+@pytest.fixture
+def improver(monkeypatch):
+    """Of models in which the image `d` contradicts every change, and `c` those by outlines, too."""
+
+    def check(model):
+        bad = {"sharpened": {"d"}, "outlines": {"c", "d"}}
+        culprits = tuple(sorted(set(model.images) & set().union(*(bad[change] for change in model.changes))))
+        return report("wrong" if culprits else None, culprits)
+
+    def change(word, *figures):
+        def applied(model, *_):
+            changed = replace(model, changes=(*model.changes, word))
+            return (changed, *figures)
+
+        return applied
+
+    monkeypatch.setattr(improvement, "sharpen", change("sharpened", {"points": 100}))
+    monkeypatch.setattr(improvement, "adjust_model_by_outlines", change("outlines", [0.4, 0.1]))
+    monkeypatch.setattr(
+        improvement, "remove_images", lambda model, names: replace(model, images=tuple(name for name in model.images if name not in names))
+    )
+    return lambda needed: Improver(type("Images", (), {"images": []})(), check, needed, {"left_out": ["e"]})
+
+
+def test_a_photo_that_contradicts_the_sharpened_model_is_left_out(improver):
+    improver = improver(3)
+    model, again = improver.sharpen(Model(), report())
+    assert model == Model(("a", "b", "c"), ("sharpened",)) and again.reason is None
+    assert improver.figures["left_out"] == ["e", "d"]
+
+
+def test_where_too_few_would_stay_the_model_stays_as_it_was(improver):
+    improver, before = improver(4), report()
+    assert improver.sharpen(Model(), before) == (Model(), before)
+    assert improver.adjust_by_outlines(Model(), before) == (Model(), before)
+    assert improver.figures["left_out"] == ["e"] and improver.figures["outlines"] == {"miss_px": [0.4, 0.1], "adjusted": False}
+
+
+def test_outlines_adjust_what_passes(improver):
+    improver = improver(2)
+    model, _ = improver.adjust_by_outlines(Model(), report())
+    assert model == Model(("a", "b"), ("outlines",)) and improver.figures["outlines"]["adjusted"]
+
+
+def test_rough_masks_are_not_used(improver, monkeypatch):
+    monkeypatch.setattr(improvement, "adjust_model_by_outlines", lambda model, *_: (Model(("a",)), [1.0, ROUGH_MISS_PX + 0.1]))
+    improver = improver(2)
+    model, _ = improver.adjust_by_outlines(Model(), report())
+    assert model == Model() and not improver.figures["outlines"]["adjusted"]
