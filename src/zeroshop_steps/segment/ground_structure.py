@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Colours are levels of 255, likeness is zero-mean normalized cross-correlation. Set by hand on a gelatin carton and a tuna can on a
-# printed table (docs/results.md).
+# Colours are levels of 255, likeness is zero-mean normalized cross-correlation. Set by hand on films of five things on
+# printed tables (docs/results.md).
 WINDOW_PX = 9  # side of the compared patches, in images of 480 px width and in cells of the ground's picture
 SHIFT_PX = 1  # errors of the cameras and of the ground's flatness
 NOISE_LEVELS = 3.0  # of the cameras and the video's compression
