@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.segment.ground_structure import SHIFT_PX, WINDOW_PX, find_other_structure, measure_print
+from zeroshop_steps.segment.ground_structure import SHIFT_PX, WINDOW_PX, find_other_structure, find_plain, measure_print
 
 SIZE_PX, BLOCK = 90, slice(30, 60)
 INSIDE = slice(30 + WINDOW_PX, 60 - WINDOW_PX)
@@ -54,3 +54,11 @@ def test_print_is_what_the_views_share():
     plain = 120 + np.random.default_rng(2).normal(scale=2.0, size=(5, SIZE_PX, SIZE_PX, 3)).astype(np.float32)
     assert measure_print(np.full((SIZE_PX, SIZE_PX, 3), 120, np.float32), known, plain) == 0.0
     assert measure_print(draw_print(0), ~known, shared) == 0.0
+
+
+def test_a_large_plain_place_is_told_from_small_shapes_of_a_print():
+    picture = draw_print(0)
+    picture[20:70, 20:70] = 100.0
+    picture[2:14, 2:14] = 100.0
+    plain = find_plain(picture)
+    assert plain[35:55, 35:55].all() and not plain[:15, :15].any() and not plain[:, 75:].any()

@@ -13,7 +13,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.segment.ground_structure import find_other_structure, measure_print
+from zeroshop_steps.segment.ground_structure import find_other_structure, find_plain, measure_print
 
 # Lengths are shares of the cameras' distance from the focus, colours are levels of 255, odds are natural logarithms.
 # All were set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
@@ -30,6 +30,7 @@ LIGHT_RANGE = (0.55, 1.7)  # of the brightness in which a colour still counts as
 LIGHT_WINDOW_PX = 11  # over which that brightness is estimated
 NO_GROUND_SPREAD = 40.0
 """Where the views differ by this much, the cell shows no ground: a pixel that differs there says nothing."""
+SURELY_PRINTED = 0.5  # from here on, plain places are no ground
 GAIN_RANGE = (0.4, 2.5)  # of an image's exposure and white balance, for each channel; beyond, the image shows something else
 GAIN_STEP = 4  # cells of the coarser image that is enough to estimate them
 
@@ -104,7 +105,10 @@ def build_ground_picture(
         hidden: (H, W) bool for each view: pixels that are known not to show the ground.
     """
     picture, samples = sample_ground(support, cameras, images, hidden)
-    return replace(picture, printed=measure_print(picture.color, picture.known, samples))
+    printed = measure_print(picture.color, picture.known, samples)
+    # What all views agree on there is a plain thing that stands on the print, such as the floor of a bowl.
+    known = picture.known & ~find_plain(picture.color) if printed > SURELY_PRINTED else picture.known
+    return replace(picture, printed=printed, known=known)
 
 
 def sample_ground(

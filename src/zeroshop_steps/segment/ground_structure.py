@@ -18,6 +18,7 @@ LEAST_CONTRAST = 6.0  # standard deviation of a patch, of the image or of the gr
 OTHER_LIKENESS = (0.6, 0.8)  # up to the first it is not the ground's structure, from the second on it may be
 PRINTED_LIKENESS = (0.5, 0.7)
 """Of the median cell in the median view: up to the first the ground shows no print that all share, from the second on it does."""
+PLAIN_CELLS = 25  # diameter of what is plain; single shapes of a print are smaller
 EVERY = 8  # how many cells of the ground's picture there are to one that is asked
 
 
@@ -55,6 +56,14 @@ def measure_print(color: np.ndarray, known: np.ndarray, samples: np.ndarray) -> 
         found = _Patches.of(np.where(seen, sample.mean(2), ground.grey)).compare(ground)
         likeness.append(np.where(seen, found, np.nan).ravel()[places])
     return float(_ramp(np.median(np.nanmedian(likeness, axis=0)), *PRINTED_LIKENESS))
+
+
+def find_plain(color: np.ndarray) -> np.ndarray:
+    """(N, N) bool: where a picture, (N, N, 3) float32, 0 to 255, shows no structure over a disc of `PLAIN_CELLS`."""
+    plain = _Patches.of(color.mean(2)).variance < LEAST_CONTRAST**2
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (PLAIN_CELLS, PLAIN_CELLS))
+    found: np.ndarray = cv2.morphologyEx(plain.astype(np.uint8), cv2.MORPH_OPEN, disc)
+    return found > 0
 
 
 def _ramp(values: ArrayLike, start: float, end: float) -> np.ndarray:
