@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from zeroshop_steps.segment.ground_structure import SHIFT_PX, WINDOW_PX, find_other_structure, find_plain, measure_print
+from zeroshop_steps.segment.ground_structure import SHIFT_PX, WINDOW_PX, find_other_structure, find_risen_plain, measure_print
 
 SIZE_PX, BLOCK = 90, slice(30, 60)
 INSIDE = slice(30 + WINDOW_PX, 60 - WINDOW_PX)
@@ -56,9 +56,15 @@ def test_print_is_what_the_views_share():
     assert measure_print(draw_print(0), ~known, shared) == 0.0
 
 
-def test_a_large_plain_place_is_told_from_small_shapes_of_a_print():
+@pytest.mark.parametrize(("around", "risen"), [((150.0, 50.0, 40.0), True), ((60.0, 90.0, 200.0), False), (None, False)])
+def test_a_plain_place_in_print_is_no_ground_where_what_rises_has_its_hue(around, risen):
+    """The floor of a red bowl is, a red sheet below a blue thing is not, and one below nothing is not."""
     picture = draw_print(0)
-    picture[20:70, 20:70] = 100.0
-    picture[2:14, 2:14] = 100.0
-    plain = find_plain(picture)
-    assert plain[35:55, 35:55].all() and not plain[:15, :15].any() and not plain[:, 75:].any()
+    picture[20:70, 20:70] = (180.0, 60.0, 48.0)
+    picture[2:14, 2:14] = 100.0  # shapes of a print are small
+    samples = np.stack([picture] * 9)
+    if around:
+        for sample in samples[:4]:
+            sample[10:88, 60:88] = sample[60:88, 10:60] = around
+    found = find_risen_plain(picture, np.ones((SIZE_PX, SIZE_PX), bool), samples)
+    assert found[35:55, 35:55].all() == risen and found.any() == risen and not found[:15, :15].any()

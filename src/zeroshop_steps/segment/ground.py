@@ -13,7 +13,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.segment.ground_structure import find_other_structure, find_plain, measure_print
+from zeroshop_steps.segment.ground_structure import find_other_structure, find_risen_plain, measure_print
 
 # Lengths are shares of the cameras' distance from the focus, colours are levels of 255, odds are natural logarithms.
 # All were set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
@@ -106,8 +106,9 @@ def build_ground_picture(
     """
     picture, samples = sample_ground(support, cameras, images, hidden)
     printed = measure_print(picture.color, picture.known, samples)
-    # What all views agree on there is a plain thing that stands on the print, such as the floor of a bowl.
-    known = picture.known & ~find_plain(picture.color) if printed > SURELY_PRINTED else picture.known
+    known = picture.known
+    if printed > SURELY_PRINTED:
+        known = known & ~find_risen_plain(picture.color, known, samples)
     return replace(picture, printed=printed, known=known)
 
 

@@ -19,6 +19,9 @@ OTHER_LIKENESS = (0.6, 0.8)  # up to the first it is not the ground's structure,
 PRINTED_LIKENESS = (0.5, 0.7)
 """Of the median cell in the median view: up to the first the ground shows no print that all share, from the second on it does."""
 PLAIN_CELLS = 25  # diameter of what is plain; single shapes of a print are smaller
+NEAR_CELLS, RISEN_LEVELS = 30, 30.0  # around a plain place: what views show there that differs by so much from the ground rises above it
+SAME_HUE, RISEN_SHARE = 0.15, 0.5  # between colours of length 1; of what rises, which has the hue of the plain place
+LEAST_RISEN = 3  # samples of what rises, for each cell of the plain place; fewer tell no hue
 EVERY = 8  # how many cells of the ground's picture there are to one that is asked
 
 
@@ -58,12 +61,29 @@ def measure_print(color: np.ndarray, known: np.ndarray, samples: np.ndarray) -> 
     return float(_ramp(np.median(np.nanmedian(likeness, axis=0)), *PRINTED_LIKENESS))
 
 
-def find_plain(color: np.ndarray) -> np.ndarray:
-    """(N, N) bool: where a picture, (N, N, 3) float32, 0 to 255, shows no structure over a disc of `PLAIN_CELLS`."""
-    plain = _Patches.of(color.mean(2)).variance < LEAST_CONTRAST**2
+def find_risen_plain(color: np.ndarray, known: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """(N, N) bool: large plain places of a printed ground's picture that have the hue of what rises around them, such as a bowl's floor.
+
+    A sheet of paper has another one than what stands on it. Arguments as for `measure_print`.
+    """
+    plain = known & (_Patches.of(color.mean(2)).variance < LEAST_CONTRAST**2)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (PLAIN_CELLS, PLAIN_CELLS))
-    found: np.ndarray = cv2.morphologyEx(plain.astype(np.uint8), cv2.MORPH_OPEN, disc)
-    return found > 0
+    count, labels = cv2.connectedComponents(cv2.morphologyEx(plain.astype(np.uint8), cv2.MORPH_OPEN, disc))
+    found = np.zeros(known.shape, bool)
+    for label in range(1, count):
+        region = labels == label
+        near = cv2.dilate(region.astype(np.uint8), np.ones((2 * NEAR_CELLS + 1,) * 2, np.uint8)) > 0
+        seen, ground = samples[:, near], color[near]
+        risen = seen[np.abs(seen - ground).mean(-1) > RISEN_LEVELS]  # NaN is not
+        off = np.linalg.norm(_find_hue(risen) - _find_hue(np.median(color[region], axis=0)), axis=-1)
+        if len(off) > LEAST_RISEN * region.sum() and (off < SAME_HUE).mean() > RISEN_SHARE:
+            found |= region
+    return found
+
+
+def _find_hue(colors: np.ndarray) -> np.ndarray:
+    """(..., 3) colours of the same brightness."""
+    return colors / np.maximum(np.linalg.norm(colors, axis=-1, keepdims=True), 1.0)
 
 
 def _ramp(values: ArrayLike, start: float, end: float) -> np.ndarray:
