@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 WINDOW_PX = 9  # side of the compared patches, in images of 480 px width and in cells of the ground's picture
 SHIFT_PX = 1  # errors of the cameras and of the ground's flatness
 NOISE_LEVELS = 3.0  # of the cameras and the video's compression
-LEAST_CONTRAST = 6.0  # standard deviation of a patch, of the image or of the ground; plain patches show no structure
+LEAST_CONTRAST = 6.0  # standard deviation of a patch; plain ones show no structure
 OTHER_LIKENESS = (0.6, 0.8)  # up to the first it is not the ground's structure, from the second on it may be
 PRINTED_LIKENESS = (0.5, 0.7)
 """Of the median cell in the median view: up to the first the ground shows no print that all share, from the second on it does."""
@@ -37,7 +37,7 @@ def find_other_structure(image: np.ndarray, expected: np.ndarray) -> np.ndarray:
     for rows in range(-SHIFT_PX, SHIFT_PX + 1):
         for columns in range(-SHIFT_PX, SHIFT_PX + 1):
             best = np.maximum(best, own.compare(ground.moved(rows, columns)))
-    best[np.maximum(own.variance, ground.variance) < LEAST_CONTRAST**2] = 1.0
+    best[own.variance < LEAST_CONTRAST**2] = 1.0
     return 1.0 - _ramp(cv2.dilate(best, np.ones((WINDOW_PX,) * 2, np.uint8)), *OTHER_LIKENESS)
 
 
