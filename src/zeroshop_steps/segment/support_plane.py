@@ -20,7 +20,7 @@ from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast, find_contrasting_thing
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.ground import MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
+from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
@@ -160,7 +160,7 @@ def _find_on_plane(
     """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
     cameras, images = scene.cameras, scene.images
     risen = find_risen_points(scene.model.points, support) if plain or scene.plain else None
-    by_place = [ground.evidence(camera, image, MOST_ODDS) for camera, image in zip(cameras, images, strict=True)]
+    by_place = [ground.evidence(camera, image, LIGHT_ODDS) for camera, image in zip(cameras, images, strict=True)]
     by_table = [
         plain.evidence(camera, image) if plain else np.zeros(image.shape[:2], np.float32)
         for camera, image in zip(cameras, images, strict=True)
