@@ -50,11 +50,11 @@ class Improver:
 
         def change(model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
             adjusted, misses = adjust_model_by_outlines(model, self.image_set, report.wrong_masks)
-            self.figures["outlines"] = {"miss_px": misses, "adjusted": misses[1] <= ROUGH_MISS_PX}
-            return adjusted if self.figures["outlines"]["adjusted"] else model
+            self.figures["outlines"] = {"miss_px": misses}
+            return adjusted if misses[1] <= ROUGH_MISS_PX else model
 
         changed, again = self._try(change, model, report)
-        self.figures["outlines"]["adjusted"] &= changed is not model
+        self.figures["outlines"]["adjusted"] = changed is not model
         return changed, again
 
     def _try(

@@ -90,8 +90,9 @@ class GroundPicture:
         share, other_color = (np.clip((value - SAME_SIGMAS) / (OTHER_SIGMAS - SAME_SIGMAS), 0, 1) for value in (off, off_in_any_light))
         odds = (1 - share) * against + share * (LIGHT_ODDS + other_color * (MOST_ODDS - LIGHT_ODDS))
         odds *= np.where(odds > 0, np.clip(1 - spread / NO_GROUND_SPREAD, 0, 1), 1)
-        other = self.printed * find_other_structure(image, expected)
-        odds += other * (np.maximum(odds, structure_odds) - odds)
+        if self.printed:
+            other = self.printed * find_other_structure(image, expected)
+            odds += other * (np.maximum(odds, structure_odds) - odds)
         return np.where((known > 0.99) & find_in_front(camera, homography), odds, 0.0).astype(np.float32)
 
 

@@ -108,8 +108,8 @@ def refine_masks(
             color = np.where(table < 0, np.minimum(color, 0.0), color)
             total = np.where(odds == 0.0, agree, odds) + color + prior
             total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
-            # On print, a colour alone is no sign of ground in the midst of what nearly all masks share.
-            total += ground.printed * np.where(_grow(hull, -DEEP), np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
+            if ground.printed:  # a colour alone is no sign of ground in the midst of what nearly all masks share
+                total += ground.printed * np.where(_grow(hull, -DEEP), np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
             masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, [render_silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)
