@@ -11,7 +11,8 @@ import torch
 from helpers import simulated_cuda
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.surface.twodgs.blending import CpuBlending, CudaBlending, has_cuda, make_blending
+from zeroshop_steps.runtime.kernel_devices import has_cuda
+from zeroshop_steps.surface.twodgs.blending import CpuBlending, CudaBlending, make_blending
 from zeroshop_steps.surface.twodgs.render import RenderView, render
 
 WIDTH_PX, HEIGHT_PX, SPLATS = 30, 20, 24
@@ -69,7 +70,7 @@ def test_the_kernels_match_the_cpu_on_a_device_and_give_the_same_bytes_twice(see
 
 
 def test_a_device_that_is_absent_or_unknown_is_refused(monkeypatch):
-    monkeypatch.setattr("zeroshop_steps.surface.twodgs.blending.has_cuda", lambda: False)
+    monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: False)
     assert isinstance(make_blending("auto"), CpuBlending) and isinstance(make_blending("cpu"), CpuBlending)
     with pytest.raises(StepError, match="finds no CUDA device"):
         make_blending("cuda")

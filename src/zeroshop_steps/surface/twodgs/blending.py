@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import numba
 import numpy as np
 
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.kernel_devices import choose_kernel_device
 from zeroshop_steps.surface.tiling import TILE_PX
 from zeroshop_steps.surface.twodgs import rasterize, rasterize_backward
 from zeroshop_steps.surface.twodgs.project import SPLAT_WIDTH
@@ -104,24 +104,5 @@ class CudaBlending:
 
 
 def make_blending(device: str) -> Blending:
-    """The blending of one of cpu, cuda and auto, which is cuda where Numba finds a device.
-
-    Raises:
-        StepError: cuda is asked for and absent.
-    """
-    if device == "cpu" or (device == "auto" and not has_cuda()):
-        return CpuBlending()
-    if not has_cuda():
-        raise StepError(
-            f"--device {device}: Numba finds no CUDA device; install the extra `gpu` where there is one, or use --device cpu"
-            if device == "cuda"
-            else f"--device {device} is unknown; expected cpu, cuda or auto"
-        )
-    return CudaBlending()
-
-
-def has_cuda() -> bool:
-    """Whether Numba finds a CUDA device and what it needs to compile for it."""
-    from numba import cuda
-
-    return bool(cuda.is_available())
+    """The blending of one of cpu, cuda and auto, as `choose_kernel_device` chooses; raises what it raises."""
+    return CudaBlending() if choose_kernel_device(device) == "cuda" else CpuBlending()
