@@ -5,7 +5,15 @@ import pytest
 
 from helpers.ball import ball_view
 from zeroshop_steps.geometry.crops import STRIDE_PX
-from zeroshop_steps.surface.patch_cost import BEST_VIEWS, COST_MAX, PATCH_STEPS, facing_normal, fill_reference_patch, plane_cost
+from zeroshop_steps.surface.patch_cost import (
+    BEST_VIEWS,
+    COST_MAX,
+    PATCH_SIDE,
+    PLACE_WIDTH,
+    facing_normal,
+    fill_reference_patch,
+    plane_cost,
+)
 
 SIZE_PX = 192
 NO_LIMIT = 10.0
@@ -32,12 +40,12 @@ def scene() -> tuple:
 
 def cost(scene: tuple, found: tuple, neighbours: np.ndarray, x: int, y: int, z: float, normal: np.ndarray, limit: float) -> float:
     rows, color, detail, masks, sizes = scene
-    patch, weight = np.empty((2, 2 * PATCH_STEPS + 1, 2 * PATCH_STEPS + 1), np.float32)
-    statistics = fill_reference_patch(color[0], detail[0], masks[0], y, x, patch, weight)
+    arrays = (rows, neighbours, color, detail, masks, sizes)
+    patch, weight = np.empty((2, PATCH_SIDE, PATCH_SIDE), np.float32)
+    statistics = fill_reference_patch(0, arrays, y, x, patch, weight)
     dx, dy = (x + 0.5 - rows[0, 14]) / rows[0, 12], (y + 0.5 - rows[0, 15]) / rows[0, 13]
     normal = facing_normal(dx, dy, *normal)
-    places = np.empty((neighbours.shape[1], 7))
-    arrays = (rows, neighbours, color, detail, masks, sizes)
+    places = np.empty((neighbours.shape[1], PLACE_WIDTH))
     return plane_cost(0, arrays, *found, y, x, patch, weight, *statistics, places, dx, dy, z, *normal, limit)
 
 

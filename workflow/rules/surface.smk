@@ -58,14 +58,16 @@ rule stereo:
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(30),
+        gpu=int(config["stereo"]["device"] != "cpu"),
     params:
+        options=step_options(config["stereo"]),
         seed=config["seed"],
         folder=subpath(output.seeds, parent=True),
     message:
         "Looking for confirmed depths of {wildcards.object}, scene {wildcards.scene}; follow it in {log}"
     shell:
         "python -m zeroshop_steps.surface --method stereo --cameras {input.cameras} --out {params.folder}"
-        " --seed {params.seed} --threads {threads} --record-failure {output} > {log} 2>&1"
+        " {params.options} --seed {params.seed} --threads {threads} --record-failure {output} > {log} 2>&1"
 
 
 def ways_of(

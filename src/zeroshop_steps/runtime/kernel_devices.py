@@ -2,6 +2,8 @@
 
 from zeroshop_steps.runtime.errors import StepError
 
+DEVICES = ("auto", "cpu", "cuda")
+
 
 def choose_kernel_device(device: str) -> str:
     """ "cpu" or "cuda" for one of cpu, cuda and auto, which is cuda where Numba finds a device.
@@ -9,7 +11,7 @@ def choose_kernel_device(device: str) -> str:
     Raises:
         StepError: cuda is asked for and absent, or the name is unknown.
     """
-    if device not in ("cpu", "cuda", "auto"):
+    if device not in DEVICES:
         raise StepError(f"--device {device} is unknown; expected cpu, cuda or auto")
     found = device != "cpu" and has_cuda()
     if device == "cuda" and not found:

@@ -36,14 +36,15 @@ SEED_SPACING = 0.015
 """Edge of the cubic cells in which seeds are averaged: about the size of a voxel of the hull, 2 / 128."""
 
 
-def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int) -> Seeds:
+def find_seeds(views: list[TrainingView], hull: VisualHull, seed: int, device: str = "cpu") -> Seeds:
     """Find seeds within a visual hull, and carve the hull by what stereo has found.
 
     Args:
         views: training views in normalized coordinates; fine print needs full resolution.
         seed: of the random planes that stereo tries.
+        device: where it searches them, as in `patchmatch.make_patchmatch`.
     """
-    depths, normals, costs = estimate_depth_maps(views, hull.occupied, hull.half_extent, seed)
+    depths, normals, costs = estimate_depth_maps(views, hull.occupied, hull.half_extent, seed, device=device)
     views = [make_grid_view(view) for view in views]
     cameras = [view.camera for view in views]
     carved_hull = carve_free_space(hull, cameras, confirm_depths(views, _drop_costly(depths, costs, CARVING_COST_MAX)))

@@ -7,6 +7,7 @@ geometric rounds it also counts how well the plane agrees with the depths that t
 """
 
 import math
+from typing import Protocol
 
 import cv2
 import numba
@@ -14,35 +15,12 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.crops import STRIDE_PX
+from zeroshop_steps.runtime.kernel_devices import choose_kernel_device
 from zeroshop_steps.runtime.progress import ProgressReport
-from zeroshop_steps.surface.patch_cost import (
-    COST_MAX,
-    CX,
-    CY,
-    DARK,
-    DETAIL_PX,
-    FX,
-    FY,
-    PATCH_STEPS,
-    facing_normal,
-    fill_reference_patch,
-    plane_cost,
-    random_normal,
-    random_number,
-    unproject_ray,
-)
+from zeroshop_steps.surface.cpu_patchmatch import CpuPatchMatch
+from zeroshop_steps.surface.patch_cost import CX, CY, DARK, DETAIL_PX, FX, FY, NEIGHBOURS, unproject_ray
 from zeroshop_steps.surface.training_views import TrainingView
 
-NEIGHBOURS = 6
-"""Views that each view is compared with."""
-INITIAL_PLANES = 8
-"""Random planes tried at each pixel before the first round, one in each eighth of its depth interval."""
-SAME_PLANE = 1e-3
-"""Planes that differ by less than this, as a share of the depth interval and in the cosine, are not compared again."""
-NO_LIMIT = 2 * COST_MAX
-"""For a plane whose cost is wanted however high it is."""
-PROPAGATION = np.array([(-1, 0), (1, 0), (0, -1), (0, 1), (-5, 0), (5, 0), (0, -5), (0, 5)])
-"""Rows and columns from which planes are taken over; all are of the checkerboard's other colour."""
 BLUR_PX = 0.6
 """Standard deviation of a blur that makes the colours smooth enough to be interpolated."""
 MASK_EROSION_PX = 5
@@ -50,13 +28,6 @@ MASK_EROSION_PX = 5
 the surface."""
 GEOMETRIC_REACH = 0.1
 """Reach of the random refinement in the geometric rounds; in the photometric ones it is 1, 1/2, 1/4."""
-REFINED_DEPTH, REFINED_FINE, REFINED_NORMAL = 0.25, 0.2, 0.8
-"""Refinement at reach 1 changes the depth by up to the first, as a share of its interval, and the normal's coordinates by up to
-half of the third; a fine trial changes the depth by the second as much."""
-TRIALS = 5
-"""Random planes tried at each pixel in each round."""
-SLOPE_MIN = 0.1
-"""A neighbour's plane that is seen at a lower cosine, times the ray's length, is not taken over."""
 SEARCH_RADIUS = 1.8
 """Depths are searched within this many half extents of the hull's cube around its centre: its corners lie at 1.73."""
 
@@ -69,8 +40,54 @@ def select_neighbours(cameras: list[Camera], count: int = NEIGHBOURS) -> np.ndar
     return np.ascontiguousarray(order[:, 1 : count + 1])
 
 
+class PatchMatch(Protocol):
+    """Planes at all pixels of all views, and the steps that improve them.
+
+    `initialize`, `recompute` and `refine` work on a range of views. The result is the same however the views are divided.
+    """
+
+    @property
+    def views_at_once(self) -> int:
+        """How many views are best given to each step."""
+
+    def initialize(self, views: range, seed: int) -> None:
+        """Start with the best of a few random planes at every pixel."""
+
+    def remember(self) -> None:
+        """Let the planes as they are now be the depths that the other views have found."""
+
+    def recompute(self, views: range) -> None:
+        """Compute the costs of the planes again, with the depths that the other views have found."""
+
+    def refine(self, views: range, reach: float, parity: int, salt: int) -> None:
+        """For one half of the checkerboard, take over better planes from the other half, then refine them at random within `reach`."""
+
+    def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Depth (V, H, W), normal (V, H, W, 3) and cost (V, H, W) of the planes, float32."""
+
+
+def make_patchmatch(device: str, scene: tuple[np.ndarray, ...], near: np.ndarray, far: np.ndarray) -> PatchMatch:
+    """PatchMatch on one of cpu, cuda and auto, as `choose_kernel_device` chooses; raises what it raises.
+
+    Args:
+        scene: rows, neighbours, color, detail, masks and sizes of all views, as in `patch_cost.plane_cost`.
+        near, far: (V, H, W) float32, first and last depth of each pixel of each view's grid; 0 where there is none.
+    """
+    if choose_kernel_device(device) == "cpu":
+        return CpuPatchMatch(scene, near, far)
+    from zeroshop_steps.surface.cuda_patchmatch import CudaPatchMatch
+
+    return CudaPatchMatch(scene, near, far)
+
+
 def estimate_depth_maps(
-    views: list[TrainingView], occupied: np.ndarray, half_extent: float, seed: int, photometric_rounds: int = 3, geometric_rounds: int = 2
+    views: list[TrainingView],
+    occupied: np.ndarray,
+    half_extent: float,
+    seed: int,
+    photometric_rounds: int = 3,
+    geometric_rounds: int = 2,
+    device: str = "cpu",
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
     """Depths, normals and costs of every view, at the pixels of its `make_grid_view`.
 
@@ -79,6 +96,7 @@ def estimate_depth_maps(
         occupied: (R, R, R) bool visual hull within the cube of +-half_extent, inside which surface is searched.
         seed: of the random planes.
         photometric_rounds, geometric_rounds: rounds of propagation and refinement without and with the other views' depths.
+        device: cpu, cuda or auto, as in `make_patchmatch`.
 
     Returns:
         For each view (H, W) float32 depth along the optical axis, 0 outside the mask; (H, W, 3) float32 unit normal in the
@@ -88,31 +106,29 @@ def estimate_depth_maps(
     neighbours = select_neighbours([view.camera for view in views], min(NEIGHBOURS, len(views) - 1))
     sizes = np.array([[view.camera.height_px, view.camera.width_px] for view in views])
     height, width = sizes.max(axis=0)
-    scene = (rows, neighbours, *_stack_images(views, height, width), sizes)
-    masks = scene[4]
+    color, detail, masks = _stack_images(views, height, width)
     grid = (len(views), -(-height // STRIDE_PX), -(-width // STRIDE_PX))
-    depth, normal, cost = np.zeros(grid, np.float32), np.zeros((*grid, 3), np.float32), np.full(grid, COST_MAX, np.float32)
     near, far = np.zeros(grid, np.float32), np.zeros(grid, np.float32)
-    nothing = (np.zeros((1, 1, 1), np.float32), np.zeros((1, 1, 1, 3), np.float32))
+    for i in range(len(views)):
+        _find_depth_interval(rows[i], sizes[i], masks[i], occupied, half_extent, near[i], far[i])
+    search = make_patchmatch(device, (rows, neighbours, color, detail, masks, sizes), near, far)
+    groups = [range(i, min(i + search.views_at_once, len(views))) for i in range(0, len(views), search.views_at_once)]
     with ProgressReport("stereo", len(views) * (1 + geometric_rounds)) as report:
-        for i in range(len(views)):
-            _find_depth_interval(rows[i], sizes[i], masks[i], occupied, half_extent, near[i], far[i])
-            planes = (near[i], far[i], depth[i], normal[i], cost[i])
-            _initialize_planes(i, *scene, *planes, seed)
+        for group in groups:
+            search.initialize(group, seed)
             for number in range(photometric_rounds):
                 for parity in (0, 1):
-                    _propagate_and_refine(i, *scene, *planes, *nothing, 0.5**number, parity, _mix_seed(seed, number))
-            report.advance(1)
+                    search.refine(group, 0.5**number, parity, _mix_seed(seed, number))
+            report.advance(len(group))
         for number in range(geometric_rounds):
-            found = (depth.copy(), normal.copy())
-            for i in range(len(views)):
-                planes = (near[i], far[i], depth[i], normal[i], cost[i])
-                _recompute_costs(i, *scene, *planes, *found)
+            search.remember()
+            for group in groups:
+                search.recompute(group)
                 for parity in (0, 1):
-                    _propagate_and_refine(i, *scene, *planes, *found, GEOMETRIC_REACH, parity, _mix_seed(seed, 100 + number))
-                report.advance(1)
+                    search.refine(group, GEOMETRIC_REACH, parity, _mix_seed(seed, 100 + number))
+                report.advance(len(group))
     crops = [(slice(0, -(-h // STRIDE_PX)), slice(0, -(-w // STRIDE_PX))) for h, w in sizes]
-    depths, normals, costs = ([values[i][crop] for i, crop in enumerate(crops)] for values in (depth, normal, cost))
+    depths, normals, costs = ([values[i][crop] for i, crop in enumerate(crops)] for values in search.read())
     return depths, normals, costs
 
 
@@ -140,115 +156,6 @@ def _local_contrast(luminance: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _mix_seed(seed: int, number: int) -> int:
     """A seed of its own for each round."""
     return (seed * 1000 + number) * 7919 % 2**31
-
-
-@numba.njit(cache=True, parallel=True)
-def _initialize_planes(index, rows, neighbours, color, detail, masks, sizes, near, far, depth, normal, cost, seed):
-    """Start with the best of a few random planes at every pixel of the grid."""
-    scene = (rows, neighbours, color, detail, masks, sizes)
-    row, side = rows[index], 2 * PATCH_STEPS + 1
-    no_depth, no_normal = np.zeros((1, 1, 1), np.float32), np.zeros((1, 1, 1, 3), np.float32)
-    for y in numba.prange(depth.shape[0]):
-        patch, weight = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
-        places = np.empty((neighbours.shape[1], 7))
-        for x in range(depth.shape[1]):
-            if far[y, x] <= near[y, x]:
-                continue
-            py, px = y * STRIDE_PX, x * STRIDE_PX
-            dx, dy = (px + 0.5 - row[CX]) / row[FX], (py + 0.5 - row[CY]) / row[FY]
-            mean, variance = fill_reference_patch(color[index], detail[index], masks[index], py, px, patch, weight)
-            for k in range(INITIAL_PLANES):
-                pixel, trial = y * 65536 + x, k + 1000 * index
-                z = near[y, x] + (far[y, x] - near[y, x]) * (k + random_number(pixel, trial, seed, 1)) / INITIAL_PLANES
-                nx, ny, nz = random_normal(dx, dy, random_number(pixel, trial, seed, 2), random_number(pixel, trial, seed, 3))
-                limit = cost[y, x] if k else NO_LIMIT
-                value = plane_cost(
-                    index, scene, no_depth, no_normal, py, px, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit
-                )
-                if value < limit:
-                    depth[y, x], cost[y, x] = z, value
-                    normal[y, x, 0], normal[y, x, 1], normal[y, x, 2] = nx, ny, nz
-
-
-@numba.njit(cache=True, parallel=True)
-def _recompute_costs(index, rows, neighbours, color, detail, masks, sizes, near, far, depth, normal, cost, found_depth, found_normal):
-    """Compute the costs of the planes again, with the depths that the other views have found."""
-    scene = (rows, neighbours, color, detail, masks, sizes)
-    row, side = rows[index], 2 * PATCH_STEPS + 1
-    for y in numba.prange(depth.shape[0]):
-        patch, weight = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
-        places = np.empty((neighbours.shape[1], 7))
-        for x in range(depth.shape[1]):
-            z = depth[y, x]
-            if far[y, x] <= near[y, x]:
-                continue
-            py, px = y * STRIDE_PX, x * STRIDE_PX
-            dx, dy = (px + 0.5 - row[CX]) / row[FX], (py + 0.5 - row[CY]) / row[FY]
-            mean, variance = fill_reference_patch(color[index], detail[index], masks[index], py, px, patch, weight)
-            nx, ny, nz = normal[y, x]
-            cost[y, x] = plane_cost(
-                index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, NO_LIMIT
-            )
-
-
-@numba.njit(cache=True, parallel=True)
-def _propagate_and_refine(
-    index, rows, neighbours, color, detail, masks, sizes, near, far, depth, normal, cost, found_depth, found_normal, reach, parity, salt
-):
-    """For one half of the checkerboard, take over better planes from the other half, then refine them at random within `reach`."""
-    scene = (rows, neighbours, color, detail, masks, sizes)
-    row, side, spreads = rows[index], 2 * PATCH_STEPS + 1, len(PROPAGATION)
-    height, width = depth.shape
-    for y in numba.prange(height):
-        patch, weight = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
-        places = np.empty((neighbours.shape[1], 7))
-        for x in range((y + parity) % 2, width, 2):
-            first, last = near[y, x], far[y, x]
-            if last <= first:
-                continue
-            py, px = y * STRIDE_PX, x * STRIDE_PX
-            dx, dy = (px + 0.5 - row[CX]) / row[FX], (py + 0.5 - row[CY]) / row[FY]
-            mean, variance = fill_reference_patch(color[index], detail[index], masks[index], py, px, patch, weight)
-            lowest, z, nx, ny, nz = cost[y, x], depth[y, x], normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
-            for k in range(spreads + TRIALS):
-                if k < spreads:
-                    j, i = y + PROPAGATION[k, 0], x + PROPAGATION[k, 1]
-                    if j < 0 or j >= height or i < 0 or i >= width or depth[j, i] <= 0:
-                        continue
-                    tx, ty, tz = normal[j, i]
-                    slope = tx * dx + ty * dy + tz
-                    if slope > -SLOPE_MIN:
-                        continue
-                    ax, ay = (i * STRIDE_PX + 0.5 - row[CX]) / row[FX], (j * STRIDE_PX + 0.5 - row[CY]) / row[FY]
-                    t = depth[j, i] * (tx * ax + ty * ay + tz) / slope
-                else:
-                    # Kinds of trials: 0 another depth, 1 another normal, 2 both, 3 a depth nearby, 4 any plane.
-                    kind, pixel, trial = k - spreads, y * 65536 + x, k + 1000 * index
-                    t, tx, ty, tz = z, nx, ny, nz
-                    if kind in (0, 2, 3):
-                        fine = REFINED_FINE if kind == 3 else 1.0
-                        t = z + (last - first) * REFINED_DEPTH * reach * fine * (2 * random_number(pixel, trial, salt, 4) - 1)
-                    if kind in (1, 2):
-                        a, b, c = (
-                            random_number(pixel, trial, salt, 5),
-                            random_number(pixel, trial, salt, 6),
-                            random_number(pixel, trial, salt, 7),
-                        )
-                        tilt = REFINED_NORMAL * reach
-                        tx, ty, tz = facing_normal(dx, dy, nx + tilt * (a - 0.5), ny + tilt * (b - 0.5), nz + tilt * (c - 0.5))
-                    if kind == 4:
-                        t = first + (last - first) * random_number(pixel, trial, salt, 8)
-                        tx, ty, tz = random_normal(dx, dy, random_number(pixel, trial, salt, 9), random_number(pixel, trial, salt, 10))
-                same = abs(t - z) < SAME_PLANE * (last - first) and tx * nx + ty * ny + tz * nz > 1 - SAME_PLANE
-                if t < first or t > last or same:
-                    continue
-                value = plane_cost(
-                    index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, places, dx, dy, t, tx, ty, tz, lowest
-                )
-                if value < lowest:
-                    lowest, z, nx, ny, nz = value, t, tx, ty, tz
-            cost[y, x], depth[y, x] = lowest, z
-            normal[y, x, 0], normal[y, x, 1], normal[y, x, 2] = nx, ny, nz
 
 
 @numba.njit(cache=True, parallel=True)

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
 
 CACHED = Cached(
     inputs=("cameras/images", "cameras/masks", "cameras/confidence", "cameras/sparse"),
@@ -23,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for seeds.npz and stereo.json")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--device", choices=DEVICES, default="cpu", help="where planes are searched (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -33,14 +35,14 @@ def run(args: argparse.Namespace) -> None:
     from zeroshop_steps.surface.seeds import carve_hull, write_seeds
     from zeroshop_steps.surface.training_views import make_grid_view, make_seed_views, read_camera_set
 
-    threads = use_threads(args.threads)
+    threads, device = use_threads(args.threads), choose_kernel_device(args.device)
     start_s, start_cpu_s = time.monotonic(), time.process_time()
     camera_set = read_camera_set(args.cameras)
     sphere = fit_object_sphere(camera_set.model.cameras, camera_set.masks)
     views = make_seed_views(camera_set, sphere)
     grid = [make_grid_view(view) for view in views]
     hull = carve_hull(grid)
-    seeds = find_seeds(views, hull, args.seed)
+    seeds = find_seeds(views, hull, args.seed, device)
     write_seeds(args.out / "seeds.npz", seeds, sphere)
     write_json(
         args.out / "stereo.json",
@@ -48,6 +50,7 @@ def run(args: argparse.Namespace) -> None:
             "seconds": round(time.monotonic() - start_s, 2),
             "cpu_seconds": round(time.process_time() - start_cpu_s, 2),
             "threads": threads,
+            "device": device,
             "seeds": len(seeds.positions),
             "confirmed_depths": sum(int((depth > 0).sum()) for depth in seeds.depth_maps.values()),
             "hull_voxels": int(hull.occupied.sum()),
