@@ -143,6 +143,26 @@ def test_the_published_weights_give_what_the_published_code_gives():
     assert (scores > 0.85).sum() > 30 and (np.abs(moved - 12)[scores > 0.85] < 1.5).mean() > 0.95
 
 
+def test_half_precision_hardly_moves_features(monkeypatch):
+    """As CUDA runs ALIKED (networks/devices.py); LightGlue stays in single precision of itself."""
+    folder = require_published_weights()
+    crops = [cut_out(blobs(shift), np.ones((160, 160), bool), 160, 0.1, 4.0, 2) for shift in (0, 12)]
+    extractor, matcher = load_extractor(folder / EXTRACTOR), load_matcher(folder / MATCHER)
+    exact = AlikedMatcher(extractor, matcher, crops, CPU, 100, 0.005)
+    monkeypatch.setattr("zeroshop_steps.networks.devices.choose_precision", lambda *_: torch.bfloat16)
+    half = AlikedMatcher(extractor, matcher, crops, CPU, 100, 0.005)
+    for expected, found in zip(exact.features, half.features, strict=True):
+        distance, nearest = torch.cdist(found.keypoints, expected.keypoints).min(1)
+        same = distance < 1.0
+        likeness = (found.descriptors * expected.descriptors[nearest]).sum(1)
+        assert not torch.equal(found.keypoints, expected.keypoints), "something ran in half precision"
+        assert same.float().mean() > 0.9 and distance[same].median() < 0.05 and likeness[same].median() > 0.99
+    before, after = exact.match(0, 1)[0], half.match(0, 1)[0]
+    assert len(after) > 0.9 * len(before) > 30
+    moved = half.keypoints[0][after[:, 0], 0] - half.keypoints[1][after[:, 1], 0]
+    assert np.median(np.abs(moved - 12)) < 0.2
+
+
 def test_the_quarter_turn_in_which_pictures_are_alike_is_found():
     folder = require_published_weights()
     image, whole = blobs(size=120), np.ones((120, 120), bool)

@@ -76,15 +76,17 @@ def check_memory(needs: MemoryNeeds, device: torch.device) -> None:
 
 
 @contextlib.contextmanager
-def run_network(device: torch.device, what: str) -> Iterator[None]:
-    """Run a network without gradients, in bfloat16 where a CUDA device has it.
+def run_network(device: torch.device, what: str, precision: str = "auto") -> Iterator[None]:
+    """Run a network without gradients, by default in bfloat16 where a CUDA device has it.
+
+    Heads, coordinates and solvers need single precision; within this, they switch autocasting off.
 
     Raises:
         StepError: out of memory all the same.
     """
-    precision = choose_precision("auto", device.type)
+    number_format = choose_precision(precision, device.type)
     try:
-        with torch.inference_mode(), torch.autocast(device.type, dtype=precision, enabled=precision != torch.float32):
+        with torch.inference_mode(), torch.autocast(device.type, dtype=number_format, enabled=number_format != torch.float32):
             yield
     except RuntimeError as error:
         if not is_out_of_memory(error):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_part, load_pretrained
 from zeroshop_steps.runtime.errors import StepError
 
@@ -68,13 +69,17 @@ class Detector:
         self._model = load_pretrained(GroundingDinoForObjectDetection, folder, device)
         self._device = device
 
-    @torch.inference_mode()
     def detect(self, image: np.ndarray, prompt: str) -> list[Box]:
-        """All boxes in an (H, W, 3) uint8 RGB image, the best first, however low their score."""
+        """All boxes in an (H, W, 3) uint8 RGB image, the best first, however low their score.
+
+        Raises:
+            StepError: out of memory.
+        """
         size_px = (image.shape[1], image.shape[0])
         words = self._words(_to_sentence(prompt), return_tensors="pt", return_token_type_ids=True)
         inputs = {**self._images(images=image, return_tensors="pt"), **words}
-        outputs = self._model(**{name: value.to(self._device) for name, value in inputs.items()})
+        with run_network(self._device, "Grounding DINO", "float32"):  # each layer moves the boxes of the one before a little
+            outputs = self._model(**{name: value.to(self._device) for name, value in inputs.items()})
         [found] = self._images.post_process_object_detection(outputs, threshold=0.0, target_sizes=[(size_px[1], size_px[0])])
         limits = np.array([*size_px, *size_px], float)
         corners = np.clip(found["boxes"].float().cpu().numpy(), 0, limits)

@@ -10,6 +10,7 @@ import torch
 from PIL import Image
 from torch.nn.functional import interpolate
 
+from zeroshop_steps.networks.devices import run_network
 from zeroshop_steps.networks.pretrained import load_pretrained
 from zeroshop_steps.runtime.progress import ProgressReport
 
@@ -62,7 +63,7 @@ class ObjectTracker:
         session = self._session(read, count)
         found: dict[int, TrackedMask] = {}
         start = min(boxes)
-        with torch.inference_mode(), self._precision(), ProgressReport("masks", count) as report:
+        with run_network(self._device, "SAM 2"), ProgressReport("masks", count) as report:
 
             def step(number: int, reverse: bool) -> None:
                 if number not in found:
@@ -117,7 +118,3 @@ class ObjectTracker:
     def _tracked(self, output: Any, size_px: tuple[int, int]) -> TrackedMask:
         logits = interpolate(output.pred_masks.float().view(1, 1, *output.pred_masks.shape[-2:]), (size_px[1], size_px[0]), mode="bilinear")
         return TrackedMask((logits[0, 0] > 0).cpu().numpy(), float(output.object_score_logits.float().max()))
-
-    def _precision(self) -> torch.autocast:
-        """bfloat16 where it is faster: on CUDA."""
-        return torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda")

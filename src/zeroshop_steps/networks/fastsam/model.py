@@ -159,12 +159,18 @@ class Head(nn.Module):
         self.cv4 = nn.ModuleList(branch(size, max(sizes[0] // 4, PROTOTYPES), PROTOTYPES) for size in sizes)
 
     def forward(self, pyramid: Sequence[Tensor]) -> list[Candidates]:
-        """Of each image of (B, C, h, w) layers, the finest first."""
-        distances = self.dfl(_join(self.cv2, pyramid))
-        likelihoods, mixtures = _join(self.cv3, pyramid).sigmoid()[:, 0], _join(self.cv4, pyramid).transpose(1, 2)
+        """Of each image of (B, C, h, w) layers, the finest first.
+
+        What the layers say is read in single precision whatever the rest does: half of it rounds distances by up to two pixels.
+        """
+        logits, odds, mixtures = (_join(branches, pyramid).float() for branches in (self.cv2, self.cv3, self.cv4))
+        prototypes = self.proto(pyramid[0]).float()
+        with torch.autocast(logits.device.type, enabled=False):
+            distances = self.dfl(logits)
+        likelihoods, mixtures = odds.sigmoid()[:, 0], mixtures.transpose(1, 2)
         centres, strides = locate_cells(pyramid)
         boxes = torch.cat([centres - distances[:, :2], centres + distances[:, 2:]], 1) * strides
-        parts = boxes.transpose(1, 2), likelihoods, mixtures, self.proto(pyramid[0])
+        parts = boxes.transpose(1, 2), likelihoods, mixtures, prototypes
         return [Candidates(*one) for one in zip(*parts, strict=True)]
 
 

@@ -41,7 +41,10 @@ class RefineNet(nn.Module):
 
 
 class ScoreNet(nn.Module):
-    """Scores poses of one object in one photo in view of each other (section 3.4 of the paper)."""
+    """Scores poses of one object in one photo in view of each other (section 3.4 of the paper).
+
+    Attention is in single precision whatever the rest does, since half of it gives many poses nearly the same score.
+    """
 
     def __init__(self, settings: FoundationPoseSettings | None = None) -> None:
         super().__init__()
@@ -54,12 +57,15 @@ class ScoreNet(nn.Module):
     def describe(self, rendered: Tensor, observed: Tensor) -> Tensor:
         """(N, tokens) how each pose fits, on its own: these may be computed a few at a time."""
         tokens = encode_pairs(rendered, observed, self.encoderA, self.encoderAB, self.pos_embed)
-        return self.att(tokens, tokens, tokens, need_weights=False)[0].mean(1)
+        with torch.autocast(tokens.device.type, enabled=False):
+            tokens = tokens.float()
+            return self.att(tokens, tokens, tokens, need_weights=False)[0].mean(1)
 
     def rank(self, descriptions: Tensor) -> Tensor:
         """(N,) scores, higher is better, of N poses that are compared with each other."""
-        together = descriptions[None]
-        return self.linear(self.att_cross(together, together, together, need_weights=False)[0]).reshape(-1)
+        with torch.autocast(descriptions.device.type, enabled=False):
+            together = descriptions[None].float()
+            return self.linear(self.att_cross(together, together, together, need_weights=False)[0]).reshape(-1)
 
     def forward(self, rendered: Tensor, observed: Tensor) -> Tensor:
         """(N,) scores of N poses, whose images are (N, image_channels, H, W)."""

@@ -11,7 +11,7 @@ TINY = 1e-6
 
 
 class PointAttention(nn.Module):
-    """Scaled dot products; with positions, those of queries and embedded pairs are added."""
+    """Scaled dot products by PyTorch's fused kernels; with positions, those of queries and embedded pairs are added."""
 
     def __init__(self, channels: int, with_pairs: bool) -> None:
         super().__init__()
@@ -26,14 +26,15 @@ class PointAttention(nn.Module):
             project(part).unflatten(2, (HEADS, -1)).transpose(1, 2)
             for project, part in ((self.proj_q, points), (self.proj_k, others), (self.proj_v, others))
         )
-        scores = queries @ keys.transpose(2, 3)
+        bias = None
         if self.proj_p is not None and pairs is not None:
-            # q . (W e + b) is taken as (q W) . e + q . b: to project N queries is far less work than N x M pairs.
-            weight, bias = self.proj_p.weight.unflatten(0, (HEADS, -1)), self.proj_p.bias.unflatten(0, (HEADS, -1))
+            # q . (W e + b) is taken as (q W) . e: to project N queries is far less work than N x M pairs, and q . b, which is the same for
+            # all that a point looks at, falls out of the softmax.
+            weight = self.proj_p.weight.unflatten(0, (HEADS, -1))
             turned = torch.einsum("bhnd,hdc->bnhc", queries, weight)
-            scores = scores + (turned @ pairs.transpose(2, 3)).transpose(1, 2) + torch.einsum("bhnd,hd->bhn", queries, bias)[..., None]
-        weights = F.softmax(scores / queries.shape[3] ** 0.5, dim=-1)
-        return (weights @ values).transpose(1, 2).flatten(2)
+            scores = (turned @ pairs.transpose(2, 3)).transpose(1, 2)
+            bias = scores / queries.shape[3] ** 0.5
+        return F.scaled_dot_product_attention(queries, keys, values, attn_mask=bias).transpose(1, 2).flatten(2)
 
 
 class LinearAttention(nn.Module):

@@ -66,7 +66,8 @@ class StructureDecoder(nn.Module):
         x = self.middle_block(self.input_layer(latents))
         for block in self.blocks:
             x = block(x)
-        return self.out_layer(x)
+        with torch.autocast(x.device.type, enabled=False):
+            return self.out_layer(x.float())
 
 
 class VoxelGroupNorm(nn.GroupNorm):
@@ -121,7 +122,8 @@ class MeshDecoder(nn.Module):
         for part in self.upsample:
             voxels = subdivide(voxels)
             x = part(x, voxels)
-        return self.out_layer(x), voxels
+        with torch.autocast(x.device.type, enabled=False):
+            return self.out_layer(x.float()), voxels
 
 
 def find_surface_voxels(logits: Tensor) -> Voxels:

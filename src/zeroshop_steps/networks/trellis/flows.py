@@ -34,7 +34,8 @@ class StructureFlow(nn.Module):
         embedded = self.t_embedder(time)
         for block in self.blocks:
             tokens = block(tokens, embedded, condition)
-        return self.out_layer(F.layer_norm(tokens, tokens.shape[-1:]))
+        with torch.autocast(tokens.device.type, enabled=False):
+            return self.out_layer(F.layer_norm(tokens.float(), tokens.shape[-1:]))
 
 
 class ResidualBlock(nn.Module):
@@ -89,4 +90,5 @@ class LatentFlow(nn.Module):
             tokens = block(tokens, embedded, condition)
         hidden = self.out_blocks[0](pooling.spread(torch.cat([tokens, second], 1)), voxels, embedded)
         hidden = self.out_blocks[1](torch.cat([hidden, first], 1), voxels, embedded)
-        return self.out_layer(F.layer_norm(hidden, hidden.shape[-1:]))
+        with torch.autocast(hidden.device.type, enabled=False):
+            return self.out_layer(F.layer_norm(hidden.float(), hidden.shape[-1:]))
