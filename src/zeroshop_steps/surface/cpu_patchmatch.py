@@ -19,21 +19,26 @@ class CpuPatchMatch:
         self._found: tuple[np.ndarray, ...] = (np.zeros((1, 1, 1), np.float32), np.zeros((1, 1, 1, 3), np.float32))
 
     def initialize(self, views: range, seed: int) -> None:
+        """See `PatchMatch`."""
         for i in views:
             _initialize_planes(i, self._scene, self._planes(i), self._found, seed)
 
     def remember(self) -> None:
+        """See `PatchMatch`."""
         self._found = (self.depth.copy(), self.normal.copy())
 
     def recompute(self, views: range) -> None:
+        """See `PatchMatch`."""
         for i in views:
             _recompute_costs(i, self._scene, self._planes(i), self._found)
 
     def refine(self, views: range, reach: float, parity: int, salt: int) -> None:
+        """See `PatchMatch`."""
         for i in views:
             _refine_planes(i, self._scene, self._planes(i), self._found, reach, parity, salt)
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `PatchMatch`."""
         return self.depth, self.normal, self.cost
 
     def _planes(self, i: int) -> tuple[np.ndarray, ...]:

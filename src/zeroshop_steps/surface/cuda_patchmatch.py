@@ -32,26 +32,31 @@ class CudaPatchMatch:
         self._shape = near.shape
 
     def initialize(self, views: range, seed: int) -> None:
+        """See `PatchMatch`."""
         _initialize_planes[self._grid(views, 1), BLOCK](views.start, *self._scene, *self._planes, *self._found, seed)
         cuda.synchronize()
 
     def remember(self) -> None:
+        """See `PatchMatch`."""
         _, _, depth, normal, _ = self._planes
         self._found = [cuda.device_array_like(depth), cuda.device_array_like(normal)]
         for copy, array in zip(self._found, (depth, normal), strict=True):
             copy.copy_to_device(array)
 
     def recompute(self, views: range) -> None:
+        """See `PatchMatch`."""
         _recompute_costs[self._grid(views, 1), BLOCK](views.start, *self._scene, *self._planes, *self._found)
         cuda.synchronize()
 
     def refine(self, views: range, reach: float, parity: int, salt: int) -> None:
+        """See `PatchMatch`."""
         _refine_planes[self._grid(views, 2), BLOCK](
             views.start, *self._scene, *self._planes, *self._found, np.float32(reach), parity, salt
         )  # fmt: skip
         cuda.synchronize()
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `PatchMatch`."""
         depth, normal, cost = (np.asarray(array.copy_to_host()) for array in self._planes[2:])
         return depth, normal, cost
 
