@@ -10,25 +10,13 @@ import torch
 from helpers import da3_cases as cases
 from helpers.named_parameters import fill
 from helpers.paths import PARITY
+from helpers.small_da3 import SETTINGS
 from zeroshop_steps.networks.da3 import backbone
 from zeroshop_steps.networks.da3.backbone import choose_reference
 from zeroshop_steps.networks.da3.cameras import invert_encodings
 from zeroshop_steps.networks.da3.model import DepthAnything3
-from zeroshop_steps.networks.da3.settings import BASE, SMALL, Da3Settings
+from zeroshop_steps.networks.da3.settings import BASE, SMALL
 
-SETTINGS = Da3Settings(
-    image_px=cases.GRID * cases.PATCH_PX,
-    grid=cases.GRID,
-    width=cases.WIDTH,
-    depth=cases.DEPTH,
-    heads=cases.HEADS,
-    alone=cases.ALONE,
-    layers=cases.LAYERS,
-    camera_depth=cases.CAMERA_DEPTH,
-    camera_heads=cases.CAMERA_HEADS,
-    dense_features=cases.FEATURES,
-    dense_channels=cases.CHANNELS,
-)
 TOLERANCE = 1e-4
 
 

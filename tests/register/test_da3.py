@@ -1,0 +1,150 @@
+"""Registration by Depth Anything 3: its geometry with a network that knows the truth, everything else with small random weights."""
+
+import numpy as np
+import pycolmap
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from helpers.small_da3 import SETTINGS, write_weights
+from helpers.small_vggt import TrueNetwork
+from zeroshop_steps import methods
+from zeroshop_steps.evaluate.camera_error import compare_cameras
+from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.networks.da3.settings import BASE, SMALL
+from zeroshop_steps.networks.weights import look_up_weights
+from zeroshop_steps.register import structure
+from zeroshop_steps.register.colmap import ColmapOptions
+from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
+from zeroshop_steps.register.da3.options import Da3Options
+from zeroshop_steps.register.da3.refinement import gather_tracks
+from zeroshop_steps.register.da3.solve import CHUNK, register
+from zeroshop_steps.register.image_set import read_image_set
+from zeroshop_steps.register.match_database import write_matches
+from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.vggt.dense_points import decode_cameras
+from zeroshop_steps.register.vggt.frames import fit_size, read_frames
+from zeroshop_steps.runtime.cli import stage_main
+
+PX = (SMALL.image_px, SMALL.patch_px)
+
+
+def having(features: int, refine: str = "matches") -> Da3Options:
+    """Options with so many features of an image."""
+    return Da3Options(refine=refine, colmap=ColmapOptions(SiftOptions(max_features=features)))
+
+
+@pytest.fixture(scope="module")
+def frames(carton_capture):
+    return read_frames(read_image_set(carton_capture), *PX, upright=True)
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    return write_weights(tmp_path_factory.mktemp("da3") / "weights" / "model.safetensors")
+
+
+def solved(capture, out, options, network):
+    record = register(read_image_set(capture), out, options, network, *PX, {})
+    truth = read_sparse_model(capture / "truth").cameras
+    return record, compare_cameras(read_sparse_model(out / "sparse").cameras, truth)
+
+
+@pytest.mark.slow
+def test_matches_and_rough_cameras_give_the_true_cameras(carton_capture, frames, tmp_path, monkeypatch):
+    network = TrueNetwork(carton_capture, frames, turn_deg=3.0, fov_error=0.02, depth_error=0.01)
+    rough = decode_cameras(network.predict(frames.pixels).encodings, frames)
+    before = compare_cameras(rough, read_sparse_model(carton_capture / "truth").cameras)
+    assert before.centre_mm.mean() > 5.0 and before.rotation_deg.max() > 2.0
+    monkeypatch.setattr(structure, "map_incrementally", lambda *_: pytest.fail("not from the network's cameras"))
+    record, after = solved(carton_capture, tmp_path / "cameras", having(1000), network)
+    assert record["registered"] == 10 and record["refined_by"] == "matches" and not record["strangers"]
+    assert after.centre_mm.mean() < 0.3 and after.rotation_deg.max() < 0.1
+    assert record["reprojection_error_px"] < 0.5 and "sharpened" in record and record["consistency"]["weakest_cut_matches"] > 60
+
+
+@pytest.mark.slow
+def test_where_too_little_matches_the_networks_cameras_are_taken(carton_capture, frames, tmp_path):
+    network = TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002, depth_error=0.003)
+    expected = decode_cameras(TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002).predict(frames.pixels).encodings, frames)
+    record, error = solved(carton_capture, tmp_path / "cameras", having(10), network)
+    assert record["registered"] == 10 and record["refined_by"] == "none"
+    assert "matches hold 0 of 10 images, at least 8 are needed" in record["warnings"][0]
+    assert min(record["consistency"]["depth_agreement"].values()) > 0.8 and 0.0 < error.rotation_deg.max() < 0.5
+    for ours, theirs in zip(read_sparse_model(tmp_path / "cameras/sparse").cameras, expected, strict=True):
+        assert np.allclose(ours.camera_from_world, theirs.camera_from_world) and np.allclose(ours.intrinsics, theirs.intrinsics)
+
+
+def test_tracks_are_what_matches_connect_in_three_images(blank_capture, tmp_path):
+    image_set = read_image_set(blank_capture)
+    keypoints = [np.array([[10.0 * point, image] for point in range(5)]) for image in range(len(image_set.images))]
+    database = tmp_path / "database.db"
+    every = np.stack([np.arange(5)] * 2, axis=1)
+    write_matches(database, image_set, keypoints, {(0, 1): (every[:, 0], every[:, 1])}, 1, 0)
+    with pycolmap.Database.open(database) as opened:
+        opened.clear_two_view_geometries()
+        ids = [opened.read_image_with_name(name).image_id for name in image_set.names]
+        # Point 0 is in four images, 1 in three; 2 in three, and there it is two places of one image; 3 in two; 4 in none.
+        for first, second, matched in (
+            (0, 1, every[:4]),
+            (1, 2, np.array([[0, 0], [1, 1], [2, 2]])),
+            (0, 2, np.array([[2, 3]])),
+            (2, 3, every[:1]),
+        ):
+            opened.write_two_view_geometry(ids[first], ids[second], pycolmap.TwoViewGeometry(inlier_matches=matched.astype(np.uint32)))
+    tracks = gather_tracks(database, image_set.names)
+    assert tracks.seen[:4].T.astype(int).tolist() == [[1, 1, 1, 1], [1, 1, 1, 0]] and not tracks.seen[4:].any()
+    assert tracks.xy[:4].tolist() == [[[0, 0], [10, 0]], [[0, 1], [10, 1]], [[0, 2], [10, 2]], [[0, 3], [0, 0]]]
+
+
+@pytest.mark.parametrize(("size_px", "expected"), [((1000, 750), (504, 378)), ((750, 1000), (378, 504)), ((640, 640), (504, 504))])
+def test_upright_images_stay_upright(size_px, expected):
+    assert fit_size(size_px, *PX, upright=True) == (expected, 0)
+
+
+@pytest.mark.parametrize(("method", "settings"), [("da3", SMALL), ("da3_base", BASE)])
+def test_the_rules_ask_for_the_memory_of_twenty_images(method, settings):
+    declared = methods.REGISTRATIONS[method]
+    needed = predict_peak_bytes(settings, look_up_weights(declared.weights[0]).size_bytes, 20, (504, 378), CHUNK["cuda"])
+    assert needed < 1e6 * declared.mem_mb
+
+
+def run(capture, out, *words) -> int:
+    words = ("--capture", capture, "--scene", "su_h", "--out", out, "--device", "cpu", *words)
+    return stage_main("zeroshop_steps.register", [str(word) for word in words])
+
+
+def test_bad_weights_are_refused_by_name(blank_capture, weights, tmp_path, capsys):
+    state = load_file(weights)
+    assert all(name.startswith("model.") for name in state)
+    less = {name: tensor for name, tensor in state.items() if "cam_dec.fc_t" not in name}
+    for name, content, expected in (
+        ("less", less, "cam_dec.fc_t.weight"),
+        ("more", {**state, "model.gs_head.weight": torch.zeros(1)}, "gs_head.weight"),
+    ):
+        path = tmp_path / f"{name}.safetensors"
+        save_file(content, path)
+        path.with_suffix(".settings.json").write_text(weights.with_suffix(".settings.json").read_text())
+        assert run(blank_capture, tmp_path / "cameras", "--method", "da3", "--weights", path) == 1
+        assert expected in capsys.readouterr().err and not (tmp_path / "cameras").exists()
+
+
+@pytest.mark.parametrize(("method", "file"), [("da3", "DA3-SMALL/model.safetensors"), ("da3_base", "DA3-BASE/model.safetensors")])
+def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, method, file):
+    monkeypatch.chdir(tmp_path)
+    assert run(blank_capture, "cameras", "--method", method) == 1
+    message = capsys.readouterr().err
+    assert f"resources/weights/{file}" in message and "Apache-2.0" in message and "colmap needs no weights" in message
+
+
+def test_a_pass_in_bfloat16_is_near_that_in_float32(weights):
+    pixels = np.random.default_rng(0).random((3, 3, 42, 70), dtype=np.float32)
+    exact, rough = (Da3Network(weights, SETTINGS, "cpu", precision, 2).predict(pixels) for precision in (torch.float32, torch.bfloat16))
+    assert not np.array_equal(exact.depth, rough.depth) and np.allclose(exact.depth, rough.depth, rtol=0.1)
+    assert np.allclose(exact.encodings, rough.encodings, atol=0.05)
+
+
+def test_settings_fit_the_patches():
+    for settings in (SMALL, BASE, SETTINGS):
+        assert settings.image_px % settings.patch_px == 0 and settings.width % (4 * settings.heads) == 0
+        assert settings.layers[0] >= settings.alone and all(layer % 2 == 1 for layer in settings.layers)
