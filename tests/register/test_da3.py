@@ -1,26 +1,32 @@
 """Registration by Depth Anything 3: its geometry with a network that knows the truth, everything else with small random weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pycolmap
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
+from scipy.spatial.transform import Rotation
 
+from helpers.camera_ring import ring_camera
 from helpers.small_da3 import SETTINGS, write_weights
 from helpers.small_vggt import TrueNetwork
 from zeroshop_steps import methods
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.geometry.cameras import read_sparse_model
+from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
+from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.networks.da3.settings import BASE, SMALL
 from zeroshop_steps.networks.weights import look_up_weights
 from zeroshop_steps.register import structure
 from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.da3.refinement import gather_tracks
+from zeroshop_steps.register.da3.refinement import gather_tracks, start_from_cameras
 from zeroshop_steps.register.da3.solve import CHUNK, register
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.match_database import write_matches
+from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import fit_size, read_frames
@@ -69,7 +75,7 @@ def test_where_too_little_matches_the_networks_cameras_are_taken(carton_capture,
     expected = decode_cameras(TrueNetwork(carton_capture, frames, turn_deg=0.2, fov_error=0.002).predict(frames.pixels).encodings, frames)
     record, error = solved(carton_capture, tmp_path / "cameras", having(10), network)
     assert record["registered"] == 10 and record["refined_by"] == "none"
-    assert "matches hold 0 of 10 images, at least 8 are needed" in record["warnings"][0]
+    assert "matches connect 0 of 10 images, at least 8 are needed" in record["warnings"][0]
     assert min(record["consistency"]["depth_agreement"].values()) > 0.8 and 0.0 < error.rotation_deg.max() < 0.5
     for ours, theirs in zip(read_sparse_model(tmp_path / "cameras/sparse").cameras, expected, strict=True):
         assert np.allclose(ours.camera_from_world, theirs.camera_from_world) and np.allclose(ours.intrinsics, theirs.intrinsics)
@@ -95,6 +101,51 @@ def test_tracks_are_what_matches_connect_in_three_images(blank_capture, tmp_path
     tracks = gather_tracks(database, image_set.names)
     assert tracks.seen[:4].T.astype(int).tolist() == [[1, 1, 1, 1], [1, 1, 1, 0]] and not tracks.seen[4:].any()
     assert tracks.xy[:4].tolist() == [[[0, 0], [10, 0]], [[0, 1], [10, 1]], [[0, 2], [10, 2]], [[0, 3], [0, 0]]]
+
+
+@pytest.fixture(scope="module")
+def matched(tmp_path_factory):
+    """Ten cameras around 300 points, blank pictures of them, and a database of the points' matches."""
+    folder, rng = tmp_path_factory.mktemp("matched"), np.random.default_rng(0)
+    cameras = [ring_camera(index, 10, 400.0, (35.0, 15.0), (0.0, 0.0, 0.0), 400.0, (320, 240)) for index in range(10)]
+    points = rng.uniform(-60, 60, (300, 3))
+    for camera in cameras:
+        write_image(folder / "images" / camera.name, np.full((240, 320, 3), int(camera.name[:6]), np.uint8))
+    keypoints = [camera.project(points)[0] + 0.2 * rng.normal(size=(300, 2)) for camera in cameras]
+    every = np.arange(300)
+    pairs = {(one, other): (every, every) for one in range(10) for other in range(one + 1, 10) if (other - one) % 10 in (1, 2, 8, 9)}
+    image_set = read_image_set(folder)
+    write_matches(folder / "database.db", image_set, keypoints, pairs, 3, 0)
+    return image_set, cameras, folder / "database.db"
+
+
+def moved(cameras: list[Camera], turn_deg: float) -> list[Camera]:
+    """The cameras, turned at random about axes through the world's origin."""
+    turns = Rotation.from_rotvec(np.radians(turn_deg) * np.random.default_rng(1).normal(size=(len(cameras), 3)) / np.sqrt(3)).as_matrix()
+    poses = [camera.camera_from_world.copy() for camera in cameras]
+    for pose, turn in zip(poses, turns, strict=True):
+        pose[:3, :3] = pose[:3, :3] @ turn
+    return [replace(camera, camera_from_world=pose) for camera, pose in zip(cameras, poses, strict=True)]
+
+
+def test_a_camera_on_the_wrong_side_is_placed_by_the_others(matched):
+    image_set, cameras, database = matched
+    rough = moved(cameras, 5.0)
+    rough[3] = replace(rough[3], camera_from_world=cameras[8].camera_from_world)
+    assert compare_cameras(rough, cameras).centre_mm.max() > 100
+    model = start_from_cameras(rough, image_set, Da3Options(), database)
+    found = [
+        replace(camera, camera_from_world=np.vstack([model.find_image_with_name(camera.name).cam_from_world().matrix(), [0, 0, 0, 1]]))
+        for camera in cameras
+    ]
+    assert model.num_reg_images() == 10 and compare_cameras(found, cameras).centre_mm.max() < 1.0
+
+
+def test_cameras_that_plenty_of_matches_contradict_are_refused(matched):
+    image_set, cameras, database = matched
+    shuffled = [replace(camera, camera_from_world=cameras[7 * index % 10].camera_from_world) for index, camera in enumerate(cameras)]
+    with pytest.raises(RegistrationFailed, match="matches connect 10 of 10 images, but the network's cameras fit them in"):
+        start_from_cameras(shuffled, image_set, Da3Options(), database)
 
 
 @pytest.mark.parametrize(("size_px", "expected"), [((1000, 750), (504, 378)), ((750, 1000), (378, 504)), ((640, 640), (504, 504))])

@@ -16,5 +16,5 @@ def test_random_weights_end_in_a_verdict(snakemake, tmp_path):
     assert run.returncode == 0, run.stdout
     record = read_json(tmp_path / CELL / "cameras/registration.json")
     assert record["status"] == "failed" and record["method"] == "da3" and record["images"] == 9 and record["refined_by"] == "none"
-    assert record["reason"].startswith("matches hold 0 of 9 images, at least 8 are needed; and other views confirm only")
+    assert record["reason"].startswith("matches connect 0 of 9 images, at least 8 are needed; and other views confirm only")
     assert record["parameters"]["colmap"]["sift"]["max_features"] == 4000 and record["predicted_peak_gb"] > 0

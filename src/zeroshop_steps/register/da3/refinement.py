@@ -11,6 +11,7 @@ from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options
 from zeroshop_steps.register.match_database import label_tracks
+from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.repair import register_again
 from zeroshop_steps.register.structure import LEAST_COMMON_SHARE
 from zeroshop_steps.register.vggt.bundle import MIN_VIEWS, adjust_cameras, drop_weak_images
@@ -21,7 +22,7 @@ MAX_TRACKS = 20_000  # for the first adjustment; triangulation takes all
 
 
 class TooFewMatches(Exception):
-    """The matches hold too few images."""
+    """The matches connect too few images."""
 
 
 def start_from_cameras(cameras: list[Camera], image_set: ImageSet, options: Da3Options, database: Path) -> pycolmap.Reconstruction:
@@ -37,7 +38,8 @@ def start_from_cameras(cameras: list[Camera], image_set: ImageSet, options: Da3O
         database: features and verified matches; what is written on the way lies beside it.
 
     Raises:
-        TooFewMatches: too few images are held by them.
+        TooFewMatches: too few images have enough matches.
+        RegistrationFailed: enough have, but the estimates do not fit them.
     """
     structure, folder = options.colmap.structure, image_set.images[0].parent
     tracks = gather_tracks(database, image_set.names)
@@ -52,7 +54,14 @@ def start_from_cameras(cameras: list[Camera], image_set: ImageSet, options: Da3O
     share = LEAST_COMMON_SHARE if structure.leave_out and not image_set.film else structure.min_share
     needed = max(structure.min_images, math.ceil(share * len(cameras)))
     if held < needed:
-        raise TooFewMatches(f"matches hold {held} of {len(cameras)} images, at least {needed} are needed")
+        rich = int((tracks.seen.sum(1) >= options.min_observations).sum())
+        if rich < needed:
+            raise TooFewMatches(f"matches connect {rich} of {len(cameras)} images, at least {needed} are needed")
+        raise RegistrationFailed(
+            f"matches connect {rich} of {len(cameras)} images, but the network's cameras fit them in {held}, at least {needed} are needed:"
+            " the network is wrong about these pictures; use the registration colmap",
+            {},
+        )
     return model
 
 

@@ -106,6 +106,8 @@ def register(
             lack = f"{few}; and "
             found = f"{few}: the cameras are the network's own, which are less exact"
             figures |= {"refined_by": "none", "warnings": [*figures.get("warnings", []), found]}
+        except RegistrationFailed as failure:
+            raise RegistrationFailed(str(failure), figures | failure.figures, failure.rejected) from None
     usable = find_usable_pixels(frames, image_set, object_only)
     try:
         return _take_cameras(cameras, frames, usable, predicted, image_set, out, options, figures, stopwatch)
