@@ -1,4 +1,4 @@
-"""Cameras by Depth Anything 3, size base: four times the parameters of `da3`, and three times its time. A run is that of `da3`."""
+"""Cameras by Depth Anything 3, size base: four times the parameters of `da3`, and 2.5 times its time. A run is that of `da3`."""
 
 import argparse
 from typing import Any
