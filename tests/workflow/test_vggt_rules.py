@@ -45,7 +45,7 @@ def test_random_weights_end_in_a_verdict_that_tables_show(snakemake, with_weight
     assert run.returncode == 0, run.stdout
     record = read_json(root / DA3_CELL / "cameras/registration.json")
     assert record["status"] == "failed" and record["refined_by"] == "none" and record["predicted_peak_gb"] > 0
-    assert record["reason"].startswith("matches connect 0 of 12 images, at least 10 are needed; and other views confirm only")
+    assert record["reason"].startswith("matches hold 0 of 12 images, at least 10 are needed; and other views confirm only")
     assert record["parameters"]["colmap"]["sift"]["max_features"] == 4000
     record = read_json(root / CELL / "cameras/registration.json")
     assert record["status"] == "failed" and "of 12 images registered, at least 10 are needed" in record["reason"]

@@ -2,11 +2,12 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.register.da3.guided_matches import RoughScene, leave_out_contradicted
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options
@@ -18,51 +19,63 @@ from zeroshop_steps.register.vggt.bundle import MIN_VIEWS, adjust_cameras, drop_
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
 LENS = "SIMPLE_RADIAL"  # as the database has it
+LEAST_STAYED = 1 / 3
+"""Of the matches, that right cameras let stay: on plain grounds, where sides that look alike match, 56 and 74 % of them are right."""
 MAX_TRACKS = 20_000  # for the first adjustment; triangulation takes all
 
 
 class TooFewMatches(Exception):
-    """The matches connect too few images."""
+    """The matches hold too few images."""
 
 
-def start_from_cameras(cameras: list[Camera], image_set: ImageSet, options: Da3Options, database: Path) -> pycolmap.Reconstruction:
-    """A model of the matches in a database, from estimates of the cameras of all images.
+def start_from_cameras(
+    scene: RoughScene, image_set: ImageSet, options: Da3Options, figures: dict[str, Any], database: Path
+) -> pycolmap.Reconstruction:
+    """A model of the matches in a database, from estimates of the cameras and depth of all images.
 
     The estimates may be off by degrees, so that matches are first laid out as tracks, and cameras adjusted under an error limit that
     shrinks. Then COLMAP triangulates all matches, and registers the images that were lost.
 
     Args:
-        cameras: in the order of the images.
+        scene: in the order of the images.
         image_set: what they show.
         options: of the method.
-        database: features and verified matches; what is written on the way lies beside it.
+        figures: the record so far; completed in place.
+        database: features and verified matches, of which those are taken out that the estimates contradict; what is written on the
+            way lies beside it.
 
     Raises:
-        TooFewMatches: too few images have enough matches.
-        RegistrationFailed: enough have, but the estimates do not fit them.
+        TooFewMatches: too few images are held by matches.
+        RegistrationFailed: the estimates contradict most matches.
     """
-    structure, folder = options.colmap.structure, image_set.images[0].parent
-    tracks = gather_tracks(database, image_set.names)
-    adjusted = adjust_cameras(cameras, tracks, LENS, options.max_error_px)
+    structure, folder, count = options.colmap.structure, image_set.images[0].parent, len(image_set.images)
+    share = LEAST_COMMON_SHARE if structure.leave_out and not image_set.film else structure.min_share
+    needed = max(structure.min_images, math.ceil(share * count))
+    rich = count_rich(gather_tracks(database, image_set.names), options)
+    total, stayed = leave_out_contradicted(database, scene)
+    figures["guided"] = {"matches": total, "stayed": stayed}
+    if rich >= needed and stayed < LEAST_STAYED * total:
+        raise RegistrationFailed(
+            f"the network's cameras contradict {1 - stayed / total:.0%} of the matches, which connect {rich} of {count} images: it is"
+            " wrong about these pictures; use the registration colmap",
+            {},
+        )
+    adjusted = adjust_cameras(scene.cameras, gather_tracks(database, image_set.names), LENS, options.max_error_px)
     adjusted = drop_weak_images(adjusted, options.min_observations, options.max_error_px)
     held = adjusted.num_reg_images()
     if held >= MIN_VIEWS and adjusted.num_points3D():
         model = triangulate(adjusted, database, folder, structure.seed)
-        if held < len(cameras):
+        if held < count:
             model = register_again(model, [], database, folder, database.parent, structure.seed)
         held = model.num_reg_images()
-    share = LEAST_COMMON_SHARE if structure.leave_out and not image_set.film else structure.min_share
-    needed = max(structure.min_images, math.ceil(share * len(cameras)))
     if held < needed:
-        rich = int((tracks.seen.sum(1) >= options.min_observations).sum())
-        if rich < needed:
-            raise TooFewMatches(f"matches connect {rich} of {len(cameras)} images, at least {needed} are needed")
-        raise RegistrationFailed(
-            f"matches connect {rich} of {len(cameras)} images, but the network's cameras fit them in {held}, at least {needed} are needed:"
-            " the network is wrong about these pictures; use the registration colmap",
-            {},
-        )
+        raise TooFewMatches(f"matches hold {held} of {count} images, at least {needed} are needed")
     return model
+
+
+def count_rich(tracks: TrackObservations, options: Da3Options) -> int:
+    """How many images see enough tracks."""
+    return int((tracks.seen.sum(1) >= options.min_observations).sum())
 
 
 def gather_tracks(database: Path, names: list[str]) -> TrackObservations:

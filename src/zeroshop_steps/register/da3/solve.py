@@ -16,6 +16,7 @@ from zeroshop_steps.networks.da3.settings import Da3Settings
 from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
 from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
+from zeroshop_steps.register.da3.guided_matches import RoughScene
 from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import TooFewMatches, start_from_cameras
@@ -99,7 +100,7 @@ def register(
     figures["refined_by"], lack = options.refine, ""
     if options.refine == "matches":
         colmap = replace(options.colmap, sift=fit_to_count(options.colmap.sift, count))
-        start = partial(start_from_cameras, cameras, image_set, options)
+        start = partial(start_from_cameras, RoughScene(cameras, frames, predicted.depth), image_set, options, figures)
         try:
             return match_and_reconstruct(image_set, out, colmap, figures, stopwatch, start)
         except TooFewMatches as few:
