@@ -13,7 +13,7 @@ class Da3Options:
         refine: "matches" refines the cameras by SIFT's matches; "none" takes them as the network says them.
         precision: of the attention: auto, float32 or bfloat16.
         max_error_px: largest reprojection error of a track after its first adjustment, per 1000 px of image width.
-        min_observations: an image with fewer points is not held by matches.
+        min_observations: an image that sees fewer tracks is not held by matches; COLMAP may still place it.
         unsure_share: of the depths of all images, the least sure ones give no points: their confidence has no unit.
         min_agreement: share of the points by depth that other views' depth must confirm, in each image.
         unrefined_px: mask rays of cameras that were not refined may miss the other masks by this much, per 1000 px of width.
@@ -23,7 +23,7 @@ class Da3Options:
     refine: str = "matches"
     precision: str = "auto"
     max_error_px: float = 4.0
-    min_observations: int = 30
+    min_observations: int = 12
     unsure_share: float = 0.4
     min_agreement: float = 0.5
     unrefined_px: float = 20.0
