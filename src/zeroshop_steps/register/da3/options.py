@@ -23,7 +23,7 @@ class Da3Options:
     refine: str = "matches"
     precision: str = "auto"
     max_error_px: float = 4.0
-    min_observations: int = 12
+    min_observations: int = 30
     unsure_share: float = 0.4
     min_agreement: float = 0.5
     unrefined_px: float = 20.0

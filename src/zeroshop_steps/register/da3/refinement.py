@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.da3.guided_matches import NearMatches, RoughScene, find_near, keep_near, refine_scene
+from zeroshop_steps.register.da3.guided_matches import NearMatches, RoughScene, find_near
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.mapping import make_mapping_options
@@ -41,8 +41,7 @@ def start_from_cameras(
         image_set: what they show.
         options: of the method.
         figures: the record so far; completed in place.
-        database: features and verified matches, of which those are taken out that the estimates contradict; what is written on the
-            way lies beside it.
+        database: features and verified matches; what is written on the way lies beside it.
 
     Raises:
         TooFewMatches: too few images are held by matches.
@@ -53,6 +52,7 @@ def start_from_cameras(
     needed = max(structure.min_images, math.ceil(share * count))
     every, near = gather_tracks(database, image_set.names), find_near(database, scene)
     rich, near_share = int((every.seen.sum(1) >= options.min_observations).sum()), measure_share(near)
+    figures["near_share"] = round(near_share, 3)
     if rich >= needed and near_share < LEAST_NEAR:
         raise RegistrationFailed(
             f"the network's cameras contradict {1 - near_share:.0%} of the matches, which connect {rich} of {count} images: it is wrong"
@@ -66,9 +66,6 @@ def start_from_cameras(
         if (held := adjusted.num_reg_images()) >= needed:
             break
     if held >= MIN_VIEWS and adjusted.num_points3D():
-        near = find_near(database, refine_scene(scene, adjusted))
-        keep_near(database, near)
-        figures["near_matches"] = {"by_network": round(near_share, 3), "by_adjusted": round(measure_share(near), 3)}
         model = triangulate(adjusted, database, folder, structure.seed)
         if held < count:
             model = register_again(model, [], database, folder, database.parent, structure.seed)
