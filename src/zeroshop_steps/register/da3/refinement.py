@@ -76,8 +76,9 @@ def start_from_cameras(
 
 
 def measure_share(near: NearMatches) -> float:
-    """The share of the matches that are near."""
-    return float(np.concatenate(list(near.values())).mean()) if near else 0.0
+    """The share of the matches that are near; 0 where there are none."""
+    total = sum(len(kept) for kept in near.values())
+    return sum(int(kept.sum()) for kept in near.values()) / max(total, 1)
 
 
 def gather_tracks(database: Path, names: list[str], kept: NearMatches | None = None) -> TrackObservations:
