@@ -37,6 +37,8 @@ def test_the_stages_have_their_methods():
         "truth",
         "aliked",
         "mast3r",
+        "da3",
+        "da3_base",
         "vggt",
         "vggt_1024",
         "vggt_4096",

@@ -12,8 +12,15 @@ from helpers.made_scene import made_scene
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.networks.mast3r.framing import load_picture
 from zeroshop_steps.register import mast3r
+from zeroshop_steps.register.colmap import ColmapOptions
+from zeroshop_steps.register.da3 import solve as da3_solve
+from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.vggt import frames, solve
+from zeroshop_steps.register.record import OBJECT_ONLY
+from zeroshop_steps.register.structure import StructureOptions
+from zeroshop_steps.register.vggt import frames
+from zeroshop_steps.register.vggt import solve as vggt_solve
+from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.runtime.errors import StepError
 
 AZIMUTHS_DEG = [40.0 * number for number in range(9)]
@@ -64,8 +71,9 @@ def test_mast3r_sees_the_turned_object_alone(turned, scene, bare, tmp_path, monk
     assert all(torch.equal(*pair) == bare for pair in zip(seen, expected, strict=True))
 
 
+@pytest.mark.parametrize("method", ["vggt", "da3"])
 @pytest.mark.parametrize(("scene", "bare"), [("video_segmented", True), ("video", False)])
-def test_vggt_sees_the_turned_object_alone(turned, scene, bare, tmp_path):
+def test_networks_of_all_images_see_the_turned_object_alone(turned, method, scene, bare, tmp_path):
     capture, on_black = turned
 
     class Network:
@@ -74,9 +82,11 @@ def test_vggt_sees_the_turned_object_alone(turned, scene, bare, tmp_path):
             assert [np.array_equal(*pair) for pair in zip(pixels, expected, strict=True)] == [bare] * len(expected)
             raise Seen
 
-    options = solve.VggtOptions(object_only=scene in solve.OBJECT_ONLY)
+    object_only = scene in OBJECT_ONLY
+    alone = Da3Options(colmap=ColmapOptions(structure=StructureOptions(object_only=object_only)))
+    options, module = {"vggt": (VggtOptions(object_only=object_only), vggt_solve), "da3": (alone, da3_solve)}[method]
     with pytest.raises(Seen):
-        solve.register(read_image_set(capture), tmp_path, options, Network(), 140, 14, {})
+        module.register(read_image_set(capture), tmp_path, options, Network(), 140, 14, {})
 
 
 def test_an_object_without_masks_is_refused(turned, tmp_path):

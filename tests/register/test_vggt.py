@@ -131,17 +131,19 @@ def test_query_views_are_apart_from_each_other():
 
 
 def test_the_memory_is_predicted_and_too_much_is_refused():
-    arguments = (VggtSettings(), 5_000_000_000)
-    assert predict_peak_bytes(*arguments, 20, (518, 392), 1024, 1) < predict_peak_bytes(*arguments, 300, (518, 392), 1024, 1)
+    def predict(count: int) -> int:
+        return predict_peak_bytes(VggtSettings(), 5_000_000_000, count, (518, 392), 1024, 1)
+
+    assert predict(20) < predict(300)
     with pytest.raises(
-        StepError, match=r"needs about .* GB for 300 images of 518 x 392 px, the cpu has 24.0 GB free; \d+ images would fit"
+        StepError, match=r"VGGT needs about .* GB for 300 images of 518 x 392 px, the cpu has 24.0 GB free; \d+ images would fit"
     ) as caught:
-        check_fits(*arguments, 300, (518, 392), 1024, 1, 24_000_000_000, "the cpu")
+        check_fits("VGGT", predict, 300, (518, 392), 24_000_000_000, "the cpu")
     fits = int(str(caught.value).split("; ")[1].split()[0])
-    check_fits(*arguments, fits, (518, 392), 1024, 1, 24_000_000_000, "the cpu")
+    check_fits("VGGT", predict, fits, (518, 392), 24_000_000_000, "the cpu")
     assert not is_result(caught.value)
     with pytest.raises(StepError, match="not even 3 images"):
-        check_fits(*arguments, 300, (518, 392), 1024, 1, 4_000_000_000, "the cpu")
+        check_fits("VGGT", predict, 300, (518, 392), 4_000_000_000, "the cpu")
 
 
 def test_the_rule_asks_for_the_memory_of_twenty_images():

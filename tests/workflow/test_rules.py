@@ -25,6 +25,8 @@ STEPS_WITH_KEYS = [
     ("register.aliked", ("register", "aliked")),
     ("register.auto", ("register", "auto")),
     ("register.mast3r", ("register", "mast3r")),
+    ("register.da3", ("register", "da3")),
+    ("register.da3_base", ("register", "da3_base")),
     ("register.vggt", ("register", "vggt")),
     ("register.vggt_1024", ("register", "vggt_1024")),
     ("register.vggt_4096", ("register", "vggt_4096")),

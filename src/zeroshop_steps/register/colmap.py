@@ -5,6 +5,7 @@ undistorted. Too few registered images, or cameras that the images contradict, a
 """
 
 import argparse
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
+
+Start = Callable[[Path], pycolmap.Reconstruction]
+"""Gives a model from a database of verified matches."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +90,18 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
         RegistrationFailed: too few images, or an inconsistent model.
     """
     stopwatch = Stopwatch()
-    count, structure = len(image_set.images), options.structure
+    count = len(image_set.images)
     options = replace(options, sift=fit_to_count(options.sift, count))
     figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": stopwatch.seconds}
     figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
+    return match_and_reconstruct(image_set, out, options, figures, stopwatch)
+
+
+def match_and_reconstruct(
+    image_set: ImageSet, out: Path, options: ColmapOptions, figures: dict[str, Any], stopwatch: Stopwatch, start: Start | None = None
+) -> dict[str, Any]:
+    """As `register`, with a record that was begun: `figures` is completed in place. `start` gives a model of the matches to begin with."""
+    structure = options.structure
     with scratch_directory(out, "colmap") as scratch:
         database = scratch / "database.db"
         mask_folder = scratch / "masks" if structure.object_only else None
@@ -117,10 +129,11 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
                 verify_without_still(database, image_set, options.sift.seed)
         figures["stretched"] = sorted(flattened)
         stopwatch.lap("stretch")
+        first = start(database) if start else None
         tested = None if pairs is None else {frozenset(Path(name).stem for name in pair) for pair in pairs}
         look_again = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
         try:
-            return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only)
+            return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
         except RegistrationFailed as error:
             if not still:
                 raise

@@ -69,10 +69,15 @@ def write_matches(
 
 def find_long_tracks(counts: list[int], matches: PairMatches, min_track: int) -> list[np.ndarray]:
     """For each image (K,) bool: the keypoints that matches connect, themselves included, to at least `min_track`."""
+    labels = label_tracks(counts, matches)
+    long = np.bincount(labels, minlength=1)[labels] >= min_track
+    return np.split(long, np.cumsum(counts)[:-1])
+
+
+def label_tracks(counts: list[int], matches: PairMatches) -> np.ndarray:
+    """For all keypoints, image after image, the number of what matches connect them to."""
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = [(start[first] + one, start[second] + other) for (first, second), (one, other) in matches.items()]
     one, other = (np.concatenate([end[side] for end in ends] or [np.zeros(0, np.int64)]) for side in (0, 1))
     graph = coo_matrix((np.ones(len(one), np.int8), (one, other)), shape=(start[-1], start[-1]))
-    labels = connected_components(graph, directed=False)[1] if start[-1] else np.zeros(0, np.int64)
-    long = np.bincount(labels, minlength=1)[labels] >= min_track
-    return [long[begin:end] for begin, end in zip(start[:-1], start[1:], strict=True)]
+    return connected_components(graph, directed=False)[1] if start[-1] else np.zeros(0, np.int64)

@@ -112,6 +112,7 @@ def reconstruct(
     stopwatch: Stopwatch,
     look_again: LookAgain | None = None,
     by_object: bool = False,
+    start: pycolmap.Reconstruction | None = None,
 ) -> dict[str, Any]:
     """Estimate cameras from the verified matches of a database and write images/, sparse/ and, where there are masks, masks/ to `out`.
 
@@ -120,6 +121,7 @@ def reconstruct(
         figures: the record so far; completed in place.
         look_again: is asked about neighbours that share almost no points, see `check_sides`.
         by_object: whether the object's features alone gave the matches, and the images have masks: then no ground tells sides apart.
+        start: a model of these matches to begin with, where there is one, instead of mapping image by image.
 
     Returns:
         The record for registration.json.
@@ -133,7 +135,7 @@ def reconstruct(
         expected = count  # a film shows one scene: frames without matches are not foreign, but missing
     needed = max(options.min_images, math.ceil(options.min_share * expected))
     mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
-    model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
+    model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper) if start is None else start
     stopwatch.lap("map")
     if model is not None:
         model, report = _settle(model, image_set, database, scratch, options, figures)

@@ -38,8 +38,7 @@ class Aggregator(nn.Module):
             made of them, then what the global block did.
         """
         frames = len(images)
-        mean, std = (torch.tensor(values, device=images.device, dtype=images.dtype)[:, None, None] for values in (COLOR_MEAN, COLOR_STD))
-        patches = self.patch_embed((images - mean) / std)
+        patches = self.patch_embed(normalise_colors(images))
         special = torch.cat([self.camera_token, self.register_token], dim=2)[0]  # of the first frame, of the others
         tokens = torch.cat([special[[0] + [1] * (frames - 1)], patches], dim=1)
         rotation = self._rotation(images.shape[2], images.shape[3], images.device)
@@ -60,3 +59,9 @@ class Aggregator(nn.Module):
         special = torch.zeros(1 + settings.registers, 2, dtype=rows.dtype, device=device)
         positions = torch.cat([special, torch.cartesian_prod(rows, columns)])
         return Rotation.of(positions, settings.width // settings.heads, ROPE_BASE)
+
+
+def normalise_colors(images: Tensor) -> Tensor:
+    """(S, 3, H, W) sRGB in 0 to 1, as DINOv2 wants it."""
+    mean, std = (torch.tensor(values, device=images.device, dtype=images.dtype)[:, None, None] for values in (COLOR_MEAN, COLOR_STD))
+    return (images - mean) / std

@@ -1,6 +1,6 @@
 """Dense prediction transformer (Ranftl et al. 2021): tokens of four depths become one map at the image's size."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -24,14 +24,14 @@ class ResidualUnit(nn.Module):
 
 
 class Fusion(nn.Module):
-    """Add a finer map to a coarser one and enlarge the sum."""
+    """Add a finer map to a coarser one and enlarge the sum; `unit` is what both go through."""
 
-    def __init__(self, features: int, coarsest: bool) -> None:
+    def __init__(self, features: int, coarsest: bool, unit: type[ResidualUnit] = ResidualUnit) -> None:
         super().__init__()
         self.out_conv = nn.Conv2d(features, features, 1)
         if not coarsest:
-            self.resConfUnit1 = ResidualUnit(features)
-        self.resConfUnit2 = ResidualUnit(features)
+            self.resConfUnit1 = unit(features)
+        self.resConfUnit2 = unit(features)
 
     def forward(self, coarse: Tensor, fine: Tensor | None, size: tuple[int, int]) -> Tensor:
         summed = coarse if fine is None else coarse + self.resConfUnit1(fine)
@@ -55,13 +55,7 @@ class Scratch(nn.Module):
     def forward(self, maps: list[Tensor]) -> Tensor:
         """Fuse four maps, finest first, to one of twice the finest's size."""
         lateral = [getattr(self, f"layer{level}_rn")(values) for level, values in enumerate(maps, start=1)]
-        fused = None
-        for level in range(len(maps), 0, -1):
-            fine = lateral.pop()
-            size = tuple(lateral[-1].shape[2:]) if lateral else (2 * fine.shape[2], 2 * fine.shape[3])
-            refine = getattr(self, f"refinenet{level}")
-            fused = refine(fine, None, size) if fused is None else refine(fused, fine, size)
-        return self.output_conv1(fused)
+        return self.output_conv1(fuse_maps(lateral, [getattr(self, f"refinenet{level}") for level in range(1, len(maps) + 1)]))
 
 
 class DptHead(nn.Module):
@@ -107,15 +101,18 @@ class DptHead(nn.Module):
         return torch.cat(maps)
 
     def _frames(self, layers: list[Tensor], size_px: tuple[int, int]) -> Tensor:
+        shrink = 1 if self.dense else 2
+        fused = resize_map(self.scratch(self._levels(layers, size_px)), (size_px[0] // shrink, size_px[1] // shrink))
+        return self.scratch.output_conv2(self._placed(fused, size_px[1] / size_px[0])) if self.dense else fused
+
+    def _levels(self, layers: list[Tensor], size_px: tuple[int, int]) -> list[Tensor]:
+        """The tokens of each layer as a map, the first four times as fine as the patches, the last half as fine."""
         grid = size_px[0] // self.patch_px, size_px[1] // self.patch_px
-        aspect = size_px[1] / size_px[0]
         maps = []
         for tokens, project, resize in zip(layers, self.projects, self.resize_layers, strict=True):
             patches = self.norm(tokens[:, -grid[0] * grid[1] :]).transpose(1, 2).unflatten(2, grid)
-            maps.append(resize(self._placed(project(patches), aspect)))
-        shrink = 1 if self.dense else 2
-        fused = resize_map(self.scratch(maps), (size_px[0] // shrink, size_px[1] // shrink))
-        return self.scratch.output_conv2(self._placed(fused, aspect)) if self.dense else fused
+            maps.append(resize(self._placed(project(patches), size_px[1] / size_px[0])))
+        return maps
 
     def _placed(self, values: Tensor, aspect: float) -> Tensor:
         """Tell a map where its pixels are."""
@@ -124,6 +121,17 @@ class DptHead(nn.Module):
             if self.dense
             else values
         )
+
+
+def fuse_maps(lateral: list[Tensor], refine: Sequence[nn.Module]) -> Tensor:
+    """Maps of equal channels, finest first, fused from the coarsest on by the `Fusion` of each; twice the finest's size."""
+    fused = None
+    for level in range(len(lateral) - 1, -1, -1):
+        fine = lateral[level]
+        size = tuple(lateral[level - 1].shape[2:]) if level else (2 * fine.shape[2], 2 * fine.shape[3])
+        fused = refine[level](fine, None, size) if fused is None else refine[level](fused, fine, size)
+    assert fused is not None, "at least one map"
+    return fused
 
 
 def resize_map(values: Tensor, size: tuple[int, int]) -> Tensor:

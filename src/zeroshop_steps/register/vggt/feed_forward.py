@@ -39,7 +39,7 @@ def build_feed_forward_model(cameras: list[Camera], points: DensePoints) -> pyco
 
 
 def check_feed_forward(
-    cameras: list[Camera], points: DensePoints, image_set: ImageSet, unexplained_px: float, min_agreement: float
+    cameras: list[Camera], points: DensePoints, image_set: ImageSet, unexplained_px: float, min_agreement: float, remedy: str
 ) -> tuple[str | None, dict[str, Any]]:
     """Why the cameras are wrong (None where depth and masks bear them out), and the figures behind that.
 
@@ -49,12 +49,12 @@ def check_feed_forward(
         image_set: the masks, if there are any.
         unexplained_px: mask rays may miss the other masks by this much, per 1000 px of width.
         min_agreement: share of an image's points that other views must confirm.
+        remedy: what to do about it, for the user.
     """
     names = [camera.name for camera in cameras]
     figures: dict[str, Any] = {"depth_agreement": dict(zip(names, np.round(points.agreement, 3).tolist(), strict=True))}
     worst = int(points.agreement.argmin())
     reason = None
-    remedy = "refine by tracks (register.vggt.refine), take more pictures in between, or use the registration colmap"
     if points.agreement[worst] < min_agreement:
         found = f"other views confirm only {points.agreement[worst]:.0%} of the depth of {names[worst]}"
         reason = f"{found}, {min_agreement:.0%} is needed; {remedy}"

@@ -11,7 +11,7 @@ from zeroshop_steps.register.image_set import ImageSet, mask_files, read_masks
 
 @dataclass(frozen=True)
 class Frames:
-    """Images scaled down to the network's width; upright ones get black at both sides, which makes them square.
+    """Images scaled down to the network's size; for some networks upright ones get black at both sides, which makes them square.
 
     Attributes:
         names: image names.
@@ -41,23 +41,23 @@ class Frames:
         return xy * self.scale + [self.left_px, 0.0] - 0.5
 
 
-def fit_size(size_px: tuple[int, int], image_px: int, patch_px: int) -> tuple[tuple[int, int], int]:
+def fit_size(size_px: tuple[int, int], image_px: int, patch_px: int, upright: bool = False) -> tuple[tuple[int, int], int]:
     """The (width, height) of an image of `size_px` for the network, and how much black goes to its left (and right).
 
-    The longer side becomes `image_px`, the other the nearest multiple of `patch_px`. The network was trained on images that
-    are wider than high, so upright ones are made square.
+    The longer side becomes `image_px`, the other the nearest multiple of `patch_px`. VGGT was trained on images that are wider than
+    high, so upright ones are made square, unless the network takes `upright` ones.
     """
     longer = max(size_px)
     width, height = (max(patch_px, patch_px * round(image_px * side / longer / patch_px)) for side in size_px)
-    return (width, height), (image_px - width) // 2 if height > width else 0
+    return (width, height), (image_px - width) // 2 if height > width and not upright else 0
 
 
-def read_frames(image_set: ImageSet, image_px: int, patch_px: int, object_only: bool = False) -> Frames:
-    """Read all images of a set, which are of equal size (`ImageSet.size_px` refuses others).
+def read_frames(image_set: ImageSet, image_px: int, patch_px: int, object_only: bool = False, upright: bool = False) -> Frames:
+    """Read all images of a set, which are of equal size (`ImageSet.size_px` refuses others); `upright` is that of `fit_size`.
 
     With `object_only` they are black outside the masks: the ground of photos in which the object was turned stood still.
     """
-    (width, height), left = fit_size(image_set.size_px, image_px, patch_px)
+    (width, height), left = fit_size(image_set.size_px, image_px, patch_px, upright)
     shrinks = width <= image_set.size_px[0]
     pixels = np.zeros((len(image_set.images), 3, height, width + 2 * left), np.float32)
     masks = mask_files(image_set) if object_only else [None] * len(image_set.images)

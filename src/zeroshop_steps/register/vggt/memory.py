@@ -1,5 +1,7 @@
 """How much memory a run will need, said before it starts."""
 
+from collections.abc import Callable
+
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.track_head import STRIDE, VOLUME_VALUES
 from zeroshop_steps.runtime.errors import StepError
@@ -33,34 +35,25 @@ def predict_peak_bytes(settings: VggtSettings, weights_bytes: int, frames: int, 
     return int(BASE_BYTES + weights_bytes + VALUE_BYTES * values)
 
 
-def check_fits(
-    settings: VggtSettings,
-    weights_bytes: int,
-    frames: int,
-    size_px: tuple[int, int],
-    points: int,
-    chunk: int,
-    available_bytes: int,
-    where: str,
-) -> int:
-    """The predicted peak in bytes; the arguments are those of `predict_peak_bytes`.
+def check_fits(name: str, predict: Callable[[int], int], frames: int, size_px: tuple[int, int], available_bytes: int, where: str) -> int:
+    """The predicted peak in bytes.
+
+    Args:
+        name: of the network, for the user.
+        predict: the most memory that a run over so many images takes.
+        frames: number of images.
+        size_px: (width, height) of what the network sees.
+        available_bytes: of memory that is free, on the device `where`.
 
     Raises:
-        StepError: it is more than `available_bytes` (of `where`); says what would fit.
+        StepError: it is more than there is; says what would fit.
     """
-    needed = predict_peak_bytes(settings, weights_bytes, frames, size_px, points, chunk)
+    needed = predict(frames)
     if needed <= available_bytes:
         return needed
-    fits = next(
-        (
-            count
-            for count in range(frames - 1, 1, -1)
-            if predict_peak_bytes(settings, weights_bytes, count, size_px, points, chunk) <= available_bytes
-        ),
-        0,
-    )
+    fits = next((count for count in range(frames - 1, 1, -1) if predict(count) <= available_bytes), 0)
     remedy = f"{fits} images would fit" if fits >= 3 else "not even 3 images would fit"
     raise StepError(
-        f"VGGT needs about {needed / 1e9:.1f} GB for {frames} images of {size_px[0]} x {size_px[1]} px, {where} has"
+        f"{name} needs about {needed / 1e9:.1f} GB for {frames} images of {size_px[0]} x {size_px[1]} px, {where} has"
         f" {available_bytes / 1e9:.1f} GB free; {remedy}. Take fewer images, or the registration colmap"
     ) from MemoryError()

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.progress import ProgressReport
 
 SIZES = ".settings.json"
+Settings = TypeVar("Settings")
 
 
 @dataclass(frozen=True)
@@ -33,16 +34,16 @@ class VggtOutput:
     confidence: np.ndarray
 
 
-def read_settings(weights: Path) -> VggtSettings:
-    """The sizes of the network: VGGT-1B's, or those in model.settings.json beside model.safetensors."""
+def read_settings(weights: Path, published: Settings) -> Settings:
+    """The sizes of the network: those published, or those in model.settings.json beside model.safetensors."""
     path = weights.with_suffix(SIZES)
     if not path.is_file():
-        return VggtSettings()
+        return published
     values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in read_json(path).items()}
     try:
-        return VggtSettings(**values)
+        return type(published)(**values)
     except TypeError as error:
-        raise StepError(f"{path} does not fit the network ({error}); delete it to use the published VGGT-1B") from None
+        raise StepError(f"{path} does not fit the network ({error}); delete it to use the published sizes") from None
 
 
 class VggtNetwork:

@@ -4,7 +4,7 @@ import argparse
 import math
 import os
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,6 +14,7 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
+from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.consistency import check_consistency
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
@@ -24,13 +25,14 @@ from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
-from zeroshop_steps.register.vggt.memory import check_fits
+from zeroshop_steps.register.vggt.memory import check_fits, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import SIZES, VggtNetwork, VggtOutput, read_settings
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.tracks import choose_query_points, choose_query_views, gather_observations
 from zeroshop_steps.runtime.files import scratch_directory
 
 CHUNK = {"cpu": 1, "cuda": 8}  # frames at a time in the dense heads: on the processor more only costs memory
+REMEDY = "refine by tracks (register.vggt.refine), take more pictures in between, or use the registration colmap"
 
 
 class CameraPredictor(Protocol):
@@ -67,11 +69,15 @@ def solve(args: argparse.Namespace, published: str) -> None:
     )
     image_set = read_image_set(args.capture)
     weights = resolve_weights(args.weights, published, SIZES)
-    settings = read_settings(weights)
+    settings = read_settings(weights, VggtSettings())
     (width, height), left = fit_size(image_set.size_px, settings.image_px, settings.patch_px)
     points = options.tracked_points if options.refine == "tracks" else 0
     size_px, free = (width + 2 * left, height), measure_free_bytes(device)
-    needed = check_fits(settings, weights.stat().st_size, len(image_set.images), size_px, points, CHUNK[device], free, f"the {device}")
+
+    def predict(count: int) -> int:
+        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, points, CHUNK[device])
+
+    needed = check_fits("VGGT", predict, len(image_set.images), size_px, free, f"the {device}")
     torch.set_num_threads(max(1, min(args.threads, os.cpu_count() or 1)))
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     network = VggtNetwork(weights, settings, device, choose_precision(args.precision, device), CHUNK[device])
@@ -180,6 +186,5 @@ def _solve_feed_forward(
     """Take the cameras as they are, with the points on which the depth of several views agrees."""
     points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
     model = build_feed_forward_model(cameras, points)
-    limits = replace(options.limits, unexplained_px=options.unrefined_px)
-    reason, consistency = check_feed_forward(cameras, points, image_set, limits.unexplained_px, options.min_agreement)
+    reason, consistency = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, REMEDY)
     return Solution(model, reason, {"consistency": consistency})

@@ -1,0 +1,131 @@
+"""From rough cameras and SIFT's matches to a model of these matches: adjusted in rounds, triangulated, completed."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.register.da3.guided_matches import NearMatches, RoughScene, find_near
+from zeroshop_steps.register.da3.options import Da3Options
+from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.mapping import make_mapping_options
+from zeroshop_steps.register.match_database import label_tracks
+from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.repair import register_again
+from zeroshop_steps.register.structure import LEAST_COMMON_SHARE
+from zeroshop_steps.register.vggt.bundle import MIN_VIEWS, adjust_cameras, drop_weak_images
+from zeroshop_steps.register.vggt.tracks import TrackObservations
+
+LENS = "SIMPLE_RADIAL"  # as the database has it
+LEAST_NEAR = 0.1
+"""Of the matches, by the network: with cameras that are off by 3 degrees half of the right ones are near, with wrong ones hardly any."""
+MAX_TRACKS = 20_000  # for the first adjustment; triangulation takes all
+
+
+class TooFewMatches(Exception):
+    """The matches hold too few images."""
+
+
+def start_from_cameras(
+    scene: RoughScene, image_set: ImageSet, options: Da3Options, figures: dict[str, Any], database: Path
+) -> pycolmap.Reconstruction:
+    """A model of the matches in a database, from estimates of the cameras and depth of all images.
+
+    The estimates may be off by degrees, so that matches are first laid out as tracks, and cameras adjusted under an error limit that
+    shrinks. Then COLMAP triangulates all matches, and registers the images that were lost.
+
+    Args:
+        scene: in the order of the images.
+        image_set: what they show.
+        options: of the method.
+        figures: the record so far; completed in place.
+        database: features and verified matches; what is written on the way lies beside it.
+
+    Raises:
+        TooFewMatches: too few images are held by matches.
+        RegistrationFailed: the estimates contradict most matches.
+    """
+    structure, folder, count = options.colmap.structure, image_set.images[0].parent, len(image_set.images)
+    share = LEAST_COMMON_SHARE if structure.leave_out and not image_set.film else structure.min_share
+    needed = max(structure.min_images, math.ceil(share * count))
+    every, near = gather_tracks(database, image_set.names), find_near(database, scene)
+    rich, near_share = int((every.seen.sum(1) >= options.min_observations).sum()), measure_share(near)
+    figures["near_share"] = round(near_share, 3)
+    if rich >= needed and near_share < LEAST_NEAR:
+        raise RegistrationFailed(
+            f"the network's cameras contradict {1 - near_share:.0%} of the matches, which connect {rich} of {count} images: it is wrong"
+            " about these pictures; use the registration colmap",
+            {},
+        )
+    # Wrong matches are fewer among the near ones; but where cameras are very rough, right ones are, too.
+    for tracks in (gather_tracks(database, image_set.names, near), every):
+        adjusted = adjust_cameras(scene.cameras, tracks, LENS, options.max_error_px)
+        adjusted = drop_weak_images(adjusted, options.min_observations, options.max_error_px)
+        if (held := adjusted.num_reg_images()) >= needed:
+            break
+    if held >= MIN_VIEWS and adjusted.num_points3D():
+        model = triangulate(adjusted, database, folder, structure.seed)
+        if held < count:
+            model = register_again(model, [], database, folder, database.parent, structure.seed)
+        held = model.num_reg_images()
+    if held < needed:
+        raise TooFewMatches(f"matches hold {held} of {count} images, at least {needed} are needed")
+    return model
+
+
+def measure_share(near: NearMatches) -> float:
+    """The share of the matches that are near; 0 where there are none."""
+    total = sum(len(kept) for kept in near.values())
+    return sum(int(kept.sum()) for kept in near.values()) / max(total, 1)
+
+
+def gather_tracks(database: Path, names: list[str], kept: NearMatches | None = None) -> TrackObservations:
+    """What verified matches, or the `kept` ones, connect in at least three images.
+
+    Where they connect two places of one image, that image does not see it.
+    """
+    with pycolmap.Database.open(database) as opened:
+        number = {opened.read_image_with_name(name).image_id: index for index, name in enumerate(names)}
+        keypoints = [opened.read_keypoints(image_id)[:, :2].astype(np.float64).reshape(-1, 2) for image_id in number]
+        matches = {}
+        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
+            ends = pycolmap.pair_id_to_image_pair(pair_id)
+            inliers = geometry.inlier_matches if kept is None else geometry.inlier_matches[kept[ends]]
+            if len(inliers):
+                matches[number[ends[0]], number[ends[1]]] = (inliers[:, 0], inliers[:, 1])
+    counts = [len(points) for points in keypoints]
+    track, view = label_tracks(counts, matches), np.repeat(np.arange(len(names)), counts)
+    places, which, times = np.unique(track.astype(np.int64) * len(names) + view, return_inverse=True, return_counts=True)
+    once = np.flatnonzero(times[which] == 1)
+    views = np.bincount(places[times == 1] // len(names), minlength=1)
+    long = np.flatnonzero(views >= MIN_VIEWS)
+    long = long[np.unique(np.linspace(0, max(len(long) - 1, 0), min(MAX_TRACKS, len(long))).astype(int))]
+    column = np.full(len(views), -1)
+    column[long] = np.arange(len(long))
+    seen = np.zeros((len(names), len(long)), bool)
+    xy = np.zeros((*seen.shape, 2))
+    once = once[column[track[once]] >= 0]
+    at = view[once], column[track[once]]
+    seen[at], xy[at] = True, np.concatenate(keypoints)[once]
+    return TrackObservations(xy, seen, np.zeros((len(long), 3), np.uint8))
+
+
+def triangulate(adjusted: pycolmap.Reconstruction, database: Path, images: Path, seed: int) -> pycolmap.Reconstruction:
+    """The poses and the lens of a model, with points from all matches of a database; the lens is refined with them."""
+    lens = adjusted.cameras[1]
+    poses = {image.name: image.cam_from_world() for image in adjusted.images.values() if image.has_pose}
+    model = pycolmap.Reconstruction()
+    with pycolmap.Database.open(database) as opened:
+        for camera in opened.read_all_cameras():
+            camera.params = lens.params
+            model.add_camera_with_trivial_rig(camera)
+        for image in opened.read_all_images():
+            if image.name in poses:
+                keypoints = opened.read_keypoints(image.image_id)[:, :2].astype(np.float64)
+                copy = pycolmap.Image(name=image.name, keypoints=keypoints, camera_id=image.camera_id, image_id=image.image_id)
+                model.add_image_with_trivial_frame(copy, poses[image.name])
+    found = database.parent / "triangulated"
+    found.mkdir(exist_ok=True)
+    return pycolmap.triangulate_points(model, database, images, found, options=make_mapping_options(MIN_VIEWS, seed))

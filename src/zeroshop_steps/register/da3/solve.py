@@ -1,0 +1,143 @@
+"""From images to a registration: predict; refine by matches, or take what confident depths confirm; check; undistort."""
+
+import argparse
+import os
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pycolmap
+import torch
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.networks.da3.settings import Da3Settings
+from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
+from zeroshop_steps.networks.weights import resolve_weights
+from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
+from zeroshop_steps.register.da3.guided_matches import RoughScene
+from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
+from zeroshop_steps.register.da3.options import Da3Options
+from zeroshop_steps.register.da3.refinement import TooFewMatches, start_from_cameras
+from zeroshop_steps.register.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, write_registration
+from zeroshop_steps.register.sift import SiftOptions, fit_to_count
+from zeroshop_steps.register.structure import Stopwatch, read_structure_options
+from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
+from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
+from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
+from zeroshop_steps.register.vggt.memory import check_fits
+from zeroshop_steps.register.vggt.network import SIZES, VggtOutput, read_settings
+
+CHUNK = {"cpu": 1, "cuda": 8}  # images at a time in the head: on the processor more only costs memory
+REMEDY = "take more pictures in between, or put the object on a strongly textured surface"
+REFINE = "refine by matches (register.da3.refine), or "
+
+
+class CameraPredictor(Protocol):
+    """What the network does for a registration."""
+
+    def predict(self, pixels: np.ndarray) -> VggtOutput: ...
+
+
+def solve(args: argparse.Namespace, published: str, size: Da3Settings) -> None:
+    """Write the cameras folder of the command line's arguments."""
+    device = choose_device(args.device)
+    sift = SiftOptions(max_features=args.max_features, seed=args.seed, threads=args.threads)
+    options = Da3Options(refine=args.refine, precision=args.precision, colmap=ColmapOptions(sift, read_structure_options(args)))
+    image_set = read_image_set(args.capture)
+    weights = resolve_weights(args.weights, published, SIZES)
+    settings = read_settings(weights, size)
+    size_px, _ = fit_size(image_set.size_px, settings.image_px, settings.patch_px, upright=True)
+
+    def predict(count: int) -> int:
+        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, CHUNK[device])
+
+    free = measure_free_bytes(device)
+    needed = check_fits("Depth Anything 3", predict, len(image_set.images), size_px, free, f"the {device}")
+    torch.set_num_threads(max(1, min(args.threads, os.cpu_count() or 1)))
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR
+    network = Da3Network(weights, settings, device, choose_precision(args.precision, device), CHUNK[device])
+    figures = {"device": device, "precision": str(network.precision).removeprefix("torch."), "predicted_peak_gb": round(needed / 1e9, 2)}
+    write_registration(
+        args.out,
+        lambda folder: register(image_set, folder, options, network, settings.image_px, settings.patch_px, figures),
+    )
+
+
+def register(
+    image_set: ImageSet, out: Path, options: Da3Options, network: CameraPredictor, image_px: int, patch_px: int, known: dict[str, Any]
+) -> dict[str, Any]:
+    """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`.
+
+    Args:
+        image_set: what to register.
+        out: folder to fill.
+        options: see `Da3Options`.
+        network: predicts cameras and depth.
+        image_px, patch_px: longer side of what it sees, and what both sides are multiples of.
+        known: figures of the device, for the record.
+
+    Returns:
+        The record for registration.json.
+
+    Raises:
+        RegistrationFailed: no cameras, too few, or cameras that the images contradict.
+    """
+    stopwatch, count = Stopwatch(), len(image_set.images)
+    figures: dict[str, Any] = {"method": "da3", "images": count, "registered": 0, **known, "seconds": stopwatch.seconds}
+    figures |= {"parameters": asdict(options), "versions": {"torch": torch.__version__, "pycolmap": pycolmap.__version__}}
+    object_only = options.colmap.structure.object_only
+    frames = read_frames(image_set, image_px, patch_px, object_only, upright=True)
+    predicted = network.predict(frames.pixels)
+    stopwatch.lap("predict")
+    try:
+        cameras = decode_cameras(predicted.encodings, frames)
+    except RegistrationFailed as failure:
+        raise RegistrationFailed(str(failure), figures) from None
+    figures["refined_by"], lack = options.refine, ""
+    if options.refine == "matches":
+        colmap = replace(options.colmap, sift=fit_to_count(options.colmap.sift, count))
+        start = partial(start_from_cameras, RoughScene(cameras, frames, predicted.depth), image_set, options, figures)
+        try:
+            return match_and_reconstruct(image_set, out, colmap, figures, stopwatch, start)
+        except TooFewMatches as few:
+            lack = f"{few}; and "
+            found = f"{few}: the cameras are the network's own, which are less exact"
+            figures |= {"refined_by": "none", "warnings": [*figures.get("warnings", []), found]}
+        except RegistrationFailed as failure:
+            raise RegistrationFailed(str(failure), figures | failure.figures, failure.rejected) from None
+    usable = find_usable_pixels(frames, image_set, object_only)
+    try:
+        return _take_cameras(cameras, frames, usable, predicted, image_set, out, options, figures, stopwatch)
+    except RegistrationFailed as failure:
+        raise RegistrationFailed(f"{lack}{failure}", figures, failure.rejected) from None
+
+
+def _take_cameras(
+    cameras: list[Camera],
+    frames: Frames,
+    usable: np.ndarray,
+    predicted: VggtOutput,
+    image_set: ImageSet,
+    out: Path,
+    options: Da3Options,
+    figures: dict[str, Any],
+    stopwatch: Stopwatch,
+) -> dict[str, Any]:
+    """Write the cameras as they are, with the points on which the surer depths of several views agree."""
+    known = predicted.confidence[usable & np.isfinite(predicted.confidence)]
+    least = np.quantile(known, options.unsure_share) if known.size else np.inf
+    points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= least))
+    model = build_feed_forward_model(cameras, points)
+    remedy = REMEDY if options.refine == "matches" else REFINE + REMEDY
+    reason, figures["consistency"] = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, remedy)
+    pinhole_model = undistort(model, image_set, out)
+    figures |= describe_lenses(model) | describe_model(pinhole_model)
+    stopwatch.lap("depth")
+    stopwatch.stop()
+    if reason:
+        raise RegistrationFailed(reason, figures, pinhole_model)
+    return figures
