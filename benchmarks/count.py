@@ -23,10 +23,9 @@ def blended_samples(scene, view) -> int:
     if scene.title == "2dgs":
         splats, boxes, lists, _ = surfel_render._draw(arrays, 0, view)
         return _count_surfels(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
-    rows, boxes, lists, _, _ = voxel_render._draw(*arrays, scene.octree, 0, view)
-    pairs = view.tile_octants
+    rows, boxes, camera, pairs, lists = voxel_render._list_voxels(*arrays, scene.octree, 0, view)
     return _count_voxels(
-        rows, boxes, view.camera, pairs.tiles, pairs.octants, lists.pairs, lists.starts, lists.voxel_of, view.tile_shape[1]
+        rows, boxes, camera, pairs.tiles, pairs.octants, lists.pairs, lists.starts, lists.voxel_of, pairs.index.shape[1]
     )  # fmt: skip
 
 

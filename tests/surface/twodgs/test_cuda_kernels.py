@@ -1,14 +1,10 @@
 """The CUDA kernels: in Numba's simulator against the float64 twin, and on a device, where there is one, against the CPU's."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import torch
 
-from helpers import simulated_cuda
+from helpers.simulated_cuda import SURFEL_TENSORS, simulate
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
@@ -42,17 +38,14 @@ def measure_error(found: np.ndarray, expected: np.ndarray) -> float:
 @pytest.mark.slow
 def test_the_simulated_kernels_match_the_float64_twin(tmp_path):
     view = make_view()
-    given = dict(zip(simulated_cuda.NAMES, make_scene(0), strict=True))
+    given = dict(zip(SURFEL_TENSORS, make_scene(0), strict=True))
     scalars = {"size_px": (WIDTH_PX, HEIGHT_PX), "near": view.near, "depth_map": view.depth_map}
-    np.savez(tmp_path / "in.npz", camera=view.camera, tile_active=view.tile_active, **given, **scalars)
-    words = [sys.executable, simulated_cuda.__file__, str(tmp_path / "in.npz"), str(tmp_path / "out.npz")]
-    subprocess.run(words, env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}, check=True, timeout=500)
-    found = np.load(tmp_path / "out.npz")
+    found = simulate("surfels", tmp_path, camera=view.camera, tile_active=view.tile_active, **given, **scalars)
     decided = found["decided"]
     assert decided.mean() > 0.9 and found["expected"][7].max() > 0.9, "most pixels must be compared, and the scene must show something"
     for plane, (mine, expected) in enumerate(zip(found["image"], found["expected"], strict=True)):
         assert measure_error(mine[decided], expected[decided]) < 1e-4, f"plane {plane}"
-    for name in simulated_cuda.NAMES:
+    for name in SURFEL_TENSORS:
         assert measure_error(found[f"gradient_{name}"], found[f"expected_{name}"]) < 1e-4, f"gradient of {name}"
 
 

@@ -8,6 +8,7 @@ import torch
 
 from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import has_normal, image_losses, normal_mismatch, normals_from_depth
+from zeroshop_steps.surface.svraster.blending import make_blending
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.render import Rendering, RenderView, render
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
@@ -60,6 +61,7 @@ class VoxelTrainer(Trainer[Voxels, Rendering, VoxelSettings]):
 
     def __init__(self, model: Voxels, views: ViewPyramid, initialization: Initialization, settings: VoxelSettings) -> None:
         super().__init__(model, views, initialization, settings)
+        self.blending = make_blending(settings.device)
         self.reset_meter()
 
     def reset_meter(self) -> None:
@@ -71,7 +73,8 @@ class VoxelTrainer(Trainer[Voxels, Rendering, VoxelSettings]):
 
     def render(self, index: int, degree: int) -> Rendering:
         v = self.model
-        return render(v.octree, v.densities, torch.cat([v.sh_constant, v.sh_rest], dim=1), degree, self.render_views[index])
+        sh = torch.cat([v.sh_constant, v.sh_rest], dim=1)
+        return render(v.octree, v.densities, sh, degree, self.render_views[index], self.blending)
 
     def view_loss(self, rendering: Rendering, view: TrainingView, with_normals: bool) -> dict[str, torch.Tensor]:
         return view_loss(rendering, view, self.settings, with_normals)
