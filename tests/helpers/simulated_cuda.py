@@ -39,22 +39,23 @@ def compare(names: tuple[str, ...], given: dict[str, np.ndarray], mine, twin) ->
 
 
 def surfels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Surfels of a view."""
-    from zeroshop_steps.surface.twodgs.blending import make_blending
+    """Surfels of a view, and a short training of others."""
+    from helpers import few_surfels
     from zeroshop_steps.surface.twodgs.reference import render_reference
     from zeroshop_steps.surface.twodgs.render import RenderView, render
+    from zeroshop_steps.surface.twodgs.renderers import make_renderer
 
     width_px, height_px = (int(value) for value in given["size_px"])
     view = RenderView(given["camera"], width_px, height_px, given["tile_active"], float(given["near"]), tuple(given["depth_map"].tolist()))
 
     def mine(tensors: list[torch.Tensor]) -> torch.Tensor:
-        r = render(*tensors, 3, view, distortion=True, blending=make_blending("cuda"))
+        r = render(*tensors, 3, view, distortion=True, renderer=make_renderer("cuda"))
         return torch.cat([r.color, r.depth[None], r.normal, r.alpha[None], r.median_depth[None], r.distortion[None]])
 
     def twin(tensors: list[torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
         return render_reference(*tensors, 3, torch.tensor(view.camera), width_px, height_px, view.near, view.depth_map)
 
-    return compare(SURFEL_TENSORS, given, mine, twin)
+    return compare(SURFEL_TENSORS, given, mine, twin) | {f"trained_{name}": value for name, value in few_surfels.train("cuda").items()}
 
 
 def voxels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -62,6 +62,6 @@ def add_training_arguments(parser: ArgumentParser, product: str, iterations: int
     parser.add_argument("--sh-degree", type=int, default=sh_degree, choices=range(4), help="spherical-harmonics degree of the colour")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
-    parser.add_argument("--device", choices=DEVICES, default="cpu", help="where primitives are blended (default: %(default)s)")
+    parser.add_argument("--device", choices=DEVICES, default="cpu", help="where the kernels run (default: %(default)s)")
     parser.add_argument("--checkpoint-every", type=int, default=100, help="iterations between checkpoints")
     parser.add_argument("--resume", action="store_true", help="continue from a checkpoint made with the same settings")
