@@ -105,7 +105,8 @@ def _in_camera(positions, quaternions, i, camera, p, rotation, tangents):
     return inverse, (tangents[2, 0] * p[0] + tangents[2, 1] * p[1] + tangents[2, 2] * p[2]) / p[2]
 
 
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=_REORDERED)
+# Inlined by Numba, not by LLVM: within the loop, the compiler knows that the arrays do not overlap, and a third of the time is saved.
+@numba.njit(inline="always", error_model="numpy", fastmath=_REORDERED)
 def project_surfel(
     positions, log_scales, quaternions, opacity_logits, sh, i, degree, camera, width_px, height_px, near,
     p, rotation, tangents, basis, splats, outlines, boxes,
@@ -170,7 +171,7 @@ def project_forward(
             )  # fmt: skip
 
 
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=_REORDERED)
+@numba.njit(inline="always", error_model="numpy", fastmath=_REORDERED)
 def differentiate_surfel(
     positions, log_scales, quaternions, sh, i, degree, camera, splats, boxes, splat_gradients,
     p, rotation, tangents, basis, slopes, gp, gt, grotation,

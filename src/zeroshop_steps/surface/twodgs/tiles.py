@@ -82,7 +82,7 @@ def _count_slots(boxes, counts):
         counts[i] = (right - left) * (bottom - top)
 
 
-@numba.njit(cache=True, forceinline=True, error_model="numpy")
+@numba.njit(inline="always", error_model="numpy")
 def mark_splat(splats, outlines, boxes, tile_active, slot_starts, i, width_px, blocks):
     """Set the bits of the blocks that splat i meets, in active tiles; width_px: float32, that of all tiles."""
     one, zero, half_px = np.float32(1.0), np.float32(0.0), np.float32(0.5 - MARGIN_PX)
