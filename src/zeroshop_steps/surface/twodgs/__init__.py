@@ -27,6 +27,7 @@ METHOD = {
     "rules": ("train_2dgs", "fuse_2dgs"),
     "options": ("train", "fuse"),
     "mem_mb": 6000,
+    "gpu_bytes": {"primitive": 4000, "pixel": 1500},
     "runtime_min": 60,
 }
 
