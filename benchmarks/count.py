@@ -11,7 +11,7 @@ from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.tiles import octant_of, ray_direction
 from zeroshop_steps.surface.tiling import TILE_PX
 from zeroshop_steps.surface.twodgs import project as surfels
-from zeroshop_steps.surface.twodgs.render import CPU_RENDERER
+from zeroshop_steps.surface.twodgs import render as surfel_render
 
 LIGHT_MIN = 1e-4
 """Transmittance below which both optimizers end a pixel."""
@@ -20,13 +20,12 @@ LIGHT_MIN = 1e-4
 def blended_samples(scene, view) -> int:
     """Pairs of a pixel and a surfel or voxel that adds to it, in one view of a scene."""
     if scene.title == "2dgs":
-        *_, splats, boxes, lists = CPU_RENDERER.draw(scene.tensors, 0, view).kept
+        *_, splats, boxes, lists = surfel_render.CPU_RENDERER.draw(scene.tensors, 0, view).kept
         return _count_surfels(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
-    rows, boxes, camera, pairs, lists = voxel_render._list_voxels(
-        *(tensor.detach().numpy() for tensor in scene.tensors), scene.octree, 0, view
-    )
+    *_, rows, boxes, lists = voxel_render.CPU_RENDERER.draw(scene.octree, *scene.tensors, 0, view).kept
+    pairs = view.tile_octants
     return _count_voxels(
-        rows, boxes, camera, pairs.tiles, pairs.octants, lists.pairs, lists.starts, lists.voxel_of, pairs.index.shape[1]
+        rows, boxes, view.camera, pairs.tiles, pairs.octants, lists.pairs, lists.starts, lists.voxel_of, view.tile_shape[1]
     )  # fmt: skip
 
 

@@ -12,12 +12,14 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.surface.svraster import render as voxel_render
-from zeroshop_steps.surface.svraster.blending import Blending, make_blending
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference
+from zeroshop_steps.surface.svraster.renderers import Renderer as VoxelRenderer
+from zeroshop_steps.surface.svraster.renderers import make_renderer as make_voxel_renderer
 from zeroshop_steps.surface.twodgs import render as surfel_render
 from zeroshop_steps.surface.twodgs.reference import render_reference as surfel_reference
-from zeroshop_steps.surface.twodgs.renderers import Renderer, make_renderer
+from zeroshop_steps.surface.twodgs.renderers import Renderer as SurfelRenderer
+from zeroshop_steps.surface.twodgs.renderers import make_renderer as make_surfel_renderer
 from zeroshop_steps.surface.twodgs.surfels import quaternions_towards
 
 DISTANCE, RADIUS = 3.0, 0.8
@@ -52,7 +54,7 @@ class SurfelScene:
     tensors: list[torch.Tensor]
     cameras: list[Camera]
 
-    renderer: Renderer = surfel_render.CPU_RENDERER
+    renderer: SurfelRenderer = surfel_render.CPU_RENDERER
 
     title = "2dgs"
 
@@ -61,7 +63,7 @@ class SurfelScene:
 
     def on_device(self) -> "SurfelScene":
         """The same on the CUDA device."""
-        renderer = make_renderer("cuda")
+        renderer = make_surfel_renderer("cuda")
         tensors = [tensor.detach().to(renderer.device).requires_grad_() for tensor in self.tensors]
         return replace(self, tensors=tensors, renderer=renderer)
 
@@ -117,7 +119,7 @@ class VoxelScene:
     tensors: list[torch.Tensor]
     cameras: list[Camera]
 
-    blending: Blending = voxel_render.CPU_BLENDING
+    renderer: VoxelRenderer = voxel_render.CPU_RENDERER
 
     title = "svraster"
 
@@ -125,14 +127,16 @@ class VoxelScene:
         return len(self.octree)
 
     def on_device(self) -> "VoxelScene":
-        """The same, blended on the CUDA device."""
-        return replace(self, blending=make_blending("cuda"))
+        """The same on the CUDA device."""
+        renderer = make_voxel_renderer("cuda")
+        tensors = [tensor.detach().to(renderer.device).requires_grad_() for tensor in self.tensors]
+        return replace(self, tensors=tensors, renderer=renderer)
 
     def view(self, index: int) -> voxel_render.RenderView:
         return voxel_render.RenderView.from_camera(self.cameras[index])
 
     def render(self, view: voxel_render.RenderView) -> list[torch.Tensor]:
-        r = voxel_render.render(self.octree, *self.tensors, VOXEL_DEGREE, view, self.blending)
+        r = voxel_render.render(self.octree, *self.tensors, VOXEL_DEGREE, view, self.renderer)
         return [r.color, r.depth, r.normal, r.alpha]
 
     def twin(self, view: voxel_render.RenderView) -> list[torch.Tensor]:

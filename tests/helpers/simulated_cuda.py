@@ -12,6 +12,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from zeroshop_steps.surface import losses
+from zeroshop_steps.surface.ssim import DeviceDissimilarity
+
 SURFEL_TENSORS = ("positions", "log_scales", "quaternions", "opacity_logits", "sh")
 VOXEL_TENSORS = ("densities", "sh")
 
@@ -22,6 +25,11 @@ def simulate(kind: str, folder: Path, **given: object) -> dict[str, np.ndarray]:
     words = [sys.executable, __file__, kind, str(folder / "in.npz"), str(folder / "out.npz")]
     subprocess.run(words, env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}, check=True, timeout=500)
     return dict(np.load(folder / "out.npz"))
+
+
+def use_losses_of_a_device() -> None:
+    """Tensors lie in the host's memory here, so that losses would take the CPU's way, in plain Python."""
+    losses.dssim = DeviceDissimilarity.apply
 
 
 def compare(names: tuple[str, ...], given: dict[str, np.ndarray], mine, twin) -> dict[str, np.ndarray]:
@@ -40,7 +48,7 @@ def compare(names: tuple[str, ...], given: dict[str, np.ndarray], mine, twin) ->
 
 def surfels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Surfels of a view, and a short training of others."""
-    from helpers import few_surfels
+    from helpers import few_primitives
     from zeroshop_steps.surface.twodgs.reference import render_reference
     from zeroshop_steps.surface.twodgs.render import RenderView, render
     from zeroshop_steps.surface.twodgs.renderers import make_renderer
@@ -55,23 +63,24 @@ def surfels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     def twin(tensors: list[torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
         return render_reference(*tensors, 3, torch.tensor(view.camera), width_px, height_px, view.near, view.depth_map)
 
-    return compare(SURFEL_TENSORS, given, mine, twin) | {f"trained_{name}": value for name, value in few_surfels.train("cuda").items()}
+    return compare(SURFEL_TENSORS, given, mine, twin) | few_primitives.trained(few_primitives.make_surfel_trainer("cuda"))
 
 
 def voxels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Voxels of a view, and each one's largest blending weight and priority."""
+    """Voxels of a view, each one's largest blending weight and priority, and a short training of others."""
+    from helpers import few_primitives
     from zeroshop_steps.geometry.cameras import Camera
-    from zeroshop_steps.surface.svraster.blending import make_blending
     from zeroshop_steps.surface.svraster.octree import Octree
     from zeroshop_steps.surface.svraster.reference import render_reference
     from zeroshop_steps.surface.svraster.render import RenderView, render
+    from zeroshop_steps.surface.svraster.renderers import make_renderer
 
     width_px, height_px = (int(value) for value in given["size_px"])
     camera = Camera("view", width_px, height_px, given["intrinsics"], given["camera_from_world"])
     octree, view, drawn, segments = Octree(given["origins"], given["levels"]), RenderView.from_camera(camera), [], {}
 
     def mine(tensors: list[torch.Tensor]) -> torch.Tensor:
-        r = render(octree, *tensors, 3, view, make_blending("cuda"))
+        r = render(octree, *tensors, 3, view, make_renderer("cuda"))
         drawn.append(r)
         return torch.cat([r.color, r.depth[None], r.normal, *(p[None] for p in (r.alpha, r.median_depth, r.color_square, r.away))])
 
@@ -82,9 +91,11 @@ def voxels(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     left = torch.exp(-segments["thickness"].detach())
     kept["expected_priority"] = ((1 - left) * segments["thickness"].grad / left.clamp(min=1e-4)).abs().sum(1).numpy()
     kept["expected_weight"] = segments["weight"].amax(1).numpy()
+    kept |= few_primitives.trained(few_primitives.make_voxel_trainer("cuda"))
     return kept | {"priority": drawn[0].statistics.priority, "weight": drawn[0].statistics.weight}
 
 
 if __name__ == "__main__":
     name, source, out = sys.argv[1:]
+    use_losses_of_a_device()
     np.savez(out, **{"surfels": surfels, "voxels": voxels}[name](dict(np.load(source))))

@@ -4,21 +4,23 @@ import numpy as np
 import pytest
 import torch
 
+from helpers import few_primitives
 from helpers.simulated_cuda import VOXEL_TENSORS, simulate
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
-from zeroshop_steps.surface.svraster.blending import CpuBlending, CudaBlending, make_blending
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.render import RenderView, render
+from zeroshop_steps.surface.svraster.renderers import CpuRenderer, CudaRenderer, make_renderer
 
 WIDTH_PX, HEIGHT_PX = 20, 14
 
 
 def make_camera() -> Camera:
-    """It looks along an axis of the voxels, so that its rays have several octants of directions."""
-    camera_from_world = np.eye(4)
-    camera_from_world[:3, :3], camera_from_world[:3, 3] = np.eye(3)[[1, 2, 0]], [0.1, -0.05, 3.0]
+    """It looks along a plane between voxels, so that its rays have two octants of directions."""
+    camera_from_world, (c, s) = np.eye(4), (np.cos(0.5), np.sin(0.5))
+    tilted = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    camera_from_world[:3, :3], camera_from_world[:3, 3] = tilted @ np.eye(3)[[1, 2, 0]], [0.1, -0.05, 3.0]
     return Camera("view", WIDTH_PX, HEIGHT_PX, np.array([[26.0, 0, 10.6], [0, 25.0, 7.4], [0, 0, 1]]), camera_from_world)
 
 
@@ -50,24 +52,33 @@ def test_the_simulated_kernels_match_the_float64_twin(tmp_path):
         assert measure_error(found[f"gradient_{name}"], found[f"expected_{name}"]) < 1e-4, f"gradient of {name}"
     for name in ("weight", "priority"):
         assert measure_error(found[name], found[f"expected_{name}"]) < 1e-4, name
+    few_primitives.check(found, few_primitives.trained(few_primitives.make_voxel_trainer("cpu")))
+
+
+@pytest.mark.skipif(not has_cuda(), reason="Numba finds no CUDA device")
+def test_training_on_a_device_goes_as_on_the_cpu_and_gives_the_same_bytes_twice():
+    cpu, found, again = (few_primitives.trained(few_primitives.make_voxel_trainer(device)) for device in ("cpu", "cuda", "cuda"))
+    few_primitives.check(found, cpu)
+    assert all(value.tobytes() == again[name].tobytes() for name, value in found.items())
 
 
 @pytest.mark.skipif(not has_cuda(), reason="Numba finds no CUDA device")
 @pytest.mark.parametrize("seed", range(3))
 def test_the_kernels_match_the_cpu_on_a_device_and_give_the_same_bytes_twice(seed):
     results = []
-    for blending in (CpuBlending(), CudaBlending(), CudaBlending()):
+    for renderer in (CpuRenderer(), CudaRenderer(), CudaRenderer()):
         octree, *arrays = make_scene(seed)
-        tensors = [torch.tensor(array, requires_grad=True) for array in arrays]
-        r = render(octree, *tensors, 3, RenderView.from_camera(make_camera()), blending)
+        tensors = [torch.tensor(array, requires_grad=True, device=renderer.device) for array in arrays]
+        r = render(octree, *tensors, 3, RenderView.from_camera(make_camera()), renderer)
         (r.color.sum() + r.depth.sum() + r.normal.sum() + r.away.sum() + r.median_depth.sum()).backward()
-        results.append([r.color.detach().numpy(), r.depth.detach().numpy(), *(tensor.grad.numpy() for tensor in tensors)])
+        parts = [r.color, r.depth, r.statistics.priority, *(tensor.grad for tensor in tensors)]
+        results.append([part.detach().cpu().numpy() for part in parts])
     for cpu, gpu, again in zip(*results, strict=True):
         assert measure_error(gpu, cpu) < 1e-4 and gpu.tobytes() == again.tobytes()
 
 
 def test_a_device_that_is_absent_is_refused(monkeypatch):
     monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: False)
-    assert isinstance(make_blending("auto"), CpuBlending) and isinstance(make_blending("cpu"), CpuBlending)
+    assert isinstance(make_renderer("auto"), CpuRenderer) and isinstance(make_renderer("cpu"), CpuRenderer)
     with pytest.raises(StepError, match="finds no CUDA device"):
-        make_blending("cuda")
+        make_renderer("cuda")

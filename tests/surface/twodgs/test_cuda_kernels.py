@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 import torch
 
-from helpers import few_surfels
+from helpers import few_primitives
 from helpers.simulated_cuda import SURFEL_TENSORS, simulate
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
+from zeroshop_steps.surface.tiling import tiles_of
 from zeroshop_steps.surface.twodgs import project, tiles
 from zeroshop_steps.surface.twodgs.device_lists import list_slots_by_tile
 from zeroshop_steps.surface.twodgs.render import RenderView, render
 from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, make_renderer
 
-WIDTH_PX, HEIGHT_PX, SPLATS = 30, 20, 24
+WIDTH_PX, HEIGHT_PX, SPLATS = 30, 16, 24
 
 
 def make_view() -> RenderView:
@@ -50,21 +51,13 @@ def test_the_simulated_kernels_match_the_float64_twin(tmp_path):
         assert measure_error(mine[decided], expected[decided]) < 1e-4, f"plane {plane}"
     for name in SURFEL_TENSORS:
         assert measure_error(found[f"gradient_{name}"], found[f"expected_{name}"]) < 1e-4, f"gradient of {name}"
-    check_training({name.removeprefix("trained_"): value for name, value in found.items() if name.startswith("trained_")})
-
-
-def check_training(found: dict[str, np.ndarray]) -> None:
-    """The same losses, and the same surfels after densification, as on the CPU."""
-    expected = few_surfels.train("cpu")
-    assert len(expected["positions"]) > few_surfels.COUNT and np.ptp(expected["losses"]) > 0
-    for name, value in expected.items():
-        assert measure_error(found[name], value) < 1e-3, name
+    few_primitives.check(found, few_primitives.trained(few_primitives.make_surfel_trainer("cpu")))
 
 
 @pytest.mark.skipif(not has_cuda(), reason="Numba finds no CUDA device")
 def test_training_on_a_device_goes_as_on_the_cpu_and_gives_the_same_bytes_twice():
-    found, again = few_surfels.train("cuda"), few_surfels.train("cuda")
-    check_training(found)
+    cpu, found, again = (few_primitives.trained(few_primitives.make_surfel_trainer(device)) for device in ("cpu", "cuda", "cuda"))
+    few_primitives.check(found, cpu)
     assert all(value.tobytes() == again[name].tobytes() for name, value in found.items())
 
 
@@ -106,16 +99,16 @@ def test_lists_by_sorting_are_those_of_the_cpu(seed):
     arrays[0][::2, 2] = 0.5
     splats, boxes = np.zeros((SPLATS, project.SPLAT_WIDTH), np.float32), np.empty((SPLATS, 4), np.int32)
     outlines = np.empty((SPLATS, project.OUTLINE_WIDTH), np.float32)
-    project.project_forward(*arrays, 3, view.camera, WIDTH_PX, HEIGHT_PX, view.near, 1, splats, outlines, boxes)
-    tile_active = np.array([[True, True], [False, True]])
+    project.project_forward(*arrays, 3, view.camera, WIDTH_PX, 40, view.near, 1, splats, outlines, boxes)
+    tile_active = np.array([[True, True], [False, True], [True, True]])
     expected = tiles.list_splats_by_tile(splats, outlines, boxes, tile_active, 1)
     firsts, counts = expected.slot_starts[:-1], np.diff(expected.slot_starts)
     splat_of = np.repeat(np.arange(SPLATS), counts)
-    place, (left, right, top, _) = np.arange(len(splat_of)) - firsts[splat_of], np.array([tiles.tiles_of(box[None], 0) for box in boxes]).T
+    place, (left, right, top, _) = np.arange(len(splat_of)) - firsts[splat_of], np.array([tiles_of(box[None], 0) for box in boxes]).T
     across = (right - left)[splat_of]
     tile_of = (top[splat_of] + place // across) * 2 + left[splat_of] + place % across
     given = (torch.from_numpy(array.astype(np.int32)) for array in (expected.blocks, tile_of, splat_of))
-    found = list_slots_by_tile(torch.from_numpy(splats[:, project.ZC]), *given, 4)
+    found = list_slots_by_tile(torch.from_numpy(splats[:, project.ZC]), *given, tile_active.size)
     assert len(expected.splat_of) > SPLATS
     for mine, theirs in zip(found, (expected.starts, expected.splat_of, expected.slot_of), strict=True):
         assert np.array_equal(mine.numpy(), theirs)

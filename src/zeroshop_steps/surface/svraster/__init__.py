@@ -24,7 +24,7 @@ METHOD = {
     "rules": ("train_svraster", "mesh_svraster"),
     "options": ("train", "mesh"),
     "mem_mb": 6000,
-    "gpu_bytes": {"primitive": 500, "pixel": 200},
+    "gpu_bytes": {"primitive": 2000, "pixel": 1500},
     "runtime_min": 60,
 }
 

@@ -107,12 +107,12 @@ def _sum_densities(row, e0, e1, e2, tau, length, d0, d1, d2):
 
 
 @cuda.jit
-def blend_forward(rows, boxes, camera, pair_tiles, pair_octants, pixel_octants, pairs, starts, voxel_of, tiles_x, image):
-    """Draw the pairs of `list_voxels_by_tile`, one a block, into image (12, tiles_y * 16, tiles_x * 16) float32, which must hold zeros.
+def blend_forward(rows, boxes, camera, pair_tiles, pair_octants, pixel_octants, starts, voxel_of, tiles_x, image):
+    """Draw all pairs, one a block, into image (12, tiles_y * 16, tiles_x * 16) float32, which must hold zeros.
 
     pixel_octants: (tiles_y * 16, tiles_x * 16) uint8. Other arguments as in `rasterize.blend_forward`.
     """
-    pair = pairs[cuda.blockIdx.x]
+    pair = cuda.blockIdx.x
     tile, octant = pair_tiles[pair], pair_octants[pair]
     column, row = cuda.threadIdx.x, cuda.threadIdx.y
     x, y = tile % tiles_x * TILE_PX + column, tile // tiles_x * TILE_PX + row
@@ -168,14 +168,14 @@ def blend_forward(rows, boxes, camera, pair_tiles, pair_octants, pixel_octants, 
 
 @cuda.jit
 def blend_backward(
-    rows, boxes, camera, pair_tiles, pair_octants, pixel_octants, pairs, starts, voxel_of, slot_of, tiles_x, image, gradient, slots
+    rows, boxes, camera, pair_tiles, pair_octants, pixel_octants, starts, voxel_of, slot_of, tiles_x, image, gradient, slots
 ):
     """Gradients by the voxel rows of each pair, summed over its pixels, into slots (E, 16) float32, which must hold zeros.
 
     Arguments as in `rasterize_backward.blend_backward`; its docstring has the equations. The last two columns are the largest blending
     weight and the priority.
     """
-    pair = pairs[cuda.blockIdx.x]
+    pair = cuda.blockIdx.x
     tile, octant = pair_tiles[pair], pair_octants[pair]
     column, row = cuda.threadIdx.x, cuda.threadIdx.y
     x, y = tile % tiles_x * TILE_PX + column, tile // tiles_x * TILE_PX + row
@@ -250,14 +250,3 @@ def blend_backward(
         cuda.syncthreads()
         if row == 0:
             slots[slot_of[entry], column] = fold_row(parts, column, 0, G_WEIGHT)
-
-
-@cuda.jit
-def sum_slots(slots, slot_starts, out):
-    """Gather the rows (E, 16) of each voxel in out (N, 16), in order: a thread for each number."""
-    voxel, column = cuda.grid(2)
-    if voxel < out.shape[0] and column < GRADIENT_WIDTH:
-        total = ZERO
-        for slot in range(slot_starts[voxel], slot_starts[voxel + 1]):
-            total = max(total, slots[slot, column]) if column == G_WEIGHT else total + slots[slot, column]
-        out[voxel, column] = total

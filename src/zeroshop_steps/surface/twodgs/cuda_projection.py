@@ -6,9 +6,9 @@ simulator runs these kernels (NUMBA_ENABLE_CUDASIM=1 and NUMBA_DISABLE_JIT=1, be
 
 from numba import cuda, float32, float64
 
-from zeroshop_steps.surface.tiling import TILE_PX, ZERO
+from zeroshop_steps.surface.tiling import TILE_PX, ZERO, tiles_of
 from zeroshop_steps.surface.twodgs.project import SPLAT_WIDTH, differentiate_surfel, project_surfel
-from zeroshop_steps.surface.twodgs.tiles import mark_splat, tiles_of
+from zeroshop_steps.surface.twodgs.tiles import mark_splat
 
 
 @cuda.jit

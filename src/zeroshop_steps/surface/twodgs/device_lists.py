@@ -1,6 +1,8 @@
-"""The lists of `tiles` from tensors, on any device: what each tile shows, front to back, by sorting."""
+"""The lists of `tiles` from tensors, on any device."""
 
 import torch
+
+from zeroshop_steps.surface.device_lists import invert_order, sort_into_groups
 
 
 def list_slots_by_tile(
@@ -16,13 +18,8 @@ def list_slots_by_tile(
     Returns:
         starts (tiles + 1,) int64, splat_of and slot_of (I,) int32, as `tiles.TileLists` has them.
     """
-    count = max(len(depths), 1)
-    order = torch.sort(depths, stable=True).indices
-    rank = torch.empty_like(order)
-    rank[order] = torch.arange(len(order), device=order.device)
+    rank = invert_order(torch.sort(depths, stable=True).indices)
     shown = torch.nonzero(blocks).flatten()
-    # No two keys are equal, so that there is one order.
-    keys, order = torch.sort(tile_of[shown].long() * count + rank[splat_of[shown].long()])
-    starts = torch.searchsorted(keys, torch.arange(tiles + 1, device=keys.device) * count)
+    starts, order = sort_into_groups(tile_of[shown].long(), rank[splat_of[shown].long()], max(len(depths), 1), tiles)
     slot_of = shown[order]
     return starts, splat_of[slot_of], slot_of.int()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX, TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX, TILE_PX, tiles_of
 from zeroshop_steps.surface.twodgs.project import COVARIANCE, CX, CY, HALF_X, HALF_Y, LOW_PASS, MARGIN_PX, MID_X, MID_Y, ZC
 
 _FAR, _TINY = np.float32(1e30), np.float32(1e-6)
@@ -65,14 +65,6 @@ def _front_to_back(depths: np.ndarray) -> np.ndarray:
     bits = np.ascontiguousarray(depths).view(np.uint32)
     order = np.argsort(bits.astype(np.uint16), kind="stable")
     return order[np.argsort((bits >> 16).astype(np.uint16)[order], kind="stable")].astype(np.int32)
-
-
-@numba.njit(cache=True, forceinline=True)
-def tiles_of(boxes, i):
-    """First and last column and row, half open, of the tiles that box i meets."""
-    if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
-        return 0, 0, 0, 0
-    return boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1, boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1
 
 
 @numba.njit(cache=True)
