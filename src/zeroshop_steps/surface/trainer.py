@@ -38,7 +38,9 @@ class ViewPyramid:
     fine: list[TrainingView]
 
     def to(self, device: torch.device) -> "ViewPyramid":
-        """The views with their images on a device."""
+        """The views with their images on a device; these, if they are there."""
+        if all(view.color.device == device for view in (*self.coarse, *self.fine)):
+            return self
         return ViewPyramid([view.to(device) for view in self.coarse], [view.to(device) for view in self.fine])
 
 
