@@ -19,11 +19,10 @@ LIGHT_MIN = 1e-4
 
 def blended_samples(scene, view) -> int:
     """Pairs of a pixel and a surfel or voxel that adds to it, in one view of a scene."""
-    arrays = [tensor.detach().numpy() for tensor in scene.tensors]
     if scene.title == "2dgs":
-        splats, boxes, lists, _ = surfel_render._draw(arrays, 0, view)
+        *_, splats, boxes, lists = surfel_render.CPU_RENDERER.draw(scene.tensors, 0, view).kept
         return _count_surfels(splats, boxes, lists.tiles, lists.starts, lists.splat_of, view.tile_active.shape[1])
-    rows, boxes, lists, _, _ = voxel_render._draw(*arrays, scene.octree, 0, view)
+    *_, rows, boxes, lists = voxel_render.CPU_RENDERER.draw(scene.octree, *scene.tensors, 0, view).kept
     pairs = view.tile_octants
     return _count_voxels(
         rows, boxes, view.camera, pairs.tiles, pairs.octants, lists.pairs, lists.starts, lists.voxel_of, view.tile_shape[1]

@@ -4,6 +4,7 @@ Times are CPU time of one thread, the least of several repeats, for everything t
 tile lists, blending, and gradients back to the parameters. They are divided by the samples blended: pairs of a pixel and a
 primitive that adds to it. Operations of one such sample are counted by hand from the blending kernels alone:
 an addition, a multiplication and a division count one each, a fused multiply-add two; comparisons and selections none.
+Where there is a CUDA device, the same is measured there, as wall time.
 """
 
 import argparse
@@ -12,8 +13,10 @@ import os
 import numba
 import torch
 from count import blended_samples
-from measure import Clock, Company, one_against_two_threads, peak_flops_per_second, peak_memory_mb
+from measure import Clock, Company, one_against_two_threads, peak_flops_per_second, peak_memory_mb, synchronised_seconds
 from scenes import SurfelScene, VoxelScene, ball_of_surfels, ball_of_voxels, cloud_of_surfels
+
+from zeroshop_steps.surface.device_arrays import choose_kernels
 
 FLOPS = {"2dgs": (55, 115), "svraster": (185, 256)}
 """Operations of one blended sample, forward and backward."""
@@ -53,6 +56,25 @@ class Run:
         return forward, backward
 
 
+class DeviceRun(Run):
+    """The same run on the CUDA device, with the samples and gradients of the one on the CPU."""
+
+    def __init__(self, run: Run) -> None:
+        self.scene, self.views, self.samples = run.scene.on_device(), run.views, run.samples
+        self.render = self.scene.render
+        self.gradients = [gradient.to(plane.device) for gradient, plane in zip(run.gradients, self.render(self.views[0]), strict=True)]
+
+    def seconds(self, repeats: int) -> tuple[float, float]:
+        """Wall seconds forward and backward, until the device is done; the first run, which compiles, does not count."""
+        self.both()
+        forward = backward = float("inf")
+        for _ in range(repeats):
+            drawn: list[list[torch.Tensor]] = []
+            forward = min(forward, synchronised_seconds(lambda drawn=drawn: drawn.extend(self.forward())))
+            backward = min(backward, synchronised_seconds(lambda drawn=drawn: self.backward(drawn)))
+        return forward, backward
+
+
 def sizes(quick: bool) -> list[Scene]:
     if quick:
         return [ball_of_surfels("small", 300, 24), ball_of_voxels("small", 2, 16)]
@@ -86,7 +108,9 @@ def growth(quick: bool) -> list[tuple[str, Scene, Scene]]:
 COLUMNS = "{:18}{:>11}{:>9}{:>10}{:>9}{:>6}{:>6}{:>11}{:>10}{:>6}{:>9}{:>9}"
 
 
-def print_sizes(scenes: list[Scene], clock: Clock, peak: float, repeats: int) -> None:
+def print_sizes(scenes: list[Scene], clock: Clock, peak: float, repeats: int) -> list[tuple[Run, float]]:
+    """Returns the runs, and the CPU seconds of each."""
+    runs = []
     print(COLUMNS.format("", "", "", "", "ns a", "sample", "", "", "share of", "peak", "two", ""))
     names = ("primitives", "pixels", "samples", "forward", "back", "sum", "samples/s", "forward", "back", "threads", "memory")
     print(COLUMNS.format("", *names))
@@ -101,6 +125,21 @@ def print_sizes(scenes: list[Scene], clock: Clock, peak: float, repeats: int) ->
         row += [f"{value:.1f}" for value in nanoseconds] + [f"{1e-6 * run.samples / sum(seconds):.1f} M"]
         row += [f"{share:.1f} %" for share in shares] + [f"{one / two:.2f} x", "unknown" if memory is None else f"{memory:.0f} MB"]
         print(COLUMNS.format(*row), flush=True)
+        runs.append((run, sum(seconds)))
+    return runs
+
+
+def print_device(runs: list[tuple[Run, float]], repeats: int) -> None:
+    if choose_kernels("auto") != "cuda":
+        print("\nno CUDA device: Numba and PyTorch do not both find one, so nothing was measured on one")
+        return
+    print(
+        f"\non {torch.cuda.get_device_name()}: ns of wall time a sample, forward and back; how often as fast as one thread of the CPU above"
+    )
+    for run, cpu_seconds in runs:
+        seconds = DeviceRun(run).seconds(repeats)
+        forward, backward = (1e9 * s / run.samples for s in seconds)
+        print(f"  {run.scene.title:9} {run.scene.name:8}{forward:9.2f}{backward:9.2f}{cpu_seconds / sum(seconds):9.1f} x", flush=True)
 
 
 def print_growth(pairs: list[tuple[str, Scene, Scene]], clock: Clock, repeats: int) -> None:
@@ -131,7 +170,7 @@ def main() -> None:
     print(f"FP32 peak of one core, measured: {peak / 1e9:.0f} GFLOP/s; {os.cpu_count()} cores")
     print("operations of a blended sample, forward + backward: " + ", ".join(f"{k} {a} + {b}" for k, (a, b) in FLOPS.items()) + "\n")
     scenes = sizes(args.quick)
-    print_sizes(scenes, clock, peak, repeats)
+    print_device(print_sizes(scenes, clock, peak, repeats), repeats)
     print_growth(growth(args.quick), clock, repeats)
     print_twins(scenes, clock)
     waiting, others = clock.waiting_share(), company.others_cores()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numba
 import numpy as np
+import torch
 
 
 class Clock:
@@ -30,6 +31,15 @@ class Clock:
     def waiting_share(self) -> float:
         """Share of the wall time of all actions in which they did not run."""
         return max(0.0, 1.0 - self.cpu / self.wall)
+
+
+def synchronised_seconds(action: Callable[[], object]) -> float:
+    """Wall time until the CUDA device has done all that an action asks of it, and nothing else: calls only put work into its queue."""
+    torch.cuda.synchronize()
+    start = time.perf_counter()
+    action()
+    torch.cuda.synchronize()
+    return time.perf_counter() - start
 
 
 def wall_seconds(action: Callable[[], None]) -> float:

@@ -5,7 +5,7 @@ size, about 20,000 surfels or 140,000 voxels, seen in a crop of 160 x 160 pixels
 in one of 320 x 320 in the second.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -14,8 +14,12 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.surface.svraster import render as voxel_render
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.reference import render_reference as voxel_reference
+from zeroshop_steps.surface.svraster.renderers import Renderer as VoxelRenderer
+from zeroshop_steps.surface.svraster.renderers import make_renderer as make_voxel_renderer
 from zeroshop_steps.surface.twodgs import render as surfel_render
 from zeroshop_steps.surface.twodgs.reference import render_reference as surfel_reference
+from zeroshop_steps.surface.twodgs.renderers import Renderer as SurfelRenderer
+from zeroshop_steps.surface.twodgs.renderers import make_renderer as make_surfel_renderer
 from zeroshop_steps.surface.twodgs.surfels import quaternions_towards
 
 DISTANCE, RADIUS = 3.0, 0.8
@@ -50,16 +54,24 @@ class SurfelScene:
     tensors: list[torch.Tensor]
     cameras: list[Camera]
 
+    renderer: SurfelRenderer = surfel_render.CPU_RENDERER
+
     title = "2dgs"
 
     def __len__(self) -> int:
         return len(self.tensors[0])
 
+    def on_device(self) -> "SurfelScene":
+        """The same on the CUDA device."""
+        renderer = make_surfel_renderer("cuda")
+        tensors = [tensor.detach().to(renderer.device).requires_grad_() for tensor in self.tensors]
+        return replace(self, tensors=tensors, renderer=renderer)
+
     def view(self, index: int) -> surfel_render.RenderView:
         return surfel_render.RenderView.from_camera(self.cameras[index], NEAR, FAR)
 
     def render(self, view: surfel_render.RenderView) -> list[torch.Tensor]:
-        r = surfel_render.render(*self.tensors, SURFEL_DEGREE, view)
+        r = surfel_render.render(*self.tensors, SURFEL_DEGREE, view, renderer=self.renderer)
         return [r.color, r.depth, r.normal, r.alpha]
 
     def twin(self, view: surfel_render.RenderView) -> list[torch.Tensor]:
@@ -107,16 +119,24 @@ class VoxelScene:
     tensors: list[torch.Tensor]
     cameras: list[Camera]
 
+    renderer: VoxelRenderer = voxel_render.CPU_RENDERER
+
     title = "svraster"
 
     def __len__(self) -> int:
         return len(self.octree)
 
+    def on_device(self) -> "VoxelScene":
+        """The same on the CUDA device."""
+        renderer = make_voxel_renderer("cuda")
+        tensors = [tensor.detach().to(renderer.device).requires_grad_() for tensor in self.tensors]
+        return replace(self, tensors=tensors, renderer=renderer)
+
     def view(self, index: int) -> voxel_render.RenderView:
         return voxel_render.RenderView.from_camera(self.cameras[index])
 
     def render(self, view: voxel_render.RenderView) -> list[torch.Tensor]:
-        r = voxel_render.render(self.octree, *self.tensors, VOXEL_DEGREE, view)
+        r = voxel_render.render(self.octree, *self.tensors, VOXEL_DEGREE, view, self.renderer)
         return [r.color, r.depth, r.normal, r.alpha]
 
     def twin(self, view: voxel_render.RenderView) -> list[torch.Tensor]:

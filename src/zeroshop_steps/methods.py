@@ -20,6 +20,8 @@ from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.runtime.errors import StepError
 
 SOURCES = Path(__file__).parent
+CUDA_MB = 1000
+"""GPU memory of a process before it has any tensor: CUDA's context, PyTorch's and Numba's code."""
 WITHOUT_CAMERAS = "none"
 """The place of a registration in the path of a surface method that needs none."""
 
@@ -41,6 +43,8 @@ class Method:
         own_weights: its network is always the user's: a file that the config names as the method's `weights`.
         mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
         threads: the most that its rule uses.
+        gpu_bytes: what its kernels for CUDA take of the card for each "primitive", of which its options allow `count_max`, and for each
+            "pixel" of a training image; empty where it has no such kernels.
 
     Of registrations:
         true_cameras: it needs true cameras, which photos lack.
@@ -90,6 +94,7 @@ class Method:
     mem_mb: int = 4000
     runtime_min: int = 30
     threads: int = 8
+    gpu_bytes: dict[str, int] = field(default_factory=dict)
     true_cameras: bool = False
     tries: tuple[str, ...] = ()
     saliency: bool = False
@@ -120,6 +125,20 @@ class Method:
         chosen = (next(iter(values.values())) for values in self.choices.values())
         models = (f"{folder}/{name}" for folder, names in self.models.values() for name in names)
         return (*self.weights, *models, *itertools.chain.from_iterable(chosen))
+
+    def gpu_mem_mb(self, options: Mapping[str, Any]) -> int:
+        """Predicted GPU memory with these options of the config, in MB; 0 where they have it run on the processor.
+
+        A network takes about what it takes of the processor's memory. Kernels take `CUDA_MB`, and what grows with the primitives and the
+        pixels of upright images of 3:4.
+        """
+        device = options.get("device", "auto" if self.files else "cpu")
+        if device == "cpu" or not (self.files or self.gpu_bytes):
+            return 0
+        if not self.gpu_bytes:
+            return self.mem_mb
+        pixels = options["image_width_px"] ** 2 * 4 // 3
+        return CUDA_MB + -(-(self.gpu_bytes["primitive"] * options["count_max"] + self.gpu_bytes["pixel"] * pixels) // 10**6)
 
     def with_options(self, options: Mapping[str, Any]) -> "Method":
         """The method with the networks that these options of the config name, and without published weights where they name own ones."""

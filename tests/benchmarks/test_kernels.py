@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from helpers.paths import REPOSITORY
+from zeroshop_steps.surface.device_arrays import choose_kernels
 
 SCRIPT = REPOSITORY / "benchmarks" / "kernels.py"
 
@@ -18,3 +19,4 @@ def test_the_benchmark_runs() -> None:
     assert ["2dgs", "small"] in rows and ["svraster", "small"] in rows
     assert "FP32 peak" in done.stdout and "growth" in done.stdout and done.stdout.count("times faster than the twin") == 2
     assert "other processes used" in done.stdout
+    assert ("no CUDA device: Numba and PyTorch" in done.stdout) == (choose_kernels("auto") == "cpu")

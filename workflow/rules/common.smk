@@ -63,6 +63,16 @@ def per_attempt(amount):
     return lambda wildcards, attempt: amount * attempt
 
 
+def gpu_mem_of(section, needs):
+    """GPU memory in MB that a step may take whose method `needs` finds by the wildcards; 0 where the config has it run on the processor."""
+    return lambda wildcards: needs(wildcards).gpu_mem_mb(config[section].get(needs(wildcards).name) or {})
+
+
+def gpu_of(section, needs):
+    """How many GPUs such a step asks for: one or none."""
+    return lambda wildcards: int(gpu_mem_of(section, needs)(wildcards) > 0)
+
+
 def step_options(options):
     """Config keys as command line options: `max_features: 4000` becomes `--max-features 4000`. A list gives several words, null no option."""
     if options.get("weights"):  # the user's own lie where the config says, counted from the project's folder

@@ -69,7 +69,8 @@ for method in DETECTORS.values():
         resources:
             mem_mb=per_attempt(method.mem_mb),
             runtime=per_attempt(method.runtime_min),
-            gpu=int(bool(method.files)),
+            gpu=int(method.gpu_mem_mb(config["detect"].get(method.name) or {}) > 0),
+            gpu_mem_mb=method.gpu_mem_mb(config["detect"].get(method.name) or {}),
         params:
             method=method.name,
             options=step_options(config["detect"].get(method.name) or {}),

@@ -122,7 +122,8 @@ rule height:
     resources:
         mem_mb=lambda wildcards, attempt: height_needs(wildcards).mem_mb * attempt,
         runtime=lambda wildcards, attempt: height_needs(wildcards).runtime_min * attempt,
-        gpu=lambda wildcards: int(bool(height_needs(wildcards).files)),
+        gpu=gpu_of("height", height_needs),
+        gpu_mem_mb=gpu_mem_of("height", height_needs),
     params:
         method=height_method,
         options=height_options,
@@ -186,6 +187,7 @@ rule height_by_mast3r:
         mem_mb=per_attempt(HEIGHTS["mast3r"].mem_mb),
         runtime=per_attempt(HEIGHTS["mast3r"].runtime_min),
         gpu=1,
+        gpu_mem_mb=HEIGHTS["mast3r"].mem_mb,
     params:
         options=options_for_mast3r,
         weights=lambda wildcards: weights_stamp("height", "mast3r", HEIGHTS["mast3r"]),

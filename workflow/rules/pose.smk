@@ -71,7 +71,8 @@ rule estimate_poses:
     resources:
         mem_mb=of_estimator("mem_mb"),
         runtime=of_estimator("runtime_min"),
-        gpu=lambda wildcards: int(bool(ESTIMATORS[wildcards.estimator].files)),
+        gpu=gpu_of("pose", lambda wildcards: ESTIMATORS[wildcards.estimator]),
+        gpu_mem_mb=gpu_mem_of("pose", lambda wildcards: ESTIMATORS[wildcards.estimator]),
     params:
         options=estimator_options,
         weights=lambda wildcards: weights_stamp("pose", wildcards.estimator, ESTIMATORS[wildcards.estimator]),

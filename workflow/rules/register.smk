@@ -94,7 +94,8 @@ rule register:
     resources:
         mem_mb=lambda wildcards, attempt: registration_needs(wildcards).mem_mb * attempt,
         runtime=lambda wildcards, attempt: registration_needs(wildcards).runtime_min * attempt,
-        gpu=lambda wildcards: int(bool(registration_needs(wildcards).files)),
+        gpu=gpu_of("register", registration_needs),
+        gpu_mem_mb=gpu_mem_of("register", registration_needs),
     params:
         options=registration_options,
         scene=registered_scene,

@@ -99,7 +99,8 @@ rule capture_object:
     resources:
         mem_mb=lambda wildcards, attempt: attempt * mask_needs(wildcards).mem_mb,
         runtime=per_attempt(60),
-        gpu=lambda wildcards: int(bool(mask_needs(wildcards).files)),
+        gpu=gpu_of("segment", mask_needs),
+        gpu_mem_mb=gpu_mem_of("segment", mask_needs),
     params:
         options=network_options,
         weights=segmentation_weights,
@@ -127,7 +128,8 @@ rule segment:
     resources:
         mem_mb=lambda wildcards, attempt: attempt * mask_needs(wildcards).mem_mb,
         runtime=per_attempt(60),
-        gpu=lambda wildcards: int(bool(mask_needs(wildcards).files)),
+        gpu=gpu_of("segment", mask_needs),
+        gpu_mem_mb=gpu_mem_of("segment", mask_needs),
     params:
         method=segmentation_method,
         options=segmentation_options,

@@ -110,11 +110,13 @@ for method in itertools.chain(*map(ways_of, map(surface_method, SURFACES))):
             f"{folder}/benchmarks/{logs[0]}.tsv"
         wildcard_constraints:
             registration=(methods.WITHOUT_CAMERAS if not method.registration else WITH_CAMERAS if method.cameras_optional else "[^/]+"),
-        threads: method.threads
+        # On a GPU, two cores feed it, and the others are left for what goes on beside it.
+        threads: min(method.threads, 2) if surface_section(method, 0).get("device") == "cuda" else method.threads
         resources:
             mem_mb=per_attempt(method.mem_mb),
             runtime=per_attempt(method.runtime_min),
-            gpu=int(bool(method.files)),
+            gpu=int(method.gpu_mem_mb(surface_section(method, 0)) > 0),
+            gpu_mem_mb=method.gpu_mem_mb(surface_section(method, 0)),
         params:
             method=method.step.partition(".")[2],
             inputs=lambda wildcards, input: " ".join(f"--{name} {path}" for name, path in input.items()),

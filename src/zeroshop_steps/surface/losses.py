@@ -79,8 +79,8 @@ def normals_from_depth(depth: torch.Tensor, fx: float, fy: float, cx: float, cy:
         (3, H, W) unit normals in the camera frame, facing the camera; zero on the outermost pixels.
     """
     height, width = depth.shape
-    x = (torch.arange(width, dtype=depth.dtype) + 0.5 - cx) / fx
-    y = (torch.arange(height, dtype=depth.dtype) + 0.5 - cy) / fy
+    x = (torch.arange(width, dtype=depth.dtype, device=depth.device) + 0.5 - cx) / fx
+    y = (torch.arange(height, dtype=depth.dtype, device=depth.device) + 0.5 - cy) / fy
     points = torch.stack([x[None, :] * depth, y[:, None] * depth, depth])
     across = points[:, 1:-1, 2:] - points[:, 1:-1, :-2]
     down = points[:, 2:, 1:-1] - points[:, :-2, 1:-1]

@@ -43,16 +43,16 @@ class PassLight:
         coefficients: (P, 9, 3) of passes 2 to P + 1 and the three colour channels.
     """
 
-    def __init__(self, later_passes: int) -> None:
-        self.coefficients = torch.zeros(later_passes, 9, 3)
+    def __init__(self, later_passes: int, device: torch.device | str = "cpu") -> None:
+        self.coefficients = torch.zeros(later_passes, 9, 3, device=device)
         # Least squares, a channel each: what the views have said so far, the latest most.
-        self.products = torch.zeros(later_passes, 3, 9, 9)
-        self.targets = torch.zeros(later_passes, 3, 9)
+        self.products = torch.zeros(later_passes, 3, 9, 9, device=device)
+        self.targets = torch.zeros(later_passes, 3, 9, device=device)
 
     @classmethod
     def for_views(cls, views: list[TrainingView]) -> "PassLight":
         """The same light in all passes, to begin with."""
-        return cls(max((view.pass_number for view in views), default=1) - 1)
+        return cls(max((view.pass_number for view in views), default=1) - 1, views[0].color.device if views else "cpu")
 
     def learn(self, rendering: RenderedImages, view: TrainingView) -> None:
         """Fit the light better to one more view; the first pass says nothing of it."""
@@ -72,7 +72,7 @@ class PassLight:
         weighted = weights[:, None] * basis
         self.products[which] = MEMORY * self.products[which] + weighted @ basis.T
         self.targets[which] = MEMORY * self.targets[which] + (weighted @ ratio[..., None])[..., 0]
-        ridged = self.products[which] + CAUTION * torch.eye(9)
+        ridged = self.products[which] + CAUTION * torch.eye(9, device=basis.device)
         self.coefficients[which] = torch.linalg.solve(ridged, self.targets[which]).T
 
     def relight(self, rendering: RenderedImages, view: TrainingView) -> TrainingView:
@@ -90,13 +90,15 @@ class PassLight:
 
     def restore(self, content: dict[str, torch.Tensor]) -> None:
         """Take back what `state` gave."""
-        self.coefficients, self.products, self.targets = (content[key].clone() for key in ("coefficients", "products", "targets"))
+        device = self.coefficients.device
+        kept = (content[key].clone().to(device) for key in ("coefficients", "products", "targets"))
+        self.coefficients, self.products, self.targets = kept
 
 
 def _find_basis(rendering: RenderedImages, view: TrainingView, stride_px: int = 1) -> tuple[torch.Tensor, torch.Tensor]:
     """Of every so many pixels of every so many rows: (K,) bool whether its normal is known, and the (9, K) basis there."""
     part = (..., slice(None, None, stride_px), slice(None, None, stride_px))
     solid = (view.active[part] & (rendering.alpha.detach()[part] > SOLID_ALPHA)).flatten()
-    world_from_camera = torch.from_numpy(view.camera.camera_from_world[:3, :3].T.astype(np.float32))
+    world_from_camera = torch.from_numpy(view.camera.camera_from_world[:3, :3].T.astype(np.float32)).to(solid.device)
     normals = world_from_camera @ rendering.normal.detach()[part].flatten(1)
     return solid, light_basis(normals / (normals * normals).sum(0).clamp(min=1e-12).sqrt())

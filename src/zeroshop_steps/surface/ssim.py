@@ -1,11 +1,11 @@
-"""Structural similarity (SSIM; Wang et al. 2004): a readable version in PyTorch, and a fast one with its gradient on the CPU.
+"""Structural similarity (SSIM; Wang et al. 2004): a readable version in PyTorch, and fast ones with their gradient.
 
 In plain PyTorch, SSIM took half of the loss's time. The gradient of the mean similarity by the image x, with target t and
 Gaussian window G, is
 
     G * (dS/dmu_x) + 2 x (G * dS/ds_xx) + t (G * dS/ds_xt),   s_xx = G * x^2,  s_xt = G * x t,
 
-so three more blurs give it exactly. `ssim_map` is what the tests hold `dssim` to.
+so three more blurs give it exactly. `ssim_map` is what the tests hold `dssim` to. On the CPU, kernels do all of it; on a device, PyTorch.
 """
 
 from typing import Any
@@ -23,20 +23,28 @@ def gaussian_window(size_px: int = 11, sigma_px: float = 1.5) -> torch.Tensor:
     return window / window.sum()
 
 
-def _blur_reference(images: torch.Tensor, window: torch.Tensor) -> torch.Tensor:
+def blur(images: torch.Tensor, window: torch.Tensor) -> torch.Tensor:
     count = len(images)
     kernel = window.to(images)
     half = len(kernel) // 2
-    rows = F.conv2d(images[None], kernel.expand(count, 1, 1, -1), padding=(0, half), groups=count)
-    return F.conv2d(rows, kernel[:, None].expand(count, 1, -1, 1), padding=(half, 0), groups=count)[0]
+    # cuDNN would compute in TF32, whose ten bits the variances, differences of nearly equal numbers, do not survive.
+    with torch.backends.cudnn.flags(enabled=False):
+        rows = F.conv2d(images[None], kernel.expand(count, 1, 1, -1), padding=(0, half), groups=count)
+        return F.conv2d(rows, kernel[:, None].expand(count, 1, -1, 1), padding=(half, 0), groups=count)[0]
 
 
 def ssim_map(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
     """Structural similarity of two (C, H, W) images in [0, 1] as a (C, H, W) map (Wang et al. 2004; 11 px, sigma 1.5 px)."""
     window = gaussian_window()
     channels = len(image)
-    blurred = _blur_reference(torch.cat([image, target, image * image, target * target, image * target]), window)
-    mean_i, mean_t, square_i, square_t, product = blurred.split(channels)
+    blurred = blur(torch.cat([image, image * image, image * target, target, target * target]), window)
+    return _similarity_of(*blurred.split(channels))
+
+
+def _similarity_of(
+    mean_i: torch.Tensor, square_i: torch.Tensor, product: torch.Tensor, mean_t: torch.Tensor, square_t: torch.Tensor
+) -> torch.Tensor:
+    """Similarity of each pixel, from the blurs of image, its square, the product with the target, the target and its square."""
     variance_i, variance_t = square_i - mean_i * mean_i, square_t - mean_t * mean_t
     covariance = product - mean_i * mean_t
     c1, c2 = 0.01**2, 0.03**2
@@ -122,6 +130,27 @@ class _Dissimilarity(torch.autograd.Function):
         return torch.from_numpy(-float(gradient) * (by_mean + _TWO * x * by_square + t * by_product)), None, None
 
 
+class DeviceDissimilarity(torch.autograd.Function):
+    """`dssim` in PyTorch, on any device. Its gradient is made of blurs, too: a convolution's own might add in any order."""
+
+    @staticmethod
+    def forward(context: Any, image: torch.Tensor, target: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+        x, channels, window = image.detach(), len(image), gaussian_window()
+        blurred = blur(torch.cat([x, x * x, x * target, target, target * target]), window)
+        with torch.enable_grad():
+            by_image = blurred[: 3 * channels].requires_grad_()
+            total = ((1 - _similarity_of(*by_image.split(channels), *blurred[3 * channels :].split(channels))) * weight).sum()
+            (partials,) = torch.autograd.grad(total, by_image)
+        context.kept = (x, target, partials, window)
+        return total.detach()
+
+    @staticmethod
+    def backward(context: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
+        x, target, partials, window = context.kept
+        by_mean, by_square, by_product = blur(partials, window).split(len(x))
+        return gradient * (by_mean + 2 * x * by_square + target * by_product), None, None
+
+
 def dssim(image: torch.Tensor, target: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
     """Sum of weight * (1 - SSIM) over (C, H, W) images in [0, 1]; weight: (H, W) float32. Only `image` gets a gradient."""
-    return _Dissimilarity.apply(image, target, weight)
+    return (_Dissimilarity if image.is_cpu else DeviceDissimilarity).apply(image, target, weight)

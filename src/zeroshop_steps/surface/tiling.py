@@ -5,6 +5,7 @@ called lanes. The values of a block (transmittance, colour and so on) lie as pla
 that the compiler can prove that loads and stores do not overlap.
 """
 
+import numba
 import numpy as np
 
 TILE_PX = 16
@@ -34,3 +35,11 @@ def find_active_tiles(active: np.ndarray) -> np.ndarray:
     padded = np.zeros((-(-height // TILE_PX) * TILE_PX, -(-width // TILE_PX) * TILE_PX), bool)
     padded[:height, :width] = active
     return np.asarray(padded.reshape(padded.shape[0] // TILE_PX, TILE_PX, padded.shape[1] // TILE_PX, TILE_PX).any(axis=(1, 3)))
+
+
+@numba.njit(cache=True, forceinline=True)
+def tiles_of(boxes, i):
+    """First and last column and row, half open, of the tiles that row i of boxes (N, 4), x0, x1, y0, y1 in pixels, meets."""
+    if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
+        return 0, 0, 0, 0
+    return boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1, boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1

@@ -1,6 +1,7 @@
 """The training loop that the optimizers share: one view an iteration, coarse images first, checkpoints, the curve of the loss."""
 
 import io
+import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,13 +37,21 @@ class ViewPyramid:
     coarse: list[TrainingView]
     fine: list[TrainingView]
 
+    def to(self, device: torch.device) -> "ViewPyramid":
+        """The views with their images on a device; these, if they are there."""
+        if all(view.color.device == device for view in (*self.coarse, *self.fine)):
+            return self
+        return ViewPyramid([view.to(device) for view in self.coarse], [view.to(device) for view in self.fine])
+
 
 def find_depth_targets(view: TrainingView, initialization: Initialization) -> tuple[torch.Tensor, torch.Tensor]:
-    """(K,) flat pixel indices of a view, and (K,) the depths that were known there before training."""
+    """(K,) flat pixel indices of a view, and (K,) the depths that were known there before training, on the view's device."""
+    device = view.color.device
     k, rays = view.camera.intrinsics, initialization.confirmed_rays[view.camera.name]
     x = np.floor(rays[:, 0] * k[0, 0] + k[0, 2]).astype(int).clip(0, view.camera.width_px - 1)
     y = np.floor(rays[:, 1] * k[1, 1] + k[1, 2]).astype(int).clip(0, view.camera.height_px - 1)
-    return torch.from_numpy(y * view.camera.width_px + x), torch.from_numpy(initialization.confirmed_depths[view.camera.name])
+    depths = torch.from_numpy(initialization.confirmed_depths[view.camera.name])
+    return torch.from_numpy(y * view.camera.width_px + x).to(device), depths.to(device)
 
 
 class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
@@ -61,7 +70,17 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
     learning_rates: dict[str, float]
     betas: tuple[float, float] = (0.9, 0.999)
 
-    def __init__(self, model: ModelT, views: ViewPyramid, initialization: Initialization, settings: SettingsT) -> None:
+    def __init__(
+        self, model: ModelT, views: ViewPyramid, initialization: Initialization, settings: SettingsT, device: torch.device | None = None
+    ) -> None:
+        if device is not None and device.type == "cuda":
+            # As on the CPU, the same inputs give the same bytes: sums in one order. What PyTorch cannot do so, it says.
+            os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+            torch.use_deterministic_algorithms(True, warn_only=True)
+        self.device = device or torch.device("cpu")
+        for name, tensor in model.tensors().items():
+            setattr(model, name, tensor.to(self.device))
+        views = views.to(self.device)
         self.model, self.optimizer = model, ResizableAdam(model, self.learning_rates, self.betas)
         self.pyramid, self.initialization, self.settings = views, initialization, settings
         self.pass_light = PassLight.for_views(views.fine)
@@ -116,7 +135,7 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
         terms = self.view_loss(rendering, view, share >= settings.normal_from_share)
         pixels, depths = self.depth_targets[index]
         # Stereo's depths are dense, and each weighs the same. Sparse points are few: their mean counts, as in Sun et al. 2025.
-        total = view.active.sum() if settings.initialization == "stereo" else torch.tensor(len(pixels))
+        total = view.active.sum() if settings.initialization == "stereo" else torch.tensor(len(pixels), device=pixels.device)
         terms["depth"] = settings.lambda_depth * depth_loss(rendering, pixels, depths, total)
         return terms
 
@@ -194,7 +213,7 @@ class Trainer(ABC, Generic[ModelT, RenderingT, SettingsT]):
     ) -> Self | None:
         """The run saved in `path`, or None when it belongs to other inputs or settings."""
         try:
-            content = torch.load(path, weights_only=True)
+            content = torch.load(path, weights_only=True, map_location="cpu")
         except Exception as error:
             raise StepError(f"checkpoint {path} is damaged ({type(error).__name__}); delete it and train again") from None
         if content["settings"] != vars(settings) or content["identity"] != identity:

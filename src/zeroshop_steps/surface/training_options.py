@@ -7,6 +7,8 @@ from typing import Any
 
 INITIALIZATIONS = ("stereo", "sparse")
 """What training starts from: the depths that stereo has confirmed, or nothing but the registration's sparse points, as in the papers."""
+DEVICES = ("auto", "cpu", "cuda")
+"""Where the kernels run; auto is cuda where there is such a device."""
 
 
 class TrainingSettings:
@@ -20,6 +22,7 @@ class TrainingSettings:
         lambda_depth: weight of the depths that are known before training: those that stereo has confirmed, or of the sparse points.
         normal_from_share: when the loss begins to compare normals.
         coarse_share: when training changes from the coarse images to the fine ones.
+        device: where the kernels run, one of `DEVICES`.
     """
 
     iterations: int
@@ -29,6 +32,7 @@ class TrainingSettings:
     lambda_depth: float
     normal_from_share: float
     coarse_share: float
+    device: str
 
 
 def add_setting_arguments(parser: ArgumentParser, settings: type[TrainingSettings], options: dict[str, str]) -> None:
@@ -42,7 +46,7 @@ def add_setting_arguments(parser: ArgumentParser, settings: type[TrainingSetting
 
 def chosen_settings(args: Namespace, options: dict[str, str]) -> dict[str, Any]:
     """The settings that the command line gives: the shared ones, and those of `add_setting_arguments`."""
-    shared = ("iterations", "sh_degree", "seed", "initialization")
+    shared = ("iterations", "sh_degree", "seed", "initialization", "device")
     values = {name: getattr(args, name) for name in (*shared, *options)}
     return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
 
@@ -58,5 +62,6 @@ def add_training_arguments(parser: ArgumentParser, product: str, iterations: int
     parser.add_argument("--sh-degree", type=int, default=sh_degree, choices=range(4), help="spherical-harmonics degree of the colour")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--device", choices=DEVICES, default="cpu", help="where the kernels run (default: %(default)s)")
     parser.add_argument("--checkpoint-every", type=int, default=100, help="iterations between checkpoints")
     parser.add_argument("--resume", action="store_true", help="continue from a checkpoint made with the same settings")

@@ -1,6 +1,6 @@
 """Training views: registered images with their masks, resized and cropped to the pixels that matter."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -40,6 +40,12 @@ class TrainingView:
     def counted(self) -> torch.Tensor:
         """(H, W) how much each pixel counts in the loss: 0 or 1, or in between where the mask is not sure."""
         return self.active if self.confidence is None else self.active * self.confidence
+
+    def to(self, device: torch.device) -> "TrainingView":
+        """The view with its images on a device."""
+        confidence = None if self.confidence is None else self.confidence.to(device)
+        color, mask, active = (image.to(device) for image in (self.color, self.mask, self.active))
+        return replace(self, color=color, mask=mask, active=active, confidence=confidence)
 
     def find_possible(self) -> np.ndarray:
         """(H, W) bool: the pixels that may show the object, at least in part."""

@@ -61,7 +61,7 @@ def test_no_view_goes_unasked_before_voxels_are_dropped(ball: tuple) -> None:
     views, _ = ball
     trainer = trainer_for(views, iterations=100)
     trainer.run(3)
-    seen = np.zeros(len(trainer.model), bool)
+    seen = torch.zeros(len(trainer.model), dtype=torch.bool)
     for index in set(range(len(views))) - trainer.rendered_views:
         rendering = trainer.render(index, 0)
         rendering.alpha.sum().backward()

@@ -1,21 +1,21 @@
 """The CUDA kernels: in Numba's simulator against the float64 twin, and on a device, where there is one, against the CPU's."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import torch
 
-from helpers import simulated_cuda
+from helpers import few_primitives
+from helpers.simulated_cuda import SURFEL_TENSORS, simulate
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
-from zeroshop_steps.surface.twodgs.blending import CpuBlending, CudaBlending, make_blending
+from zeroshop_steps.surface.tiling import tiles_of
+from zeroshop_steps.surface.twodgs import project, tiles
+from zeroshop_steps.surface.twodgs.device_lists import list_slots_by_tile
 from zeroshop_steps.surface.twodgs.render import RenderView, render
+from zeroshop_steps.surface.twodgs.renderers import CpuRenderer, CudaRenderer, make_renderer
 
-WIDTH_PX, HEIGHT_PX, SPLATS = 30, 20, 24
+WIDTH_PX, HEIGHT_PX, SPLATS = 30, 16, 24
 
 
 def make_view() -> RenderView:
@@ -42,37 +42,73 @@ def measure_error(found: np.ndarray, expected: np.ndarray) -> float:
 @pytest.mark.slow
 def test_the_simulated_kernels_match_the_float64_twin(tmp_path):
     view = make_view()
-    given = dict(zip(simulated_cuda.NAMES, make_scene(0), strict=True))
+    given = dict(zip(SURFEL_TENSORS, make_scene(0), strict=True))
     scalars = {"size_px": (WIDTH_PX, HEIGHT_PX), "near": view.near, "depth_map": view.depth_map}
-    np.savez(tmp_path / "in.npz", camera=view.camera, tile_active=view.tile_active, **given, **scalars)
-    words = [sys.executable, simulated_cuda.__file__, str(tmp_path / "in.npz"), str(tmp_path / "out.npz")]
-    subprocess.run(words, env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}, check=True, timeout=500)
-    found = np.load(tmp_path / "out.npz")
+    found = simulate("surfels", tmp_path, camera=view.camera, tile_active=view.tile_active, **given, **scalars)
     decided = found["decided"]
     assert decided.mean() > 0.9 and found["expected"][7].max() > 0.9, "most pixels must be compared, and the scene must show something"
     for plane, (mine, expected) in enumerate(zip(found["image"], found["expected"], strict=True)):
         assert measure_error(mine[decided], expected[decided]) < 1e-4, f"plane {plane}"
-    for name in simulated_cuda.NAMES:
+    for name in SURFEL_TENSORS:
         assert measure_error(found[f"gradient_{name}"], found[f"expected_{name}"]) < 1e-4, f"gradient of {name}"
+    few_primitives.check(found, few_primitives.trained(few_primitives.make_surfel_trainer("cpu")))
+
+
+@pytest.mark.skipif(not has_cuda(), reason="Numba finds no CUDA device")
+def test_training_on_a_device_goes_as_on_the_cpu_and_gives_the_same_bytes_twice():
+    cpu, found, again = (few_primitives.trained(few_primitives.make_surfel_trainer(device)) for device in ("cpu", "cuda", "cuda"))
+    few_primitives.check(found, cpu)
+    assert all(value.tobytes() == again[name].tobytes() for name, value in found.items())
 
 
 @pytest.mark.skipif(not has_cuda(), reason="Numba finds no CUDA device")
 @pytest.mark.parametrize("seed", range(3))
 def test_the_kernels_match_the_cpu_on_a_device_and_give_the_same_bytes_twice(seed):
     results = []
-    for blending in (CpuBlending(), CudaBlending(), CudaBlending()):
-        tensors = [torch.tensor(array, requires_grad=True) for array in make_scene(seed)]
-        r = render(*tensors, 3, make_view(), distortion=True, blending=blending)
+    for renderer in (CpuRenderer(), CudaRenderer(), CudaRenderer()):
+        tensors = [torch.tensor(array, requires_grad=True, device=renderer.device) for array in make_scene(seed)]
+        r = render(*tensors, 3, make_view(), distortion=True, renderer=renderer)
         (r.color.sum() + r.depth.sum() + r.normal.sum() + r.distortion.sum()).backward()
-        results.append([r.color.detach().numpy(), r.depth.detach().numpy(), *(tensor.grad.numpy() for tensor in tensors)])
+        parts = [r.color, r.depth, r.statistics.centre_gradient, *(tensor.grad for tensor in tensors)]
+        results.append([part.detach().cpu().numpy() for part in parts])
     for cpu, gpu, again in zip(*results, strict=True):
         assert measure_error(gpu, cpu) < 1e-4 and gpu.tobytes() == again.tobytes()
 
 
 def test_a_device_that_is_absent_or_unknown_is_refused(monkeypatch):
     monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: False)
-    assert isinstance(make_blending("auto"), CpuBlending) and isinstance(make_blending("cpu"), CpuBlending)
+    assert isinstance(make_renderer("auto"), CpuRenderer) and isinstance(make_renderer("cpu"), CpuRenderer)
     with pytest.raises(StepError, match="finds no CUDA device"):
-        make_blending("cuda")
+        make_renderer("cuda")
     with pytest.raises(StepError, match="expected cpu, cuda or auto"):
-        make_blending("gpu")
+        make_renderer("gpu")
+
+
+def test_a_device_that_only_the_kernels_find_is_refused(monkeypatch):
+    monkeypatch.setattr("zeroshop_steps.runtime.kernel_devices.has_cuda", lambda: True)
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    assert isinstance(make_renderer("auto"), CpuRenderer)
+    with pytest.raises(StepError, match="PyTorch does not"):
+        make_renderer("cuda")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lists_by_sorting_are_those_of_the_cpu(seed):
+    """Half of the surfels lie at equal depths, where their number decides."""
+    view, arrays = make_view(), make_scene(seed)
+    arrays[0][::2, 2] = 0.5
+    splats, boxes = np.zeros((SPLATS, project.SPLAT_WIDTH), np.float32), np.empty((SPLATS, 4), np.int32)
+    outlines = np.empty((SPLATS, project.OUTLINE_WIDTH), np.float32)
+    project.project_forward(*arrays, 3, view.camera, WIDTH_PX, 40, view.near, 1, splats, outlines, boxes)
+    tile_active = np.array([[True, True], [False, True], [True, True]])
+    expected = tiles.list_splats_by_tile(splats, outlines, boxes, tile_active, 1)
+    firsts, counts = expected.slot_starts[:-1], np.diff(expected.slot_starts)
+    splat_of = np.repeat(np.arange(SPLATS), counts)
+    place, (left, right, top, _) = np.arange(len(splat_of)) - firsts[splat_of], np.array([tiles_of(box[None], 0) for box in boxes]).T
+    across = (right - left)[splat_of]
+    tile_of = (top[splat_of] + place // across) * 2 + left[splat_of] + place % across
+    given = (torch.from_numpy(array.astype(np.int32)) for array in (expected.blocks, tile_of, splat_of))
+    found = list_slots_by_tile(torch.from_numpy(splats[:, project.ZC]), *given, tile_active.size)
+    assert len(expected.splat_of) > SPLATS
+    for mine, theirs in zip(found, (expected.starts, expected.splat_of, expected.slot_of), strict=True):
+        assert np.array_equal(mine.numpy(), theirs)

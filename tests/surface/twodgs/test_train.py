@@ -1,5 +1,6 @@
 """Training and fusion on a small ball with a checkered surface, drawn without the renderer under test."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.surface.fuse import fuse_depth_maps, render_depth
 from zeroshop_steps.surface.losses import has_normal, normals_from_depth
 from zeroshop_steps.surface.silhouettes import fit_to_masks
-from zeroshop_steps.surface.ssim import dssim, ssim_map
+from zeroshop_steps.surface.ssim import DeviceDissimilarity, dssim, ssim_map
 from zeroshop_steps.surface.trainer import ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
@@ -136,14 +137,15 @@ def test_ssim_is_one_for_equal_images_and_falls_with_noise() -> None:
     assert much < little < 1.0
 
 
+@pytest.mark.parametrize("fast_dssim", [dssim, DeviceDissimilarity.apply])
 @pytest.mark.parametrize("shape", [(3, 40, 50), (1, 7, 9), (3, 33, 16)])
-def test_fast_dissimilarity_matches_its_twin(shape: tuple[int, int, int]) -> None:
+def test_fast_dissimilarity_matches_its_twin(shape: tuple[int, int, int], fast_dssim: Callable) -> None:
     generator = torch.Generator().manual_seed(2)
     image, target = torch.rand(shape, generator=generator), torch.rand(shape, generator=generator)
     target[:, :5] = image[:, :5] * 0.9
     weight = (torch.rand(shape[1:], generator=generator) > 0.3).float()
     fast, slow = image.clone().requires_grad_(), image.double().requires_grad_()
-    loss = dssim(fast, target, weight)
+    loss = fast_dssim(fast, target, weight)
     twin = ((1 - ssim_map(slow, target.double())) * weight).sum()
     (3.0 * loss).backward()
     (3.0 * twin).backward()

@@ -1,55 +1,16 @@
-"""The renderer as one differentiable PyTorch operation over the CPU kernels."""
+"""The renderer as one differentiable PyTorch operation over the kernels."""
 
 from dataclasses import dataclass
 from typing import Any
 
-import numba
-import numpy as np
 import torch
 
-from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.surface.svraster import project, rasterize, rasterize_backward, tiles
+from zeroshop_steps.surface.svraster import rasterize
 from zeroshop_steps.surface.svraster.octree import Octree
-from zeroshop_steps.surface.tiling import TILE_PX
-from zeroshop_steps.surface.training_views import TrainingView
+from zeroshop_steps.surface.svraster.render_view import RenderView
+from zeroshop_steps.surface.svraster.renderers import CpuRenderer, Renderer
 
-NEAR = 0.05
-"""Depth before which nothing is drawn, in normalized units."""
-
-
-@dataclass(frozen=True)
-class RenderView:
-    """What the kernels need to know of a camera.
-
-    Attributes:
-        camera: (16,) float64: rotation (9) and translation (3) of camera_from_world, then fx, fy, cx, cy in pixels.
-        width_px, height_px: image size.
-        tile_shape: rows and columns of tiles.
-        tile_octants: the tiles to draw, one for each octant of their rays.
-        near: depth before which nothing is drawn.
-    """
-
-    camera: np.ndarray
-    width_px: int
-    height_px: int
-    tile_shape: tuple[int, int]
-    tile_octants: tiles.TileOctants
-    near: float
-
-    @staticmethod
-    def from_camera(camera: Camera, tile_active: np.ndarray | None = None, near: float = NEAR) -> "RenderView":
-        """A view of a pinhole camera; all tiles are drawn when `tile_active` (tiles_y, tiles_x) is None."""
-        if tile_active is None:
-            tile_active = np.ones((-(-camera.height_px // TILE_PX), -(-camera.width_px // TILE_PX)), bool)
-        tile_octants = tiles.TileOctants.from_camera(camera.row, tile_active)
-        return RenderView(camera.row, camera.width_px, camera.height_px, tile_active.shape, tile_octants, near)
-
-    @staticmethod
-    def from_training_view(view: TrainingView) -> "RenderView":
-        """A training view."""
-        return RenderView.from_camera(view.camera, view.tile_active)
-
-
+CPU_RENDERER = CpuRenderer()
 PARTS: tuple[int | slice, ...] = (slice(0, 3), 3, slice(4, 7), 7, 8, 9, 10)
 """Planes of the image that make up the parts of a `Rendering`, in its order."""
 
@@ -88,62 +49,35 @@ class VoxelStatistics:
     """
 
     def __init__(self, count: int) -> None:
-        self.weight, self.priority = np.zeros(count, np.float32), np.zeros(count, np.float32)
+        self.weight, self.priority = torch.zeros(2, count)
 
 
 class _Blend(torch.autograd.Function):
     @staticmethod
     def forward(
-        context: Any, densities: torch.Tensor, sh: torch.Tensor, octree: Octree, degree: int, view: RenderView, statistics: VoxelStatistics
-    ) -> tuple[torch.Tensor, ...]:
-        arrays = [tensor.detach().contiguous().numpy() for tensor in (densities, sh)]
-        drawn = _draw(arrays[0], arrays[1], octree, degree, view)
-        context.kept = (arrays, octree, degree, view, statistics, *drawn)
+        context: Any, densities: torch.Tensor, sh: torch.Tensor, octree: Octree, degree: int, view: RenderView, statistics: VoxelStatistics,
+        renderer: Renderer,
+    ) -> tuple[torch.Tensor, ...]:  # fmt: skip
+        drawn = renderer.draw(octree, densities, sh, degree, view)
+        context.kept = (drawn, view, statistics, renderer)
         context.set_materialize_grads(False)
-        planes = torch.from_numpy(drawn[3][:, : view.height_px, : view.width_px])
+        planes = drawn.image[:, : view.height_px, : view.width_px]
         return tuple(planes[part] for part in PARTS)
 
     @staticmethod
     def backward(context: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
-        (densities, sh), octree, degree, view, statistics, rows, _, lists, image, blocks = context.kept
-        gradient = np.zeros((rasterize.GRAD_PLANES, *image.shape[1:]), np.float32)
+        drawn, view, statistics, renderer = context.kept
+        gradient = drawn.image.new_zeros((rasterize.GRAD_PLANES, *drawn.image.shape[1:]))
         for part, by_part in zip(PARTS, gradients, strict=True):
             if by_part is not None:
-                gradient[part][..., : view.height_px, : view.width_px] = by_part.numpy()
-        workers = numba.get_num_threads()
-        by_row, seen = np.empty((len(octree), project.GRADIENT_WIDTH), np.float32), np.empty(len(octree), np.bool_)
-        rasterize_backward.blend_backward(
-            rows, view.camera, view.tile_octants.tiles, view.tile_octants.octants, lists.pairs, lists.starts, lists.voxel_of, lists.slot_of,
-            lists.slot_starts, view.tile_shape[1], workers, image, blocks, gradient, by_row, seen,
-        )  # fmt: skip
-        by_corner, by_sh = np.zeros((len(octree), 8), np.float32), np.zeros_like(sh)
-        project.project_backward(octree.centres, degree, view.camera, workers, rows, seen, by_row, by_corner, by_sh)
-        by_density = np.empty_like(densities)
-        project.gather_corners(*octree.corner_uses, by_corner.ravel(), by_density)
-        statistics.weight, statistics.priority = by_row[:, project.G_WEIGHT], by_row[:, project.G_PRIORITY]
-        return torch.from_numpy(by_density), torch.from_numpy(by_sh), None, None, None, None
+                gradient[part][..., : view.height_px, : view.width_px] = by_part
+        by_density, by_sh, statistics.weight, statistics.priority = renderer.differentiate(drawn, gradient)
+        return by_density, by_sh, None, None, None, None, None
 
 
-def _draw(densities: np.ndarray, sh: np.ndarray, octree: Octree, degree: int, view: RenderView) -> tuple:
-    """Voxel rows, boxes, pair lists, the padded (12, H, W) image of a view, and the blocks that each list entry is seen in."""
-    workers = numba.get_num_threads()
-    rows, boxes = np.empty((len(octree), project.ROW_WIDTH), np.float32), np.empty((len(octree), 4), np.int32)
-    project.project_forward(
-        octree.centres, octree.sizes, octree.corners, densities, sh, degree,
-        view.camera, view.width_px, view.height_px, view.near, workers, rows, boxes,
-    )  # fmt: skip
-    lists = tiles.list_voxels_by_tile(view.tile_octants, octree.orders, boxes)
-    tiles_y, tiles_x = view.tile_shape
-    image = np.zeros((rasterize.OUT_PLANES, tiles_y * TILE_PX, tiles_x * TILE_PX), np.float32)
-    blocks = np.empty(len(lists.voxel_of), np.uint16)
-    rasterize.blend_forward(
-        rows, boxes, view.camera, view.tile_octants.tiles, view.tile_octants.octants, lists.pairs, lists.starts, lists.voxel_of,
-        lists.slot_of, tiles_x, workers, image, blocks,
-    )  # fmt: skip
-    return rows, boxes, lists, image, blocks
-
-
-def render(octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: int, view: RenderView) -> Rendering:
+def render(
+    octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: int, view: RenderView, renderer: Renderer = CPU_RENDERER
+) -> Rendering:
     """Render voxels, differentiably.
 
     Args:
@@ -152,8 +86,9 @@ def render(octree: Octree, densities: torch.Tensor, sh: torch.Tensor, degree: in
         sh: (N, K, 3) spherical-harmonics coefficients of each leaf; those above `degree` are unused.
         degree: 0 to 3, with (degree + 1)^2 at most K.
         view: camera and tiles.
+        renderer: what draws them; its device is that of the tensors.
     """
     statistics = VoxelStatistics(len(octree))
-    parts = _Blend.apply(densities, sh, octree, degree, view, statistics)
+    parts = _Blend.apply(densities, sh, octree, degree, view, statistics, renderer)
     color, depth, normal, alpha, median_depth, color_square, away = parts
     return Rendering(color, depth, normal, alpha, median_depth, color_square, away, statistics)

@@ -52,3 +52,4 @@ class VoxelSettings(TrainingSettings):
     level_start: int = 6
     level_max: int = 8
     count_max: int = 70_000
+    device: str = "cpu"

@@ -11,12 +11,12 @@ from zeroshop_steps.surface.svraster.voxels import Voxels
 class VoxelMeter:
     """For each voxel, over the images since the last change: its largest blending weight, and its priority for subdivision."""
 
-    def __init__(self, count: int) -> None:
-        self.weight, self.priority = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    def __init__(self, count: int, device: torch.device | None = None) -> None:
+        self.weight, self.priority = torch.zeros(2, count, device=device)
 
-    def add(self, weight: np.ndarray, priority: np.ndarray) -> None:
+    def add(self, weight: torch.Tensor, priority: torch.Tensor) -> None:
         """Count one view: (N,) largest weights and (N,) sums of |alpha d loss / d alpha|."""
-        np.maximum(self.weight, weight, out=self.weight)
+        torch.maximum(self.weight, weight, out=self.weight)
         self.priority += priority
 
 
@@ -41,9 +41,9 @@ def prune_and_subdivide(
     new, source = old.refine(keep, wanted)
 
     def at_corners(values: torch.Tensor) -> torch.Tensor:
-        return torch.from_numpy(old.interpolate(values.numpy(), new, source))
+        return torch.from_numpy(old.interpolate(values.cpu().numpy(), new, source)).to(values.device)
 
-    rows = torch.from_numpy(source)
+    rows = torch.from_numpy(source).to(voxels.densities.device)
     optimizer.replace_tensor("densities", at_corners, at_corners)
     for name in ("sh_constant", "sh_rest"):
         optimizer.replace_tensor(name, lambda values: values[rows], lambda moment: moment[rows])

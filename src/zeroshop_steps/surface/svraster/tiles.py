@@ -20,22 +20,25 @@ class TileOctants:
     Attributes:
         tiles, octants: (I,) tile index and octant.
         index: (tiles_y, tiles_x, 8) int32 number of each pair, -1 for pairs that are not drawn.
+        of_pixel: (16 * tiles_y, 16 * tiles_x) uint8 octant of each pixel in the tiles that are drawn.
     """
 
     tiles: np.ndarray
     octants: np.ndarray
     index: np.ndarray
+    of_pixel: np.ndarray
 
     @staticmethod
     def from_camera(camera: np.ndarray, tile_active: np.ndarray) -> "TileOctants":
         """For a camera row (16,) and the (tiles_y, tiles_x) bool tiles to draw."""
         present = np.zeros((*tile_active.shape, OCTANTS), np.bool_)
-        _octants(camera, tile_active, present)
+        of_pixel = np.zeros((tile_active.shape[0] * TILE_PX, tile_active.shape[1] * TILE_PX), np.uint8)
+        _octants(camera, tile_active, present, of_pixel)
         index = np.full(present.shape, -1, np.int32)
         index[present] = np.arange(present.sum())
         y, x, octants = np.nonzero(present)
         # A column of what nonzero found; kernels are compiled for arrays without gaps.
-        return TileOctants(y * tile_active.shape[1] + x, np.ascontiguousarray(octants), index)
+        return TileOctants(y * tile_active.shape[1] + x, np.ascontiguousarray(octants), index, of_pixel)
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -55,13 +58,14 @@ def octant_of(camera, x, y):
 
 
 @numba.njit(cache=True)
-def _octants(camera, tile_active, present):
+def _octants(camera, tile_active, present, of_pixel):
     for ty in range(tile_active.shape[0]):
         for tx in range(tile_active.shape[1]):
             if tile_active[ty, tx]:
-                for j in range(TILE_PX):
-                    for i in range(TILE_PX):
-                        present[ty, tx, octant_of(camera, tx * TILE_PX + i + 0.5, ty * TILE_PX + j + 0.5)] = True
+                for y in range(ty * TILE_PX, (ty + 1) * TILE_PX):
+                    for x in range(tx * TILE_PX, (tx + 1) * TILE_PX):
+                        octant = octant_of(camera, x + 0.5, y + 0.5)
+                        present[ty, tx, octant], of_pixel[y, x] = True, octant
 
 
 @dataclass(frozen=True)

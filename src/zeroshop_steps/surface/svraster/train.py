@@ -10,6 +10,7 @@ from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import has_normal, image_losses, normal_mismatch, normals_from_depth
 from zeroshop_steps.surface.svraster.octree import Octree
 from zeroshop_steps.surface.svraster.render import Rendering, RenderView, render
+from zeroshop_steps.surface.svraster.renderers import make_renderer
 from zeroshop_steps.surface.svraster.settings import VoxelSettings
 from zeroshop_steps.surface.svraster.subdivide import VoxelMeter, prune_and_subdivide
 from zeroshop_steps.surface.svraster.voxels import Voxels
@@ -59,19 +60,21 @@ class VoxelTrainer(Trainer[Voxels, Rendering, VoxelSettings]):
     learning_rates, betas = LEARNING_RATES, BETAS
 
     def __init__(self, model: Voxels, views: ViewPyramid, initialization: Initialization, settings: VoxelSettings) -> None:
-        super().__init__(model, views, initialization, settings)
+        self.renderer = make_renderer(settings.device)
+        super().__init__(model, views, initialization, settings, self.renderer.device)
         self.reset_meter()
 
     def reset_meter(self) -> None:
         """Forget what the views have said of the voxels."""
-        self.meter, self.rendered_views = VoxelMeter(len(self.model)), set[int]()
+        self.meter, self.rendered_views = VoxelMeter(len(self.model), self.device), set[int]()
 
     def make_render_view(self, view: TrainingView) -> RenderView:
         return RenderView.from_training_view(view)
 
     def render(self, index: int, degree: int) -> Rendering:
         v = self.model
-        return render(v.octree, v.densities, torch.cat([v.sh_constant, v.sh_rest], dim=1), degree, self.render_views[index])
+        sh = torch.cat([v.sh_constant, v.sh_rest], dim=1)
+        return render(v.octree, v.densities, sh, degree, self.render_views[index], self.renderer)
 
     def view_loss(self, rendering: Rendering, view: TrainingView, with_normals: bool) -> dict[str, torch.Tensor]:
         return view_loss(rendering, view, self.settings, with_normals)
@@ -90,9 +93,12 @@ class VoxelTrainer(Trainer[Voxels, Rendering, VoxelSettings]):
         self._count_remaining_views()
         octree = self.model.octree
         # What is dense and hidden stays: otherwise a ray through a thin spot would reach the far wall, and no view would notice.
-        solid = self.model.densities.detach().numpy()[octree.corners].mean(axis=1) > SOLID_DENSITY
-        keep = (self.meter.weight > settings.weight_min) | solid
-        wanted = np.where(octree.sizes > SPLIT_PX * self._pixel_size(octree), self.meter.priority * octree.sizes, 0.0)
+        weight, priority, densities = (
+            values.detach().cpu().numpy() for values in (self.meter.weight, self.meter.priority, self.model.densities)
+        )
+        solid = densities[octree.corners].mean(axis=1) > SOLID_DENSITY
+        keep = (weight > settings.weight_min) | solid
+        wanted = np.where(octree.sizes > SPLIT_PX * self._pixel_size(octree), priority * octree.sizes, 0.0)
         prune_and_subdivide(self.model, self.optimizer, keep, wanted, settings.level_max, settings.count_max)
         self.reset_meter()
 
@@ -101,7 +107,7 @@ class VoxelTrainer(Trainer[Voxels, Rendering, VoxelSettings]):
         for index in sorted(set(range(len(self.views))) - self.rendered_views):
             rendering = self.render(index, 0)
             rendering.alpha.sum().backward()
-            self.meter.add(rendering.statistics.weight, np.zeros_like(self.meter.priority))
+            self.meter.add(rendering.statistics.weight, torch.zeros_like(self.meter.priority))
         self.optimizer.adam.zero_grad(set_to_none=True)
 
     def _pixel_size(self, octree: Octree) -> np.ndarray:
@@ -114,12 +120,12 @@ class VoxelTrainer(Trainer[Voxels, Rendering, VoxelSettings]):
         leaves = (torch.from_numpy(octree.origins), torch.from_numpy(octree.levels))
         return {
             "leaves": leaves,
-            "meter": (torch.from_numpy(self.meter.weight), torch.from_numpy(self.meter.priority)),
+            "meter": (self.meter.weight, self.meter.priority),
             "rendered_views": sorted(self.rendered_views),
         }
 
     def restore_extra_state(self, content: dict[str, Any]) -> None:
-        self.meter.weight, self.meter.priority = (tensor.numpy() for tensor in content["meter"])
+        self.meter.weight, self.meter.priority = (tensor.to(self.device) for tensor in content["meter"])
         self.rendered_views = set(content["rendered_views"])
 
     @classmethod

@@ -40,9 +40,9 @@ class Voxels:
 
 def write_voxels(path: Path, voxels: Voxels, sphere: ObjectSphere) -> None:
     """Write a compressed NumPy archive: leaves, values at the corners (in the order of `Octree.corner_points`), colours, sphere."""
-    sh = torch.cat([voxels.sh_constant, voxels.sh_rest], 1).detach().numpy()
+    sh = torch.cat([voxels.sh_constant, voxels.sh_rest], 1).detach().cpu().numpy()
     octree = voxels.octree
-    arrays = (octree.origins.astype(np.int16), octree.levels.astype(np.int8), voxels.densities.detach().numpy(), sh)
+    arrays = (octree.origins.astype(np.int16), octree.levels.astype(np.int8), voxels.densities.detach().cpu().numpy(), sh)
     content: dict[str, Any] = dict(zip(FIELDS, (*arrays, sphere.centre, np.array(sphere.radius)), strict=True))
     with atomic_write(path) as temporary:
         np.savez_compressed(temporary, allow_pickle=False, **content)

@@ -8,7 +8,7 @@ import argparse
 
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.surface.training_options import add_setting_arguments, add_training_arguments, chosen_settings
-from zeroshop_steps.surface.twodgs.settings import DEVICES, OPTIONS, SurfelSettings
+from zeroshop_steps.surface.twodgs.settings import OPTIONS, SurfelSettings
 
 HULL_POINTS = 4000
 """Points of the carved hull that the surfels start from, at most, where stereo has found nothing."""
@@ -27,6 +27,9 @@ METHOD = {
     "rules": ("train_2dgs", "fuse_2dgs"),
     "options": ("train", "fuse"),
     "mem_mb": 6000,
+    # A surfel: parameters, gradients, moments and rows, 1.8 kB, and about nine tiles of 0.14 kB. A pixel: planes, their gradients, the
+    # maps of the losses, 1 kB, and twenty photos. The rest is what PyTorch's allocator keeps.
+    "gpu_bytes": {"primitive": 4000, "pixel": 1500},
     "runtime_min": 60,
 }
 
@@ -35,7 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_training_arguments(parser, "splats.ply", SurfelSettings.iterations, image_width_px=800, sh_degree=SurfelSettings.sh_degree)
     add_setting_arguments(parser, SurfelSettings, OPTIONS)
-    parser.add_argument("--device", choices=DEVICES, default=SurfelSettings.device, help="where surfels are blended (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
         step="surface.twodgs",
         method="2dgs",
         trainer_class=SurfelTrainer,
-        settings=SurfelSettings(**chosen_settings(args, OPTIONS), device=args.device),
+        settings=SurfelSettings(**chosen_settings(args, OPTIONS)),
         hull_points=HULL_POINTS,
         initialize=lambda initialization, _: initialize_surfels(initialization, args.seed),
         write=lambda surfels, sphere: write_splat_ply(args.out / "splats.ply", surfels, sphere),

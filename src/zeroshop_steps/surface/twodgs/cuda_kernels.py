@@ -3,11 +3,12 @@
 A block of 16 x 16 threads draws a tile. Where a ray meets a surfel is the same function as on the CPU. Gradients of a splat are summed over
 the tile's pixels in shared memory, in fixed order and without atomics, so that they have the same bytes every run.
 
-Without a GPU, Numba's simulator runs these kernels (NUMBA_ENABLE_CUDASIM=1, before Numba is imported).
+Without a GPU, Numba's simulator runs these kernels (NUMBA_ENABLE_CUDASIM=1 and NUMBA_DISABLE_JIT=1, before Numba is imported).
 """
 
 from numba import cuda, float32, int32
 
+from zeroshop_steps.surface.tile_sums import fold_row
 from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX, HALF, ONE, STOP, TILE_PX, TWO, ZERO
 from zeroshop_steps.surface.twodgs.intersection import HALF_SQRT, intersect_surfel
 from zeroshop_steps.surface.twodgs.project import (
@@ -52,12 +53,12 @@ _TO_ROOT = -TWO * HALF_SQRT
 
 
 @cuda.jit
-def blend_forward(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, distortion, k1, k2, image):
-    """Draw the tiles of `tiles.list_splats_by_tile`, one a block, into image (12, tiles_y * 16, tiles_x * 16) float32.
+def blend_forward(splats, starts, splat_of, slot_of, blocks, tiles_x, distortion, k1, k2, image):
+    """Draw all tiles, one a block, into image (12, tiles_y * 16, tiles_x * 16) float32.
 
     Arguments as in `rasterize.blend_forward`; the blocks are not changed.
     """
-    tile = tiles[cuda.blockIdx.x]
+    tile = cuda.blockIdx.x
     column, row = cuda.threadIdx.x, cuda.threadIdx.y
     x, y = tile % tiles_x * TILE_PX + column, tile // tiles_x * TILE_PX + row
     px, py = float32(x) + HALF, float32(y) + HALF
@@ -107,12 +108,12 @@ def blend_forward(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, dis
 
 
 @cuda.jit
-def blend_backward(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, distortion, k1, k2, image, gradient, slots):
+def blend_backward(splats, starts, splat_of, slot_of, blocks, tiles_x, distortion, k1, k2, image, gradient, slots):
     """Gradients by the splat rows of each tile, summed over its pixels, into slots (S, 16) float32, which must hold zeros.
 
     Arguments as in `rasterize_backward.blend_backward`; its docstring has the equations.
     """
-    tile = tiles[cuda.blockIdx.x]
+    tile = cuda.blockIdx.x
     column, row = cuda.threadIdx.x, cuda.threadIdx.y
     x, y = tile % tiles_x * TILE_PX + column, tile // tiles_x * TILE_PX + row
     px, py = float32(x) + HALF, float32(y) + HALF
@@ -172,24 +173,7 @@ def blend_backward(splats, tiles, starts, splat_of, slot_of, blocks, tiles_x, di
             sums[CY, thread] = TWO * (d_u * u2 + d_v * v2 + d_a * a2 + d_pixel * dy)
         cuda.syncthreads()
         # A thread for each column of the splat's row and row of pixels; then one for each column.
-        part = ZERO
-        for k in range(TILE_PX):
-            part += sums[column, row * TILE_PX + k]
-        parts[column, row] = part
+        parts[column, row] = fold_row(sums, column, row * TILE_PX, -1)
         cuda.syncthreads()
         if row == 0:
-            part = ZERO
-            for k in range(TILE_PX):
-                part += parts[column, k]
-            slots[slot, column] = part
-
-
-@cuda.jit
-def sum_slots(slots, slot_starts, out):
-    """Sum the rows (S, 16) of each splat into out (N, 16), in order: a thread for each number."""
-    splat, column = cuda.grid(2)
-    if splat < out.shape[0] and column < SPLAT_WIDTH:
-        total = ZERO
-        for slot in range(slot_starts[splat], slot_starts[splat + 1]):
-            total += slots[slot, column]
-        out[splat, column] = total
+            slots[slot, column] = fold_row(parts, column, 0, -1)

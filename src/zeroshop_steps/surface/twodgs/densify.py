@@ -13,22 +13,22 @@ SPLIT_SHRINKAGE = 1.6
 class GradientMeter:
     """Mean length of each surfel's screen-space gradient over the views that drew it since the last densification."""
 
-    def __init__(self, count: int) -> None:
-        self.total, self.views = np.zeros(count), np.zeros(count)
+    def __init__(self, count: int, device: torch.device | None = None) -> None:
+        self.total, self.views = torch.zeros(2, count, dtype=torch.float64, device=device)
 
-    def add(self, gradient: np.ndarray, visible: np.ndarray) -> None:
+    def add(self, gradient: torch.Tensor, visible: torch.Tensor) -> None:
         """Count one view: (N,) lengths of gradients, and (N,) bool, the surfels that were drawn."""
-        self.total[visible] += gradient[visible]
+        self.total += gradient * visible
         self.views += visible
 
-    def mean(self) -> np.ndarray:
+    def mean(self) -> torch.Tensor:
         """(N,) means, zero for surfels that no view drew."""
-        return self.total / np.maximum(self.views, 1)
+        return self.total / self.views.clamp(min=1)
 
 
 def densify_and_prune(
     surfels: Surfels, optimizer: ResizableAdam, meter: GradientMeter, threshold: float, large: float, opacity_min: float,
-    excluded: np.ndarray, count_max: int, generator: torch.Generator,
+    excluded: torch.Tensor, count_max: int, generator: torch.Generator,
 ) -> None:  # fmt: skip
     """Clone small surfels and split large ones where the mean gradient exceeds the threshold; drop faint and excluded ones.
 
@@ -44,8 +44,8 @@ def densify_and_prune(
         scales = surfels.log_scales.exp()
         widest = scales.max(dim=1).values
         faint = torch.sigmoid(surfels.opacity_logits) < opacity_min
-        gone = faint | torch.from_numpy(excluded)
-        gradient = torch.from_numpy(meter.mean())
+        gone = faint | excluded
+        gradient = meter.mean()
         gradient[gone] = 0.0
         room = max(count_max - int((~gone).sum()), 0)
         wanted = gradient > threshold
@@ -55,7 +55,8 @@ def densify_and_prune(
         split, clone = wanted & (widest > large), wanted & (widest <= large)
         new = {name: tensor.detach()[clone] for name, tensor in surfels.tensors().items()}
         parents = {name: tensor.detach()[split].repeat(2, *[1] * (tensor.dim() - 1)) for name, tensor in surfels.tensors().items()}
-        offsets = torch.randn(len(parents["positions"]), 2, generator=generator) * parents["log_scales"].exp()
+        spread = torch.randn(len(parents["positions"]), 2, generator=generator).to(gradient.device)
+        offsets = spread * parents["log_scales"].exp()
         axes = rotation_matrices(parents["quaternions"])[:, :, :2]
         parents["positions"] = parents["positions"] + (axes @ offsets[:, :, None])[:, :, 0]
         parents["log_scales"] = parents["log_scales"] - float(np.log(SPLIT_SHRINKAGE))

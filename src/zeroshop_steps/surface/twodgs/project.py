@@ -105,6 +105,48 @@ def _in_camera(positions, quaternions, i, camera, p, rotation, tangents):
     return inverse, (tangents[2, 0] * p[0] + tangents[2, 1] * p[1] + tangents[2, 2] * p[2]) / p[2]
 
 
+# Inlined by Numba, not by LLVM: within the loop, the compiler knows that the arrays do not overlap, and a third of the time is saved.
+@numba.njit(inline="always", error_model="numpy", fastmath=_REORDERED)
+def project_surfel(
+    positions, log_scales, quaternions, opacity_logits, sh, i, degree, camera, width_px, height_px, near,
+    p, rotation, tangents, basis, splats, outlines, boxes,
+):  # fmt: skip
+    """Surfel i of `project_forward`; p (3,), rotation (3, 3), tangents (3, 3) and basis (16,) float64 are overwritten."""
+    fx, fy, cx0, cy0 = camera[12], camera[13], camera[14], camera[15]
+    boxes[i, 0] = boxes[i, 1] = boxes[i, 2] = boxes[i, 3] = 0
+    opacity = 1.0 / (1.0 + math.exp(-opacity_logits[i]))
+    _, q = _in_camera(positions, quaternions, i, camera, p, rotation, tangents)
+    if p[2] <= near or opacity <= ALPHA_MIN:
+        return
+    t, n0, n1, n2 = tangents, tangents[2, 0], tangents[2, 1], tangents[2, 2]
+    su, sv = math.exp(log_scales[i, 0]), math.exp(log_scales[i, 1])
+    splats[i, CX], splats[i, CY], splats[i, ZC] = fx * p[0] / p[2] + cx0, fy * p[1] / p[2] + cy0, p[2]
+    if abs(q) > GRAZING_MIN:
+        along_u = (t[0, 0] * p[0] + t[0, 1] * p[1] + t[0, 2] * p[2]) / q
+        along_v = (t[1, 0] * p[0] + t[1, 1] * p[1] + t[1, 2] * p[2]) / q
+        splats[i, U1], splats[i, U2] = (p[2] * t[0, 0] - along_u * n0) / (fx * su), (p[2] * t[0, 1] - along_u * n1) / (fy * su)
+        splats[i, V1], splats[i, V2] = (p[2] * t[1, 0] - along_v * n0) / (fx * sv), (p[2] * t[1, 1] - along_v * n1) / (fy * sv)
+        splats[i, A1], splats[i, A2] = n0 / (fx * q), n1 / (fy * q)
+    else:
+        splats[i, U1] = splats[i, V2] = 1e15
+        splats[i, U2] = splats[i, V1] = splats[i, A1] = splats[i, A2] = 0.0
+    facing = -1.0 if q > 0 else 1.0
+    splats[i, NX], splats[i, NY], splats[i, NZ] = facing * n0, facing * n1, facing * n2
+    splats[i, OPACITY] = opacity
+
+    dx, dy, dz, _ = view_direction(positions, i, camera)
+    sh_basis(degree, dx, dy, dz, basis)
+    red = green = blue = 0.5
+    for k in range((degree + 1) * (degree + 1)):
+        red += basis[k] * sh[i, k, 0]
+        green += basis[k] * sh[i, k, 1]
+        blue += basis[k] * sh[i, k, 2]
+    splats[i, RED], splats[i, GREEN], splats[i, BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
+    radius_squared = 2.0 * math.log(opacity / ALPHA_MIN)
+    _outline(p[2], fx, fy, cx0 - splats[i, CX], cy0 - splats[i, CY], su, sv, tangents, radius_squared, outlines, i)
+    _box(splats, outlines, i, width_px, height_px, boxes)
+
+
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
 def project_forward(
     positions, log_scales, quaternions, opacity_logits, sh, degree, camera, width_px, height_px, near, workers, splats, outlines, boxes
@@ -120,42 +162,37 @@ def project_forward(
         outlines (N, 6) float32: filled with the columns named above, where drawn.
         boxes (N, 4) int32: filled with x0, x1, y0, y1 in pixels, half open; empty for surfels that are not drawn.
     """
-    fx, fy, cx0, cy0 = camera[12], camera[13], camera[14], camera[15]
     for worker in numba.prange(workers):
         p, rotation, tangents, basis = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(16)
         for i in range(worker * len(positions) // workers, (worker + 1) * len(positions) // workers):
-            boxes[i, 0] = boxes[i, 1] = boxes[i, 2] = boxes[i, 3] = 0
-            opacity = 1.0 / (1.0 + math.exp(-opacity_logits[i]))
-            _, q = _in_camera(positions, quaternions, i, camera, p, rotation, tangents)
-            if p[2] <= near or opacity <= ALPHA_MIN:
-                continue
-            t, n0, n1, n2 = tangents, tangents[2, 0], tangents[2, 1], tangents[2, 2]
-            su, sv = math.exp(log_scales[i, 0]), math.exp(log_scales[i, 1])
-            splats[i, CX], splats[i, CY], splats[i, ZC] = fx * p[0] / p[2] + cx0, fy * p[1] / p[2] + cy0, p[2]
-            if abs(q) > GRAZING_MIN:
-                along_u = (t[0, 0] * p[0] + t[0, 1] * p[1] + t[0, 2] * p[2]) / q
-                along_v = (t[1, 0] * p[0] + t[1, 1] * p[1] + t[1, 2] * p[2]) / q
-                splats[i, U1], splats[i, U2] = (p[2] * t[0, 0] - along_u * n0) / (fx * su), (p[2] * t[0, 1] - along_u * n1) / (fy * su)
-                splats[i, V1], splats[i, V2] = (p[2] * t[1, 0] - along_v * n0) / (fx * sv), (p[2] * t[1, 1] - along_v * n1) / (fy * sv)
-                splats[i, A1], splats[i, A2] = n0 / (fx * q), n1 / (fy * q)
-            else:
-                splats[i, U1] = splats[i, V2] = 1e15
-                splats[i, U2] = splats[i, V1] = splats[i, A1] = splats[i, A2] = 0.0
-            facing = -1.0 if q > 0 else 1.0
-            splats[i, NX], splats[i, NY], splats[i, NZ] = facing * n0, facing * n1, facing * n2
-            splats[i, OPACITY] = opacity
+            project_surfel(
+                positions, log_scales, quaternions, opacity_logits, sh, i, degree, camera, width_px, height_px, near,
+                p, rotation, tangents, basis, splats, outlines, boxes,
+            )  # fmt: skip
 
-            dx, dy, dz, _ = view_direction(positions, i, camera)
-            sh_basis(degree, dx, dy, dz, basis)
-            red = green = blue = 0.5
-            for k in range((degree + 1) * (degree + 1)):
-                red += basis[k] * sh[i, k, 0]
-                green += basis[k] * sh[i, k, 1]
-                blue += basis[k] * sh[i, k, 2]
-            splats[i, RED], splats[i, GREEN], splats[i, BLUE] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
-            radius_squared = 2.0 * math.log(opacity / ALPHA_MIN)
-            _outline(p[2], fx, fy, cx0 - splats[i, CX], cy0 - splats[i, CY], su, sv, tangents, radius_squared, outlines, i)
-            _box(splats, outlines, i, width_px, height_px, boxes)
+
+@numba.njit(inline="always", error_model="numpy", fastmath=_REORDERED)
+def differentiate_surfel(
+    positions, log_scales, quaternions, sh, i, degree, camera, splats, boxes, splat_gradients,
+    p, rotation, tangents, basis, slopes, gp, gt, grotation,
+    position_gradients, log_scale_gradients, quaternion_gradients, opacity_gradients, sh_gradients,
+):  # fmt: skip
+    """Surfel i of `project_backward`; the float64 arrays from p to grotation (3, 3), slopes (16, 3) among them, are overwritten."""
+    fx, fy = camera[12], camera[13]
+    if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
+        return
+    inverse, q = _in_camera(positions, quaternions, i, camera, p, rotation, tangents)
+    _geometry_backward(log_scales, splats, splat_gradients, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients)
+    for c in range(3):
+        position_gradients[i, c] = camera[c] * gp[0] + camera[3 + c] * gp[1] + camera[6 + c] * gp[2]
+        for axis in range(3):
+            grotation[c, axis] = camera[c] * gt[axis, 0] + camera[3 + c] * gt[axis, 1] + camera[6 + c] * gt[axis, 2]
+    _quaternion_backward(quaternions, i, inverse, grotation, quaternion_gradients)
+    opacity = splats[i, OPACITY]
+    opacity_gradients[i] = splat_gradients[i, OPACITY] * opacity * (1.0 - opacity)
+    _color_backward(
+        positions, sh, i, degree, camera, splats, splat_gradients, basis, slopes, position_gradients, sh_gradients
+    )  # fmt: skip
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_REORDERED)
@@ -164,24 +201,14 @@ def project_backward(
     position_gradients, log_scale_gradients, quaternion_gradients, opacity_gradients, sh_gradients,
 ):  # fmt: skip
     """Carry gradients of the splat columns (N, 16) back to the surfels' parameters, which must hold zeros."""
-    fx, fy = camera[12], camera[13]
     for worker in numba.prange(workers):
         p, rotation, tangents, basis, slopes = np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(16), np.empty((16, 3))
         gp, gt, grotation = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
         for i in range(worker * len(positions) // workers, (worker + 1) * len(positions) // workers):
-            if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
-                continue
-            inverse, q = _in_camera(positions, quaternions, i, camera, p, rotation, tangents)
-            _geometry_backward(log_scales, splats, splat_gradients, i, fx, fy, p, tangents, q, gp, gt, log_scale_gradients)
-            for c in range(3):
-                position_gradients[i, c] = camera[c] * gp[0] + camera[3 + c] * gp[1] + camera[6 + c] * gp[2]
-                for axis in range(3):
-                    grotation[c, axis] = camera[c] * gt[axis, 0] + camera[3 + c] * gt[axis, 1] + camera[6 + c] * gt[axis, 2]
-            _quaternion_backward(quaternions, i, inverse, grotation, quaternion_gradients)
-            opacity = splats[i, OPACITY]
-            opacity_gradients[i] = splat_gradients[i, OPACITY] * opacity * (1.0 - opacity)
-            _color_backward(
-                positions, sh, i, degree, camera, splats, splat_gradients, basis, slopes, position_gradients, sh_gradients
+            differentiate_surfel(
+                positions, log_scales, quaternions, sh, i, degree, camera, splats, boxes, splat_gradients,
+                p, rotation, tangents, basis, slopes, gp, gt, grotation,
+                position_gradients, log_scale_gradients, quaternion_gradients, opacity_gradients, sh_gradients,
             )  # fmt: skip
 
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from zeroshop_steps.surface.training_options import TrainingSettings
 
-DEVICES = ("auto", "cpu", "cuda")
 OPTIONS = {
     "lambda_dssim": "share of structural dissimilarity in the photometric loss; the rest is L1",
     "lambda_mask": "weight of the difference between opacity and mask",
@@ -34,7 +33,6 @@ class SurfelSettings(TrainingSettings):
     Attributes:
         lambda_...: weights of the terms of the loss, as `OPTIONS` explains them.
         densify_..., opacity_..., count_max: when surfels are cloned, split and dropped, as `OPTIONS` explains.
-        device: where surfels are blended, one of `DEVICES`; auto is cuda where there is such a device.
         densify_gradient: in loss per pixel of shift, summed over the image's pixels (`densify_and_prune`). The paper's 0.0002 is in
             loss per half image width, averaged over the pixels: with images of 400 x 300 pixels, 0.0002 * 2 / 400 * (400 * 300) = 0.12.
     """

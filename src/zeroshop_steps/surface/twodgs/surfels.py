@@ -103,8 +103,8 @@ def write_splat_ply(path: Path, surfels: Surfels, sphere: ObjectSphere) -> None:
     logit, quaternion w first. The third scale is next to nothing, since these Gaussians are flat.
     """
     count = len(surfels)
-    tensors = {name: tensor.detach().numpy() for name, tensor in surfels.tensors().items()}
-    normals = rotation_matrices(surfels.quaternions.detach())[:, :, 2].numpy()
+    tensors = {name: tensor.detach().cpu().numpy() for name, tensor in surfels.tensors().items()}
+    normals = rotation_matrices(surfels.quaternions.detach().cpu())[:, :, 2].numpy()
     columns = np.concatenate(
         [
             tensors["positions"] * sphere.radius + sphere.centre,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX, TILE_PX
+from zeroshop_steps.surface.tiling import ACROSS, BLOCK_PX, TILE_PX, tiles_of
 from zeroshop_steps.surface.twodgs.project import COVARIANCE, CX, CY, HALF_X, HALF_Y, LOW_PASS, MARGIN_PX, MID_X, MID_Y, ZC
 
 _FAR, _TINY = np.float32(1e30), np.float32(1e-6)
@@ -67,68 +67,65 @@ def _front_to_back(depths: np.ndarray) -> np.ndarray:
     return order[np.argsort((bits >> 16).astype(np.uint16)[order], kind="stable")].astype(np.int32)
 
 
-@numba.njit(cache=True, forceinline=True)
-def _tiles_of(boxes, i):
-    """First and last column and row, half open, of the tiles that box i meets."""
-    if boxes[i, 0] >= boxes[i, 1] or boxes[i, 2] >= boxes[i, 3]:
-        return 0, 0, 0, 0
-    return boxes[i, 0] // TILE_PX, (boxes[i, 1] - 1) // TILE_PX + 1, boxes[i, 2] // TILE_PX, (boxes[i, 3] - 1) // TILE_PX + 1
-
-
 @numba.njit(cache=True)
 def _count_slots(boxes, counts):
     for i in range(len(boxes)):
-        left, right, top, bottom = _tiles_of(boxes, i)
+        left, right, top, bottom = tiles_of(boxes, i)
         counts[i] = (right - left) * (bottom - top)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def mark_splat(splats, outlines, boxes, tile_active, slot_starts, i, width_px, blocks):
+    """Set the bits of the blocks that splat i meets, in active tiles; width_px: float32, that of all tiles."""
+    one, zero, half_px = np.float32(1.0), np.float32(0.0), np.float32(0.5 - MARGIN_PX)
+    tile_left, tile_right, tile_top, tile_bottom = tiles_of(boxes, i)
+    if tile_left >= tile_right:
+        return
+    mid_x, mid_y, half_x, half_y = outlines[i, MID_X], outlines[i, MID_Y], outlines[i, HALF_X], outlines[i, HALF_Y]
+    covariance, low_pass = outlines[i, COVARIANCE], outlines[i, LOW_PASS]
+    everywhere = half_x == np.inf
+    # The ellipse's edges are at x = middle + slope s -+ half sqrt(1 - s^2), s along y from -1 to 1; they are
+    # farthest to the right at s = farthest, and to the left at -farthest.
+    inverse = one / max(half_y, _TINY)
+    slope = covariance * inverse
+    half = math.sqrt(max(half_x * half_x - slope * slope, zero))
+    farthest = slope / max(half_x, _TINY)
+    for band in range(boxes[i, 2] // BLOCK_PX, (boxes[i, 3] - 1) // BLOCK_PX + 1):
+        left, right = _FAR, -_FAR
+        # Pixel j's centre is at j + 0.5.
+        first_y = np.float32(band * BLOCK_PX) + half_px - splats[i, CY]
+        last_y = np.float32(band * BLOCK_PX + BLOCK_PX) - half_px - splats[i, CY]
+        top, bottom = (first_y - mid_y) * inverse, (last_y - mid_y) * inverse
+        if (top <= one) & (bottom >= -one):
+            s = min(max(farthest, top), bottom)
+            right = mid_x + slope * s + half * math.sqrt(max(one - s * s, zero))
+            s = min(max(-farthest, top), bottom)
+            left = mid_x + slope * s - half * math.sqrt(max(one - s * s, zero))
+        off = max(max(first_y, -last_y), zero)
+        if off <= low_pass:
+            reach = math.sqrt(low_pass * low_pass - off * off)
+            left, right = min(left, -reach), max(right, reach)
+        if everywhere:
+            left, right = -_FAR, _FAR
+        left = min(max(splats[i, CX] + left - one + half_px, zero), width_px)
+        right = min(max(splats[i, CX] + right - half_px, -one), width_px)
+        first, last = max(int(math.ceil(left)), boxes[i, 0]), min(int(math.floor(right)), boxes[i, 1] - 1)
+        if first > last:
+            continue
+        ty, shift = band // ACROSS, band % ACROSS * ACROSS
+        slot = slot_starts[i] + (ty - tile_top) * (tile_right - tile_left) - tile_left
+        for tx in range(first // TILE_PX, last // TILE_PX + 1):
+            low, high = max(first // BLOCK_PX - tx * ACROSS, 0), min(last // BLOCK_PX - tx * ACROSS, ACROSS - 1)
+            if tile_active[ty, tx]:
+                blocks[slot + tx] |= np.uint16(((2 << high) - (1 << low)) << shift)
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def _mark_blocks(splats, outlines, boxes, tile_active, slot_starts, workers, blocks):
-    """Set the bits of the blocks that each splat meets, in active tiles."""
-    one, zero, half_px = np.float32(1.0), np.float32(0.0), np.float32(0.5 - MARGIN_PX)
     width_px = np.float32(tile_active.shape[1] * TILE_PX)
     for worker in numba.prange(workers):
         for i in range(worker * len(boxes) // workers, (worker + 1) * len(boxes) // workers):
-            tile_left, tile_right, tile_top, tile_bottom = _tiles_of(boxes, i)
-            if tile_left >= tile_right:
-                continue
-            mid_x, mid_y, half_x, half_y = outlines[i, MID_X], outlines[i, MID_Y], outlines[i, HALF_X], outlines[i, HALF_Y]
-            covariance, low_pass = outlines[i, COVARIANCE], outlines[i, LOW_PASS]
-            everywhere = half_x == np.inf
-            # The ellipse's edges are at x = middle + slope s -+ half sqrt(1 - s^2), s along y from -1 to 1; they are
-            # farthest to the right at s = farthest, and to the left at -farthest.
-            inverse = one / max(half_y, _TINY)
-            slope = covariance * inverse
-            half = np.sqrt(max(half_x * half_x - slope * slope, zero))
-            farthest = slope / max(half_x, _TINY)
-            for band in range(boxes[i, 2] // BLOCK_PX, (boxes[i, 3] - 1) // BLOCK_PX + 1):
-                left, right = _FAR, -_FAR
-                # Pixel j's centre is at j + 0.5.
-                first_y = np.float32(band * BLOCK_PX) + half_px - splats[i, CY]
-                last_y = np.float32(band * BLOCK_PX + BLOCK_PX) - half_px - splats[i, CY]
-                top, bottom = (first_y - mid_y) * inverse, (last_y - mid_y) * inverse
-                if (top <= one) & (bottom >= -one):
-                    s = min(max(farthest, top), bottom)
-                    right = mid_x + slope * s + half * np.sqrt(max(one - s * s, zero))
-                    s = min(max(-farthest, top), bottom)
-                    left = mid_x + slope * s - half * np.sqrt(max(one - s * s, zero))
-                off = max(max(first_y, -last_y), zero)
-                if off <= low_pass:
-                    reach = np.sqrt(low_pass * low_pass - off * off)
-                    left, right = min(left, -reach), max(right, reach)
-                if everywhere:
-                    left, right = -_FAR, _FAR
-                left = min(max(splats[i, CX] + left - one + half_px, zero), width_px)
-                right = min(max(splats[i, CX] + right - half_px, -one), width_px)
-                first, last = max(int(math.ceil(left)), boxes[i, 0]), min(int(math.floor(right)), boxes[i, 1] - 1)
-                if first > last:
-                    continue
-                ty, shift = band // ACROSS, band % ACROSS * ACROSS
-                slot = slot_starts[i] + (ty - tile_top) * (tile_right - tile_left) - tile_left
-                for tx in range(first // TILE_PX, last // TILE_PX + 1):
-                    low, high = max(first // BLOCK_PX - tx * ACROSS, 0), min(last // BLOCK_PX - tx * ACROSS, ACROSS - 1)
-                    if tile_active[ty, tx]:
-                        blocks[slot + tx] |= np.uint16(((2 << high) - (1 << low)) << shift)
+            mark_splat(splats, outlines, boxes, tile_active, slot_starts, i, width_px, blocks)
 
 
 @numba.njit(cache=True, parallel=True)
@@ -136,7 +133,7 @@ def _count(order, boxes, slot_starts, blocks, tiles_x, workers, per_tile):
     # Every worker looks at all splats, and counts (or lists) those in its own rows of tiles: no order depends on their number.
     for worker in numba.prange(workers):
         for i in order:
-            left, right, top, bottom = _tiles_of(boxes, i)
+            left, right, top, bottom = tiles_of(boxes, i)
             for ty in range(top + (worker - top) % workers, bottom, workers):
                 slot = slot_starts[i] + (ty - top) * (right - left)
                 for tx in range(left, right):
@@ -148,7 +145,7 @@ def _count(order, boxes, slot_starts, blocks, tiles_x, workers, per_tile):
 def _fill(order, boxes, slot_starts, blocks, tiles_x, workers, cursor, splat_of, slot_of):
     for worker in numba.prange(workers):
         for i in order:
-            left, right, top, bottom = _tiles_of(boxes, i)
+            left, right, top, bottom = tiles_of(boxes, i)
             for ty in range(top + (worker - top) % workers, bottom, workers):
                 slot = slot_starts[i] + (ty - top) * (right - left)
                 for tx in range(left, right):

@@ -9,9 +9,9 @@ from zeroshop_steps.surface.initialization import Initialization
 from zeroshop_steps.surface.losses import image_losses, normal_mismatch, normals_from_depth
 from zeroshop_steps.surface.trainer import Trainer, ViewPyramid
 from zeroshop_steps.surface.training_views import TrainingView
-from zeroshop_steps.surface.twodgs.blending import make_blending
 from zeroshop_steps.surface.twodgs.densify import GradientMeter, densify_and_prune, reset_opacity
 from zeroshop_steps.surface.twodgs.render import Rendering, RenderView, render
+from zeroshop_steps.surface.twodgs.renderers import make_renderer
 from zeroshop_steps.surface.twodgs.settings import SurfelSettings
 from zeroshop_steps.surface.twodgs.surfels import Surfels
 
@@ -58,9 +58,9 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
     learning_rates = LEARNING_RATES
 
     def __init__(self, model: Surfels, views: ViewPyramid, initialization: Initialization, settings: SurfelSettings) -> None:
-        super().__init__(model, views, initialization, settings)
-        self.blending = make_blending(settings.device)
-        self.meter = GradientMeter(len(model))
+        self.renderer = make_renderer(settings.device)
+        super().__init__(model, views, initialization, settings, self.renderer.device)
+        self.meter = GradientMeter(len(model), self.device)
         self.generator = torch.Generator().manual_seed(settings.seed)
 
     def make_render_view(self, view: TrainingView) -> RenderView:
@@ -70,7 +70,7 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
         s = self.model
         sh = torch.cat([s.sh_constant, s.sh_rest], dim=1)
         parameters = (s.positions, s.log_scales, s.quaternions, s.opacity_logits, sh)
-        return render(*parameters, degree, self.render_views[index], self.settings.lambda_distortion > 0, self.blending)
+        return render(*parameters, degree, self.render_views[index], self.settings.lambda_distortion > 0, self.renderer)
 
     def view_loss(self, rendering: Rendering, view: TrainingView, with_normals: bool) -> dict[str, torch.Tensor]:
         return view_loss(rendering, view, self.settings, with_normals)
@@ -88,7 +88,7 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
         settings = self.settings
         first, last = settings.densify_from_share * settings.iterations, settings.densify_until_share * settings.iterations
         if first <= self.iteration <= last and self.iteration % settings.densify_every == 0:
-            outside = self.initialization.free_space.contains(self.model.positions.detach().numpy().astype(float))
+            outside = self.initialization.free_space.contains(self.model.positions.detach().cpu().numpy().astype(float))
             densify_and_prune(
                 self.model,
                 self.optimizer,
@@ -96,21 +96,20 @@ class SurfelTrainer(Trainer[Surfels, Rendering, SurfelSettings]):
                 threshold=settings.densify_gradient,
                 large=SPLIT_SCALE,
                 opacity_min=settings.opacity_min,
-                excluded=outside,
+                excluded=torch.from_numpy(outside).to(self.device),
                 count_max=settings.count_max,
                 generator=self.generator,
             )
-            self.meter = GradientMeter(len(self.model))
+            self.meter = GradientMeter(len(self.model), self.device)
         every = math.ceil(settings.opacity_reset_share * settings.iterations)
         if self.iteration % every == 0 and self.iteration < last:
             reset_opacity(self.model, self.optimizer, OPACITY_AFTER_RESET)
 
     def extra_state(self) -> dict[str, Any]:
-        meter = (torch.from_numpy(self.meter.total), torch.from_numpy(self.meter.views))
-        return {"meter": meter, "generator": self.generator.get_state()}
+        return {"meter": (self.meter.total, self.meter.views), "generator": self.generator.get_state()}
 
     def restore_extra_state(self, content: dict[str, Any]) -> None:
-        self.meter.total, self.meter.views = (tensor.numpy() for tensor in content["meter"])
+        self.meter.total, self.meter.views = (tensor.to(self.device) for tensor in content["meter"])
         self.generator.set_state(content["generator"])
 
     @classmethod
