@@ -11,6 +11,7 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.film_order import find_jump
 from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.lenses import folds
 from zeroshop_steps.register.pair_support import PairSupport, count_pair_support
 from zeroshop_steps.register.repair import measure_reprojection_errors_px
 from zeroshop_steps.register.silhouette_coherence import (
@@ -20,6 +21,9 @@ from zeroshop_steps.register.silhouette_coherence import (
     measure_silhouette_coherence,
 )
 from zeroshop_steps.register.undistort import undistort_masks
+
+WRONG = "the reconstruction hangs together but is wrong"
+REMEDY = "add pictures in between, or put the object on a strongly textured surface"
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,8 @@ def check_consistency(
     evidence = count_pair_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
     reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
+    if reason is None and any(folds(lens) for lens in model.cameras.values()):
+        reason = f"{WRONG}: its lens would fold the picture, as no lens does, so the points say too little; {REMEDY}"
     if reason is None and image_set.film:
         reason, culprits = find_jump(model, image_set.cuts)
     return ConsistencyReport(coherence, evidence, errors_px, reason, culprits, tuple(wrong_masks))
@@ -153,23 +159,21 @@ def find_first_fault(
 
     `scales` are those of `ImageSet`, `mask_limits_px` by how much the rays of each view may miss the other masks.
     """
-    wrong = "the reconstruction hangs together but is wrong"
-    remedy = "add pictures in between, or put the object on a strongly textured surface"
     if coherence:
         excess = _exceeds(coherence, mask_limits_px)
         name, worst_px = coherence.names[int(excess.argmax())], float(coherence.unexplained_px[excess.argmax()])
     if coherence and excess.max() > 1:
         found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
-        return f"{wrong}, or masks are: {found}; check the masks, {remedy}", (coherence.culprit(),)
+        return f"{WRONG}, or masks are: {found}; check the masks, {REMEDY}", (coherence.culprit(),)
     share = evidence.contradicted_share
     if share.max() > limits.contradicted_share:
         name = evidence.names[int(share.argmax())]
-        return f"{wrong}: {share.max():.0%} of the matches of {name} contradict it (sides that look alike?); {remedy}", (name,)
+        return f"{WRONG}: {share.max():.0%} of the matches of {name} contradict it (sides that look alike?); {REMEDY}", (name,)
     errors = {name: error_px / scales[name] for name, error_px in errors_px.items()}
     name = max(errors, key=errors.__getitem__)
     if errors[name] > max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values())))):
-        return f"{wrong}: {name} fits with {errors_px[name]:.2f} px, the others much better; {remedy}", (name,)
+        return f"{WRONG}: {name} fits with {errors_px[name]:.2f} px, the others much better; {REMEDY}", (name,)
     matches, group = evidence.weakest_cut()
     if matches < limits.cut_matches:
-        return f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed; {remedy}", group
+        return f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed; {REMEDY}", group
     return None, ()

@@ -1,8 +1,9 @@
 """The images and masks of a capture, checked before anything is computed. A whole scene has no masks yet."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
 REFERENCE_PX = 1000  # the longer side of the images on which limits in pixels were set
+T = TypeVar("T")
 MIN_IMAGES = 3  # with two views, nothing can be checked
 
 
@@ -53,6 +55,16 @@ class ImageSet:
     def shown(self) -> dict[str, str]:
         """{image name: the name that the user knows}."""
         return dict(zip(self.names, self.sources or self.names, strict=True))
+
+    def take(self, numbers: Sequence[int]) -> "ImageSet":
+        """The images of these numbers alone, in their order."""
+
+        def pick(values: tuple[T, ...]) -> tuple[T, ...]:
+            return tuple(values[number] for number in numbers)
+
+        masks = None if self.masks is None else pick(self.masks)
+        sources = pick(self.sources) if self.sources else ()
+        return replace(self, images=pick(self.images), masks=masks, sizes_px=pick(self.sizes_px), sources=sources)
 
     @property
     def scales(self) -> dict[str, float]:

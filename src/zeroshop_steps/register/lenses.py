@@ -6,6 +6,7 @@ held upright has another size than one that was not, so it gets a lens of its ow
 
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 from PIL import Image
 
@@ -13,6 +14,7 @@ from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.image_set import ImageSet
 
 MAKE, MODEL, EXIF_FOLDER, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
+FARTHEST, RADII = 3.0, 600  # of the pinhole picture, in half diagonals, up to which the distortion is followed, and in how many steps
 FOCAL_STEP = 1.02  # focal lengths of one zoom setting differ by less than this factor
 
 
@@ -48,6 +50,21 @@ def import_images(database: Path, image_set: ImageSet, focal_px: float | None = 
             width, height = sizes[names[0]]
             reader.camera_params = f"{focal_px * max(width, height) / longest_px},{width / 2},{height / 2}" + (",0" if distorted else "")
         pycolmap.import_images(database, image_set.images[0].parent, pycolmap.CameraMode.SINGLE, names, reader)
+
+
+def folds(lens: pycolmap.Camera) -> bool:
+    """Whether the distortion of a lens folds the picture: from some radius on, what is farther out comes out nearer to the middle.
+
+    No lens of a camera does. Where few points in the middle of the pictures say what the distortion is, it can come out so, together with
+    a focal length that is far off.
+    """
+    middle = np.array([lens.principal_point_x, lens.principal_point_y])
+    corner = np.maximum(middle, [lens.width, lens.height] - middle)
+    steps = np.linspace(0.0, FARTHEST, RADII)[:, None] * corner / lens.mean_focal_length()
+    pixels = lens.img_from_cam(np.column_stack([steps, np.ones(RADII)]))
+    radii = np.linalg.norm(pixels - middle, axis=1)
+    turns = np.flatnonzero(np.diff(radii) <= 0)
+    return len(turns) > 0 and bool(radii[turns[0]] < np.linalg.norm(corner))
 
 
 def _read_camera(path: Path) -> tuple[str, str, float]:

@@ -43,6 +43,10 @@ class Way:
         poses[:, :3, :3], poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:12]
         return poses
 
+    def take(self, numbers: np.ndarray) -> "Way":
+        """These views alone."""
+        return Way(self.views[numbers], self.log_focal, self.cost)
+
 
 def prepare_outlines(masks: Sequence[np.ndarray], focal_px: np.ndarray) -> Outlines:
     """The outlines of N masks, (H, W) bool, whose principal points are the images' centres, with (N,) guesses of their focal lengths."""

@@ -1,10 +1,12 @@
 """Register an object by its outlines alone, where it has too few features: the last attempt of `auto`.
 
 Masks must be exact and whole. All views are placed by a beam search (`outline_search`), adjusted by all outlines, and judged: the rays
-must meet all masks, and no view may fit anywhere else. So objects of revolution, and others whose outlines say no side, are refused.
+must meet all masks, and few views may fit anywhere else; these are left out. So objects of revolution, and others whose outlines say no
+side, are refused.
 SIFT's matches on the object, triangulated from these cameras, then hold them, too, and may contradict them.
 """
 
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,7 @@ from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
 from zeroshop_steps.register.outline_search import Way, count_differing, find_alternatives, prepare_outlines, search
 from zeroshop_steps.register.outline_tangents import SIZE, Outlines
 from zeroshop_steps.register.pair_support import count_pair_support
-from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model
+from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, name_missing
 from zeroshop_steps.register.sift import SiftOptions, extract_features, match_features
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions
 from zeroshop_steps.register.truth import triangulate_points
@@ -71,7 +73,9 @@ def register(image_set: ImageSet, out: Path, options: OutlineOptions) -> dict[st
     with scratch_directory(out, "outlines") as scratch:
         focal_px = _guess_focal_px(scratch / "lenses.db", image_set, options.sift.focal_px)
         outlines = prepare_outlines(masks, focal_px)
-        cameras = _find_cameras(image_set, by_name, outlines, focal_px, options.structure.seed, figures, stopwatch)
+        cameras = _find_cameras(image_set, by_name, outlines, focal_px, options.structure, figures, stopwatch)
+        whole, placed = image_set, {camera.name for camera in cameras}
+        image_set = whole.take([number for number, name in enumerate(whole.names) if name in placed])
         database = scratch / "database.db"
         known = {Path(camera.name).stem: _make_lens(camera) for camera in cameras}
         extract_features(database, image_set, options.sift, scratch / "masks", known)
@@ -84,7 +88,8 @@ def register(image_set: ImageSet, out: Path, options: OutlineOptions) -> dict[st
         stopwatch.lap("outlines")
         pinhole_model = undistort(model, image_set, out)
         stopwatch.lap("undistort")
-    figures |= {"unregistered": []} | describe_lenses(model) | describe_model(pinhole_model)
+    name_missing(figures, whole, placed)
+    figures |= describe_lenses(model) | describe_model(pinhole_model)
     supporting, contradicting = int(evidence.supporting.sum()) // 2, int(evidence.contradicting.sum()) // 2
     figures |= {"matches": {"supporting": supporting, "contradicting": contradicting}}
     stopwatch.stop()
@@ -100,12 +105,12 @@ def _find_cameras(
     masks: dict[str, np.ndarray],
     outlines: Outlines,
     focal_px: np.ndarray,
-    seed: int,
+    options: StructureOptions,
     figures: dict[str, Any],
     stopwatch: Stopwatch,
 ) -> list[Camera]:
-    """All cameras, adjusted by the outlines. Raises RegistrationFailed where these do not fit, or fit elsewhere, too."""
-    rng = np.random.default_rng(seed)
+    """The cameras that outlines place in one way, adjusted by them. Raises RegistrationFailed where too few do, or they do not fit."""
+    rng = np.random.default_rng(options.seed)
     best_px = np.inf
     for _ in range(ORDERS):
         way, *others = search(outlines, rng.permutation(len(image_set.images)).tolist())
@@ -114,17 +119,16 @@ def _find_cameras(
         figures["outlines"] = {"search_px": round(best_px, 2)}
         if way.cost > LIKELY_PX:
             continue
-        cameras = make_cameras(way, outlines, image_set, focal_px)
-        adjustment = OutlineAdjustment(cameras, masks, Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2))))
-        adjustment.adjust()
-        misses = adjustment.measure_misses_px()
-        by_view = np.array([misses[adjustment.rays.view == number].mean() for number in range(len(cameras))])
-        figures["outlines"] |= {"miss_px": round(float(misses.mean()), 3), "worst_view_px": round(float(by_view.max()), 3)}
+        adjusted, misses, by_view = _adjust(make_cameras(way, outlines, image_set, focal_px), masks)
+        figures["outlines"] |= {"miss_px": round(misses, 3), "worst_view_px": round(float(by_view.max()), 3)}
         stopwatch.lap("adjust")
-        if misses.mean() > FINE_MISS_PX or by_view.max() > WRONG_MISS_PX:
+        if misses > FINE_MISS_PX or by_view.max() > WRONG_MISS_PX:
             continue
-        adjusted = adjustment.adjusted_cameras()
-        _require_one_way(image_set, outlines, way, others, read_way(adjusted, outlines, focal_px), figures)
+        needed = max(options.min_images, math.ceil(options.min_share * len(adjusted)))
+        kept = _keep_placed(image_set, outlines, read_way(adjusted, outlines, focal_px), needed, figures)
+        _require_one_way(way.take(kept), [other.take(kept) for other in others], figures)
+        if len(kept) < len(adjusted):
+            adjusted, _, _ = _adjust([adjusted[number] for number in kept], masks)
         stopwatch.lap("elsewhere")
         return adjusted
     raise RegistrationFailed(
@@ -132,16 +136,37 @@ def _find_cameras(
     )
 
 
-def _require_one_way(
-    image_set: ImageSet, outlines: Outlines, found: Way, others: list[Way], adjusted: Way, figures: dict[str, Any]
-) -> None:
-    """Raise RegistrationFailed where views fit elsewhere, too, or another of the ways that were found fits as well."""
-    elsewhere = find_alternatives(adjusted, outlines)
-    figures["outlines"]["elsewhere_px"] = dict(zip(image_set.names, elsewhere.round(1).tolist(), strict=True))
-    free = [image_set.shown[name] for name, px in zip(image_set.names, elsewhere, strict=True) if px < ELSEWHERE_PX]
-    if free:
-        told = f"{len(free)} of {len(image_set.names)} photos, such as {free[0]}, could have been taken from elsewhere"
-        raise RegistrationFailed(f"the outlines fit in several ways: {told}; {SURFACE}", figures)
+def _adjust(cameras: list[Camera], masks: dict[str, np.ndarray]) -> tuple[list[Camera], float, np.ndarray]:
+    """Cameras adjusted by their outlines, and by how much rays then miss: in the mean, and (N,) in the mean of each view."""
+    adjustment = OutlineAdjustment(cameras, masks, Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2))))
+    adjustment.adjust()
+    misses = adjustment.measure_misses_px()
+    by_view = np.array([misses[adjustment.rays.view == number].mean() for number in range(len(cameras))])
+    return adjustment.adjusted_cameras(), float(misses.mean()), by_view
+
+
+def _keep_placed(image_set: ImageSet, outlines: Outlines, way: Way, needed: int, figures: dict[str, Any]) -> np.ndarray:
+    """(K,) numbers of the views that fit nowhere else. Raises RegistrationFailed where fewer than `needed` are left.
+
+    What held the others may go with a view that is left out, so all are asked again.
+    """
+    kept, left_out = np.arange(len(image_set.images)), dict[str, float]()
+    while True:
+        elsewhere = find_alternatives(way.take(kept), outlines.take(kept))
+        names = [image_set.names[number] for number in kept]
+        figures["outlines"]["elsewhere_px"] = dict(zip(names, elsewhere.round(1).tolist(), strict=True)) | left_out
+        free = elsewhere < ELSEWHERE_PX
+        if not free.any():
+            return kept
+        left_out |= {name: round(float(px), 1) for name, px, is_free in zip(names, elsewhere, free, strict=True) if is_free}
+        kept = kept[~free]
+        if len(kept) < needed:
+            told = f"{len(left_out)} of {len(image_set.names)} photos, such as {image_set.shown[next(iter(left_out))]}"
+            raise RegistrationFailed(f"the outlines fit in several ways: {told}, could have been taken from elsewhere; {SURFACE}", figures)
+
+
+def _require_one_way(found: Way, others: list[Way], figures: dict[str, Any]) -> None:
+    """Raise RegistrationFailed where another of the ways that were found fits as well."""
     rivals = [other for other in others if other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS]
     if rivals:
         raise RegistrationFailed(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", figures)

@@ -7,13 +7,14 @@ why, with the figures so far, is beside the record; a model that was found and r
 
 import argparse
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
 import pycolmap
 
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.view_coverage import record_view_coverage
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import read_failure
@@ -105,6 +106,18 @@ def describe_lenses(model: pycolmap.Reconstruction) -> dict[str, Any]:
 def find_lens(record: dict[str, Any], stem: str) -> dict[str, Any] | None:
     """The lens of an image in a registration's record; None where the registration found none, or there was no distortion."""
     return record.get("lens") or record.get("lenses", {}).get(stem)
+
+
+def name_missing(figures: dict[str, Any], image_set: ImageSet, placed: Collection[str]) -> None:
+    """Complete a record in place: the images without a place, and a warning that names them as the user does."""
+    missing = [name for name in image_set.names if name not in placed]
+    figures["unregistered"] = missing
+    if missing:
+        shown = ", ".join(image_set.shown[name] for name in missing)
+        figures["warnings"] = [
+            *figures.get("warnings", []),
+            f"left out, {len(missing)} of {len(image_set.names)} photos have no sure place among the others: {shown}",
+        ]
 
 
 def fill_apart(out: Path, name: str, fill: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from zeroshop_steps.register.record import (
     add_estimation_arguments,
     describe_lenses,
     describe_model,
+    name_missing,
 )
 from zeroshop_steps.register.repair import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.strange_sides import LookAgain, check_sides
@@ -164,15 +165,7 @@ def reconstruct(
         if image_set.masks and held_loosely:
             model, report = improver.adjust_by_outlines(model, report)
             stopwatch.lap("outlines")
-    placed = {image.name for image in model.images.values() if image.has_pose}
-    missing = [name for name in image_set.names if name not in placed]
-    figures["unregistered"] = missing
-    if missing:
-        shown = ", ".join(image_set.shown[name] for name in missing)
-        figures["warnings"] = [
-            *figures.get("warnings", []),
-            f"left out, {len(missing)} of {count} photos have no sure place among the others: {shown}",
-        ]
+    name_missing(figures, image_set, {image.name for image in model.images.values() if image.has_pose})
     if report.wrong_masks:
         shown = ", ".join(image_set.shown[name] for name in report.wrong_masks)
         figures["warnings"] = [

@@ -1,0 +1,90 @@
+"""A step of the adjustment by outlines and tracks: a damped least-squares problem in which a ray counts only where it misses.
+
+Which rays miss after the step is not known before, so the set of them is found in turns with the step (a semismooth Newton method; Qi and
+Sun 1993). Without that, a step that mends the rays that miss now makes others miss. Where a ray touches the object moves along with the
+cameras: its depth is an unknown of its own, and eliminated as the points of the tracks are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+TURNS = 8  # of the step and of the set of rays that miss
+USUAL_DEPTH = 0.1  # by which a touched point moves along its ray, in radii of the object, beyond which the linear model means little
+
+
+@dataclass(frozen=True)
+class OutlineRows:
+    """Signed distances of touched rays in other views, px per 1000 px, linearized. K of them; S unknowns of the cameras.
+
+    Attributes:
+        value: (K,) negative where a ray misses.
+        jacobian: (K, S) sparse derivative by the cameras and the focal length.
+        by_depth: (K,) derivative by the depth of the ray's touched point, in radii of the object.
+        ray: (K,) number of the ray.
+    """
+
+    value: np.ndarray
+    jacobian: csr_matrix
+    by_depth: np.ndarray
+    ray: np.ndarray
+
+
+@dataclass(frozen=True)
+class TrackBlocks:
+    """Gauss and Newton's approximation of the tracks' reprojection errors. P points; S unknowns of the cameras.
+
+    Attributes:
+        hessian, gradient: (S, S) and (S,) of the cameras and the focal length.
+        coupling: (P, S, 3) with the points.
+        points_hessian, points_gradient: (P, 3, 3) and (P, 3) of the points.
+    """
+
+    hessian: np.ndarray
+    gradient: np.ndarray
+    coupling: np.ndarray
+    points_hessian: np.ndarray
+    points_gradient: np.ndarray
+
+
+def solve_step(outlines: OutlineRows, tracks: TrackBlocks, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    """(S,) step of the cameras and the focal length, and (P, 3) step of the points."""
+    inverse = np.linalg.inv(tracks.points_hessian * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3))
+    eliminated = np.einsum("pni,pij->pnj", tracks.coupling, inverse)
+    hessian = tracks.hessian - np.einsum("pni,pmi->nm", eliminated, tracks.coupling, optimize=True)
+    gradient = tracks.gradient - np.einsum("pni,pi->n", eliminated, tracks.points_gradient)
+    missing = outlines.value < 0
+    scale = np.diag(tracks.hessian) + np.diag(_weigh(outlines, missing)[0])
+    damped = hessian + np.diag(damping * scale + 1e-6 * scale.mean() + 1e-12)
+    step = np.zeros(len(gradient))
+    for _ in range(TURNS):
+        by_outlines, pull, depths = _eliminate_depths(outlines, missing, damping)
+        step = -np.linalg.solve(damped + by_outlines, gradient + pull)
+        after = outlines.value + outlines.jacobian @ step + outlines.by_depth * depths(step)[outlines.ray]
+        before, missing = missing, after < 0
+        if (before == missing).all():
+            break
+    points_step = -np.einsum("pij,pj->pi", inverse, tracks.points_gradient + np.einsum("pni,n->pi", tracks.coupling, step, optimize=True))
+    return step, points_step
+
+
+def _weigh(outlines: OutlineRows, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+    """(S, S) matrix and (S,) gradient of the rays that miss, with their depths held, and their weighed rows."""
+    weight = missing / (1 + np.maximum(-outlines.value, 0.0))
+    weighed = outlines.jacobian.multiply(weight[:, None]).tocsr()
+    return (weighed.T @ outlines.jacobian).toarray(), weighed.T @ outlines.value, weighed
+
+
+def _eliminate_depths(outlines: OutlineRows, missing: np.ndarray, damping: float):
+    """(S, S) matrix and (S,) gradient of the rays that miss without their depths, and what gives the (R,) depths' step by the cameras'."""
+    hessian, gradient, weighed = _weigh(outlines, missing)
+    rays = int(outlines.ray.max()) + 1 if len(outlines.ray) else 0
+    by_ray = csr_matrix((outlines.by_depth, (outlines.ray, np.arange(len(outlines.ray)))), (rays, len(outlines.ray)))
+    weight = missing / (1 + np.maximum(-outlines.value, 0.0))
+    coupling = (by_ray @ weighed).toarray()
+    own = np.bincount(outlines.ray, weight * outlines.by_depth**2, rays) * (1 + damping) + 1 / USUAL_DEPTH**2
+    pull = by_ray @ (weight * outlines.value)
+    hessian -= coupling.T @ (coupling / own[:, None])
+    gradient = gradient - coupling.T @ (pull / own)
+    return hessian, gradient, lambda step: -(pull + coupling @ step) / own
