@@ -59,6 +59,8 @@ rule stereo:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(30),
         gpu=int(config["stereo"]["device"] != "cpu"),
+        # 60 images of a megapixel, with masks and contrast, take 1 GB, beside what CUDA itself takes.
+        gpu_mem_mb=2000 if config["stereo"]["device"] != "cpu" else 0,
     params:
         options=step_options(config["stereo"]),
         seed=config["seed"],
