@@ -103,16 +103,16 @@ class OutlineAdjustment:
         cost = self._measure_cost(self.state)
         for _ in range(ROUNDS):
             outlines, tracks = self._linearize_outlines(), self._linearize_tracks()
-            before, start = cost, self.state
-            for trial in range(TRIALS):
+            before, start, enough = cost, self.state, (1 - CONVERGED) * cost
+            for _ in range(TRIALS):
                 step, points_step = solve_step(outlines, tracks, damping)
                 moved = start.moved(step, points_step)
                 self._touch(moved)
                 cost = self._measure_cost(moved)
                 if cost < before:
                     break
-                damping *= 6
-            if cost > before * (1 - CONVERGED if trial == 0 else 1):
+                damping, enough = 6 * damping, before  # a short step brings little
+            if cost >= enough:
                 self._touch(start)
                 return
             self.state, damping = moved, max(damping / 5, LEAST_DAMPING)
