@@ -55,13 +55,13 @@ def solve_step(outlines: OutlineRows, tracks: TrackBlocks, damping: float) -> tu
     hessian = tracks.hessian - np.einsum("pni,pmi->nm", eliminated, tracks.coupling, optimize=True)
     gradient = tracks.gradient - np.einsum("pni,pi->n", eliminated, tracks.points_gradient)
     missing = outlines.value < 0
-    scale = np.diag(tracks.hessian) + np.diag(_weigh(outlines, missing)[0])
+    scale = np.diag(tracks.hessian) + _hold_depths(outlines, missing)[1].multiply(outlines.jacobian).sum(0).A1
     damped = hessian + np.diag(damping * scale + 1e-6 * scale.mean() + 1e-12)
     step = np.zeros(len(gradient))
     for _ in range(TURNS):
-        by_outlines, pull, depths = _eliminate_depths(outlines, missing, damping)
-        step = -np.linalg.solve(damped + by_outlines, gradient + pull)
-        after = outlines.value + outlines.jacobian @ step + outlines.by_depth * depths(step)[outlines.ray]
+        blocks = _eliminate_depths(outlines, missing, damping)
+        step = -np.linalg.solve(damped + blocks.hessian, gradient + blocks.gradient)
+        after = outlines.value + outlines.jacobian @ step + outlines.by_depth * blocks.solve(step)[outlines.ray]
         before, missing = missing, after < 0
         if (before == missing).all():
             break
@@ -69,22 +69,33 @@ def solve_step(outlines: OutlineRows, tracks: TrackBlocks, damping: float) -> tu
     return step, points_step
 
 
-def _weigh(outlines: OutlineRows, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-    """(S, S) matrix and (S,) gradient of the rays that miss, with their depths held, and their weighed rows."""
-    weight = missing / (1 + np.maximum(-outlines.value, 0.0))
-    weighed = outlines.jacobian.multiply(weight[:, None]).tocsr()
-    return (weighed.T @ outlines.jacobian).toarray(), weighed.T @ outlines.value, weighed
+@dataclass(frozen=True)
+class _DepthBlocks:
+    """The rays that miss, with the depths of their touched points eliminated: what that leaves for the cameras."""
+
+    hessian: np.ndarray
+    gradient: np.ndarray
+    coupling: np.ndarray
+    own: np.ndarray
+    pull: np.ndarray
+
+    def solve(self, step: np.ndarray) -> np.ndarray:
+        """(R,) step of the depths by (S,) that of the cameras."""
+        return -(self.pull + self.coupling @ step) / self.own
 
 
-def _eliminate_depths(outlines: OutlineRows, missing: np.ndarray, damping: float):
-    """(S, S) matrix and (S,) gradient of the rays that miss without their depths, and what gives the (R,) depths' step by the cameras'."""
-    hessian, gradient, weighed = _weigh(outlines, missing)
-    rays = int(outlines.ray.max()) + 1 if len(outlines.ray) else 0
-    by_ray = csr_matrix((outlines.by_depth, (outlines.ray, np.arange(len(outlines.ray)))), (rays, len(outlines.ray)))
+def _hold_depths(outlines: OutlineRows, missing: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
+    """(K,) weights under the robust loss of the rays that miss, 0 of the others, and their weighed rows."""
     weight = missing / (1 + np.maximum(-outlines.value, 0.0))
+    return weight, outlines.jacobian.multiply(weight[:, None]).tocsr()
+
+
+def _eliminate_depths(outlines: OutlineRows, missing: np.ndarray, damping: float) -> _DepthBlocks:
+    weight, weighed = _hold_depths(outlines, missing)
+    count, rays = len(outlines.ray), int(outlines.ray.max(initial=-1)) + 1
+    by_ray = csr_matrix((outlines.by_depth, (outlines.ray, np.arange(count))), (rays, count))
     coupling = (by_ray @ weighed).toarray()
     own = np.bincount(outlines.ray, weight * outlines.by_depth**2, rays) * (1 + damping) + 1 / USUAL_DEPTH**2
     pull = by_ray @ (weight * outlines.value)
-    hessian -= coupling.T @ (coupling / own[:, None])
-    gradient = gradient - coupling.T @ (pull / own)
-    return hessian, gradient, lambda step: -(pull + coupling @ step) / own
+    hessian = (weighed.T @ outlines.jacobian).toarray() - coupling.T @ (coupling / own[:, None])
+    return _DepthBlocks(hessian, weighed.T @ outlines.value - coupling.T @ (pull / own), coupling, own, pull)
