@@ -248,8 +248,8 @@ def make_row(stored: StoredCapture, seed: int, kind: str, attempts: Sequence[str
         if model.is_dir() and row["registered"] >= LEAST_PAIRS:
             row |= judge(read_sparse_model(model).cameras, stored.truth)
     row["seconds"] = round(time.monotonic() - start_s, 1)
-    write_json(stored.folder / f"{kind}_{seed}.json", {**row, "record": record})
     stored.save()
+    write_json(stored.folder / f"{kind}_{seed}.json", {**row, "record": record})
     return row
 
 
