@@ -39,7 +39,10 @@ from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 KINDS = ("all", "random", "half", "random", "gap", "above")
-"""Of subsets: that of a seed is the one of its number, and again from the start. There is one more, `ring`: too few views to register."""
+"""Of subsets: that of a seed is the one of its number, and again from the start."""
+MORE_KINDS = ("ring", "single")
+"""One ring has too few views to register. Of two opposite views, `single` has one: where sides that look alike are laid onto each other,
+no two views lie side by side that could be compared."""
 LEAST_SHARE, LARGEST_SHARE = 0.6, 0.9  # of the views that are drawn at random
 HALF_DEG, GAP_DEG = 100.0, 45.0  # azimuths up to so far on either side of one are in a half, or in the gap
 RING_DEG = 5.0  # between elevations of one ring and the next
@@ -150,7 +153,7 @@ def draw_views(truth: Sequence[Camera], kind: str, rng: np.random.Generator) -> 
 
     Args:
         truth: the true cameras of all views, around the z axis.
-        kind: one of `KINDS`, or `ring`.
+        kind: one of `KINDS` or `MORE_KINDS`.
         rng: what is drawn by.
     """
     centres = np.array([camera.centre_in_world for camera in truth])
@@ -162,12 +165,15 @@ def draw_views(truth: Sequence[Camera], kind: str, rng: np.random.Generator) -> 
     if kind == "random":
         count = round(len(centres) * rng.uniform(LEAST_SHARE, LARGEST_SHARE))
         return np.sort(rng.choice(len(centres), count, replace=False))
+    turned = (azimuths + RING_DEG) % 360
+    _, axis = np.unique(np.round(np.stack([elevations, turned % 180], 1)), axis=0, return_inverse=True)
     chosen = {
         "all": np.ones(len(centres), bool),
         "half": away_deg <= HALF_DEG,
         "gap": away_deg > GAP_DEG,
         "above": elevations >= starts[min(1, len(starts) - 1)],
         "ring": np.searchsorted(starts, elevations, "right") - 1 == rng.integers(len(starts)),
+        "single": (turned < 180) == rng.integers(2, size=len(centres))[axis],
     }[kind]
     return np.flatnonzero(chosen)
 
@@ -258,7 +264,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("captures", type=Path, nargs="+", help="folders of rendered captures, DATASET/OBJECT/SCENE/capture")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(6)), help="a row each (default: %(default)s)")
-    parser.add_argument("--kind", choices=sorted({*KINDS, "ring"}), help="of all subsets; by default, that of the seed's number")
+    parser.add_argument("--kind", choices=sorted({*KINDS, *MORE_KINDS}), help="of all subsets; by default, that of the seed's number")
     parser.add_argument("--attempts", nargs="+", choices=ATTEMPTS, default=ATTEMPTS, help="those of auto to make (default: all)")
     parser.add_argument(
         "--weights", type=Path, default=aliked.WEIGHTS_FOLDER / aliked.FOLDER, help="of the networks (default: %(default)s)"

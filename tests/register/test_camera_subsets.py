@@ -16,7 +16,10 @@ RINGS = [ring_camera(number, 20, 500.0, (0.0, 45.0), (0.0, 0.0, 0.0), 600.0, (64
 """By turns at 45 and at 0 degrees."""
 
 
-@pytest.mark.parametrize("kind, least, most", [("all", 20, 20), ("random", 12, 18), ("half", 11, 12), ("gap", 15, 15), ("ring", 10, 10)])
+SIZES = [("all", 20, 20), ("random", 12, 18), ("half", 11, 12), ("gap", 15, 15), ("ring", 10, 10), ("single", 10, 10)]
+
+
+@pytest.mark.parametrize("kind, least, most", SIZES)
 def test_subsets_have_the_size_of_their_kind(kind, least, most):
     for seed in range(5):
         drawn = draw_views(RINGS, kind, np.random.default_rng(seed))
@@ -73,3 +76,8 @@ def test_a_camera_that_is_far_off_makes_cameras_wrong():
     assert judge(RINGS, RINGS)["cameras"] == "right"
     off = [replace(RINGS[5], name=camera.name) if number == 3 else camera for number, camera in enumerate(RINGS)]
     assert judge(off, RINGS)["cameras"] == "wrong"
+
+
+def test_of_opposite_views_a_single_one_is_drawn():
+    drawn = draw_views(RINGS, "single", np.random.default_rng(0))
+    assert not {(number + 10) % 20 for number in drawn} & set(drawn.tolist()) and len(set(drawn % 10)) == 10
