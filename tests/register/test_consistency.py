@@ -1,9 +1,14 @@
 """Each check alone can find a model wrong, and names whom it blames."""
 
-import numpy as np
+import json
 
-from zeroshop_steps.register.consistency import ConsistencyLimits, find_first_fault
+import numpy as np
+import pycolmap
+import pytest
+
+from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault
 from zeroshop_steps.register.pair_support import PairSupport
+from zeroshop_steps.register.repair import measure_reprojection_errors_px
 from zeroshop_steps.register.silhouette_coherence import SilhouetteCoherence
 
 NAMES = tuple("abcdefgh")
@@ -48,3 +53,32 @@ def test_a_poor_fit_finds_a_wrong_camera():
 def test_a_loose_link_is_found():
     reason, culprits = fault(link=5)
     assert "only 35 matches hold c" in reason and culprits == ("c",)
+
+
+def test_an_error_without_bounds_is_a_fault_wherever_it_stands():
+    reason, culprits = fault(error_px=np.inf)
+    assert "c sees no points of the model, or most of them lie behind it" in reason and culprits == ("c",)
+
+
+@pytest.mark.parametrize("behind, finite", [(1, True), (4, False)])
+def test_points_behind_a_camera_do_not_hide_its_error(behind, finite):
+    """Where one of nine does, and where four of seven do. With the median of what is not a number, no limit was ever exceeded."""
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(model="SIMPLE_PINHOLE", width=200, height=200, params=[200.0, 100.0, 100.0], camera_id=1)
+    )
+    pixels = np.random.default_rng(0).uniform(50, 150, (9 if finite else 7, 2))
+    for number in (1, 2):
+        image = pycolmap.Image(name=f"{number}.png", keypoints=pixels + [0.25, 0.0], camera_id=1, image_id=number)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
+    for index, pixel in enumerate(pixels):
+        depth = -5.0 if index < behind else 5.0
+        track = pycolmap.Track()
+        for number in (1, 2):
+            track.add_element(number, index)
+        model.add_point3D(np.array([*((pixel - 100.0) / 200.0 * depth), depth]), track, np.zeros(3, np.uint8))
+    errors_px = measure_reprojection_errors_px(model)
+    assert all(np.isfinite(error) == finite for error in errors_px.values())
+    evidence = PairSupport(("1.png", "2.png"), np.array([[0, 9], [9, 0]]), np.zeros((2, 2), int))
+    figures = ConsistencyReport(None, evidence, errors_px, None, ()).figures()
+    assert json.loads(json.dumps(figures, allow_nan=False))["error_px"]["1.png"] == (0.25 if finite else None)

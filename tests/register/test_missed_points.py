@@ -68,3 +68,12 @@ def test_sides_that_lie_on_each_other_are_refused():
 @pytest.mark.parametrize("azimuths", [[0, 90, 180, 270], [0, 40, 80, 120]])
 def test_views_far_apart_are_not_judged(azimuths):
     assert count_missed_points(model_of(azimuths, [0, 1, 0, 1])).find_strangers(SHARED_POINTS)[0] == 0
+
+
+def test_a_single_stranger_among_few_neighbours_is_refused_where_no_ground_tells_sides_apart():
+    folded = model_of([0, 72, 144, 1, 60], [0, 0, 0, 1, 0])
+    record = check(folded)
+    assert record["neighbours"] == 2 and record["strangers"] == [["0", "3"]], "excused on a ground"
+    with pytest.raises(RegistrationFailed, match="share almost nothing"):
+        check_sides(folded, {"registered": 5}, by_object=True)
+    assert check_sides(model_of([0, 20, 40, 60], [0] * 4), {}, by_object=True)["strangers"] == []

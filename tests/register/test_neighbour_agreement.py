@@ -1,5 +1,6 @@
 """Sides that look alike, laid onto each other: neighbouring views differ in detail."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.register import neighbour_agreement
 from zeroshop_steps.register.group_likeness import compare_groups
 from zeroshop_steps.register.neighbour_agreement import check_neighbours, find_disagreeing
 from zeroshop_steps.register.record import RegistrationFailed
@@ -81,3 +83,11 @@ def test_groups_laid_onto_the_wrong_side_do_not(views):
 def test_groups_without_common_sides_are_not_called_the_same(views):
     right = read_views(views)[0]
     assert not compare_groups(right, {view.camera.name for view in right[len(SEEN) // 2 :]}).same
+
+
+@pytest.mark.parametrize("judged, disagreeing, refused", [(2, 2, True), (1, 1, True), (8, 2, False), (20, 6, True), (0, 0, False)])
+def test_where_few_are_judged_none_is_excused(monkeypatch, judged, disagreeing, refused):
+    pairs = [(f"{number}", f"{number + 1}") for number in range(disagreeing)]
+    monkeypatch.setattr(neighbour_agreement, "find_disagreeing", lambda views: (judged, pairs))
+    with pytest.raises(RegistrationFailed, match="differ in detail") if refused else nullcontext():
+        check_neighbours([], {}, pycolmap.Reconstruction())

@@ -5,11 +5,14 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
+from zeroshop_steps.geometry.cameras import to_rigid
+from zeroshop_steps.register.model_outlines import adjust_model_by_masks
 from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
 from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
 
@@ -107,3 +110,27 @@ def test_the_rim_lies_between_the_pixels():
     across = look_up_many(distance, np.array([[19.0, 20.0], [20.0, 20.0], [21.0, 20.0], [30.0, 20.0]]))
     np.testing.assert_allclose(across, [-1.0, 0.0, 1.0, across[3]], atol=0.05)
     assert across[3] > 7
+
+
+def test_points_that_come_to_lie_behind_a_camera_are_left_out(views):
+    """Two rays that drift apart meet behind the cameras: such a point has no error, and no record can be written of it."""
+    cameras, masks = views
+    rng = np.random.default_rng(3)
+    places = rng.uniform(-0.5, 0.5, (30, 3)) * SIZE_MM
+    places[0] = 2.5 * (cameras[0].centre_in_world + cameras[1].centre_in_world) / 2
+    pixels = np.stack([camera.project(places)[0] for camera in cameras])
+    model = pycolmap.Reconstruction()
+    lens = pycolmap.Camera(
+        model="SIMPLE_PINHOLE", width=WIDTH_PX, height=HEIGHT_PX, params=[FOCAL_PX, WIDTH_PX / 2, HEIGHT_PX / 2], camera_id=1
+    )
+    model.add_camera_with_trivial_rig(lens)
+    for number, camera in enumerate(cameras, start=1):
+        image = pycolmap.Image(name=camera.name, keypoints=pixels[number - 1], camera_id=1, image_id=number)
+        model.add_image_with_trivial_frame(image, to_rigid(camera.camera_from_world))
+    for index, place in enumerate(places):
+        track = pycolmap.Track()
+        for number in (1, 2) if index == 0 else range(1, VIEWS + 1):
+            track.add_element(number, index)
+        model.add_point3D(place, track, np.zeros(3, np.uint8))
+    adjusted = adjust_model_by_masks(model, cameras, masks).model
+    assert adjusted.num_points3D() == 29 and adjusted.compute_mean_reprojection_error() < 1.0

@@ -52,6 +52,9 @@ class ColmapOptions:
     tilt: float = 5.0
 
 
+Match = Callable[[Path, ImageSet, ColmapOptions, dict[str, Any], Stopwatch], list[tuple[str, str]] | None]
+"""What fills a database with features and verified matches, as `match_images` does."""
+
 METHOD = {"title": "COLMAP", "rank": 0}
 
 
@@ -80,8 +83,14 @@ def run(args: argparse.Namespace) -> None:
     write_registration(args.out, lambda folder: register(image_set, folder, options))
 
 
-def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str, Any]:
+def register(image_set: ImageSet, out: Path, options: ColmapOptions, match: Match | None = None) -> dict[str, Any]:
     """Estimate cameras and write images/, sparse/ and, where there are masks, masks/ to `out`.
+
+    Args:
+        image_set: what to register.
+        out: folder to fill.
+        options: see `ColmapOptions`.
+        match: fills the database; None for `match_images`.
 
     Returns:
         The record for registration.json.
@@ -94,48 +103,72 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions) -> dict[str
     options = replace(options, sift=fit_to_count(options.sift, count))
     figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": stopwatch.seconds}
     figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
-    return match_and_reconstruct(image_set, out, options, figures, stopwatch)
+    return match_and_reconstruct(image_set, out, options, figures, stopwatch, match=match)
 
 
 def match_and_reconstruct(
-    image_set: ImageSet, out: Path, options: ColmapOptions, figures: dict[str, Any], stopwatch: Stopwatch, start: Start | None = None
+    image_set: ImageSet,
+    out: Path,
+    options: ColmapOptions,
+    figures: dict[str, Any],
+    stopwatch: Stopwatch,
+    start: Start | None = None,
+    match: Match | None = None,
 ) -> dict[str, Any]:
     """As `register`, with a record that was begun: `figures` is completed in place. `start` gives a model of the matches to begin with."""
     structure = options.structure
     with scratch_directory(out, "colmap") as scratch:
         database = scratch / "database.db"
-        mask_folder = scratch / "masks" if structure.object_only else None
-        figures["median_features"] = extract_features(database, image_set, options.sift, mask_folder)
-        figures["focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
-        stopwatch.lap("extract")
-        pairs = choose_name_pairs(image_set, options.sift, structure.object_only)
-        stopwatch.lap("choose")
-        match_features(database, options.sift, pairs)
-        figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
-        figures["still_share"] = measure_still_share(database, image_set)
-        still = figures["still_share"] > STILL_SHARE and not structure.object_only
-        if still:
-            verify_without_still(database, image_set, options.sift.seed)
-            figures["warnings"] = [f"{describe_still(figures['still_share'])}: the cameras are found from what turns; {STILL_REMEDY}"]
-        stopwatch.lap("match")
-        weak = [] if structure.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
-        flattened = find_flattened(database, weak)
-        if not structure.leave_out:
-            # Photos that are not flattened gain nothing. On plain rendered grounds that was not measured: all are stretched there.
-            flattened = {name: flattened.get(name, VERTICAL) for name in weak}
-        if flattened:
-            add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
-            if still:
-                verify_without_still(database, image_set, options.sift.seed)
-        figures["stretched"] = sorted(flattened)
-        stopwatch.lap("stretch")
+        pairs = (match or match_images)(database, image_set, options, figures, stopwatch)
         first = start(database) if start else None
         tested = None if pairs is None else {frozenset(Path(name).stem for name in pair) for pair in pairs}
         look_again = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
         try:
             return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
         except RegistrationFailed as error:
-            if not still:
+            if not _is_still(figures, options):
                 raise
             reason = f"{describe_still(figures['still_share'])}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
             raise RegistrationFailed(reason, error.figures, error.rejected) from None
+
+
+def match_images(
+    database: Path, image_set: ImageSet, options: ColmapOptions, figures: dict[str, Any], stopwatch: Stopwatch
+) -> list[tuple[str, str]] | None:
+    """Write the features of all images and their verified matches into a new database; completes `figures`.
+
+    Returns:
+        The names of the pairs that were matched; None for all pairs.
+    """
+    structure = options.structure
+    mask_folder = database.parent / "masks" if structure.object_only else None
+    figures["median_features"] = extract_features(database, image_set, options.sift, mask_folder)
+    figures["focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
+    stopwatch.lap("extract")
+    pairs = choose_name_pairs(image_set, options.sift, structure.object_only)
+    stopwatch.lap("choose")
+    match_features(database, options.sift, pairs)
+    figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
+    figures["still_share"] = measure_still_share(database, image_set)
+    still = _is_still(figures, options)
+    if still:
+        verify_without_still(database, image_set, options.sift.seed)
+        figures["warnings"] = [f"{describe_still(figures['still_share'])}: the cameras are found from what turns; {STILL_REMEDY}"]
+    stopwatch.lap("match")
+    weak = [] if structure.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
+    flattened = find_flattened(database, weak)
+    if not structure.leave_out:
+        # Photos that are not flattened gain nothing. On plain rendered grounds that was not measured: all are stretched there.
+        flattened = {name: flattened.get(name, VERTICAL) for name in weak}
+    if flattened:
+        add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
+        if still:
+            verify_without_still(database, image_set, options.sift.seed)
+    figures["stretched"] = sorted(flattened)
+    stopwatch.lap("stretch")
+    return pairs
+
+
+def _is_still(figures: dict[str, Any], options: ColmapOptions) -> bool:
+    """Whether the background stood still while the object turned."""
+    return bool(figures["still_share"] > STILL_SHARE and not options.structure.object_only)

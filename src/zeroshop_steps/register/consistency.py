@@ -75,8 +75,9 @@ class ConsistencyReport:
     wrong_masks: tuple[str, ...] = ()
 
     def figures(self) -> dict[str, Any]:
-        """The figures as written to registration.json."""
+        """The figures as written to registration.json; an error without bounds is None there."""
         cut, group = self.evidence.weakest_cut()
+        worst = max(self.errors_px.values())
         silhouettes = {}
         if self.coherence:
             silhouettes = {
@@ -87,8 +88,8 @@ class ConsistencyReport:
             silhouettes["wrong_masks"] = list(self.wrong_masks)
         return {
             **silhouettes,
-            "error_px": {name: round(error, 3) for name, error in self.errors_px.items()},
-            "error_worst_ratio": round(max(self.errors_px.values()) / float(np.median(list(self.errors_px.values()))), 2),
+            "error_px": {name: round(error, 3) if np.isfinite(error) else None for name, error in self.errors_px.items()},
+            "error_worst_ratio": round(worst / float(np.median(list(self.errors_px.values()))), 2) if np.isfinite(worst) else None,
             "contradicted_share": dict(zip(self.evidence.names, np.round(self.evidence.contradicted_share, 3).tolist(), strict=True)),
             "contradicted_worst_share": round(float(self.evidence.contradicted_share.max()), 3),
             "weakest_cut_matches": cut,
@@ -171,6 +172,8 @@ def find_first_fault(
         return f"{WRONG}: {share.max():.0%} of the matches of {name} contradict it (sides that look alike?); {REMEDY}", (name,)
     errors = {name: error_px / scales[name] for name, error_px in errors_px.items()}
     name = max(errors, key=errors.__getitem__)
+    if not np.isfinite(errors[name]):
+        return f"{wrong}: {name} sees no points of the model, or most of them lie behind it; {remedy}", (name,)
     if errors[name] > max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values())))):
         return f"{WRONG}: {name} fits with {errors_px[name]:.2f} px, the others much better; {REMEDY}", (name,)
     matches, group = evidence.weakest_cut()

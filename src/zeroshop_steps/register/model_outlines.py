@@ -67,6 +67,8 @@ def adjust_model_by_masks(model: pycolmap.Reconstruction, cameras: list[Camera],
         copy.frames[image.frame_id].set_cam_from_world(image.camera_id, to_rigid(camera.camera_from_world))
     for point_id, place in zip(point_ids, adjustment.adjusted_points(), strict=True):
         copy.points3D[point_id].xyz = place
+    # A point that few rays hold may have come to lie behind a camera, where it has no error.
+    pycolmap.ObservationManager(copy).filter_observations_with_negative_depth()
     copy.update_point_3d_errors()
     return AdjustedModel(copy, adjusted, (before_px, after_px), (error_before_px, error_after_px))
 

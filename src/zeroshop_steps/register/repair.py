@@ -23,7 +23,7 @@ ITERATIONS = 50  # of bundle adjustment, at most
 
 
 def measure_reprojection_errors_px(model: pycolmap.Reconstruction) -> dict[str, float]:
-    """{image name: median reprojection error of its points}."""
+    """{image name: median reprojection error of its points}, where a point behind the image, or at its side, misses by infinity."""
     errors = {}
     for image_id in sorted(model.reg_image_ids()):
         image = model.images[image_id]
@@ -33,7 +33,8 @@ def measure_reprojection_errors_px(model: pycolmap.Reconstruction) -> dict[str, 
         pose = image.cam_from_world().matrix()
         projected = camera.img_from_cam(points @ pose[:, :3].T + pose[:, 3])
         pixels = np.array([point.xy for point in observed]).reshape(-1, 2)
-        errors[image.name] = float(np.median(np.linalg.norm(projected - pixels, axis=1))) if observed else np.inf
+        missed_px = np.linalg.norm(projected - pixels, axis=1)  # not a number where nothing can be projected
+        errors[image.name] = float(np.median(np.where(np.isfinite(missed_px), missed_px, np.inf))) if observed else np.inf
     return errors
 
 

@@ -179,7 +179,7 @@ def reconstruct(
     stopwatch.stop()
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
-    record = figures if joined else check_sides(pinhole_model, figures, look_again)
+    record = figures if joined else check_sides(pinhole_model, figures, look_again, by_object)
     if by_object:
         check_neighbours(read_views(out)[0], record, pinhole_model)
     return record
