@@ -173,7 +173,7 @@ def find_first_fault(
     errors = {name: error_px / scales[name] for name, error_px in errors_px.items()}
     name = max(errors, key=errors.__getitem__)
     if not np.isfinite(errors[name]):
-        return f"{wrong}: {name} sees no points of the model, or most of them lie behind it; {remedy}", (name,)
+        return f"{WRONG}: {name} sees no points of the model, or most of them lie behind it; {REMEDY}", (name,)
     if errors[name] > max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values())))):
         return f"{WRONG}: {name} fits with {errors_px[name]:.2f} px, the others much better; {REMEDY}", (name,)
     matches, group = evidence.weakest_cut()
