@@ -7,7 +7,7 @@ import pytest
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
 from zeroshop_steps.evaluate.mask_error import undistort_mask
-from zeroshop_steps.geometry.cameras import write_cameras
+from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
@@ -49,6 +49,40 @@ def test_the_next_is_tried_and_the_record_says_why(out):
     record = register(out, {"colmap": fail(3), "aliked": succeed})
     assert record["method"] == "found" and record["tried"]["colmap"]["reason"] == "3 of 20 images registered"
     assert record["tried"]["colmap"]["seconds"] >= 0 and (out / "images/0.png").is_file()
+
+
+def place(registered, shift=0.0):
+    """An attempt that registers so many images of a ball's; `shift` moves every other camera."""
+
+    def attempt(folder):
+        cameras = list(ball_cameras())[:registered]
+        for camera in cameras[::2]:
+            camera.camera_from_world[:3, 3] += shift
+        write_cameras(folder / "sparse", cameras)
+        return {"method": f"with {registered}", "registered": registered, "images": 12}
+
+    return attempt
+
+
+def test_where_many_images_are_left_out_the_next_is_taken_if_it_has_more_and_agrees(out):
+    record = register(out, {"colmap": place(6), "aliked": place(11), "outlines": place(12)})
+    assert record["method"] == "with 11" and set(record["tried"]) == {"colmap"}
+    assert record["tried"]["colmap"]["reason"] == "6 of 12 images registered"
+    assert len(read_sparse_model(out / "sparse").cameras) == 11
+
+
+def test_where_the_next_has_no_more_the_first_is_kept(out):
+    for name, other in (("fewer", place(5)), ("fails", fail(0))):
+        (out / name).mkdir()
+        record = register(out / name, {"colmap": place(6), "aliked": other})
+        assert record["method"] == "with 6" and set(record["tried"]) == {"aliked"} and "warnings" not in record
+        assert len(read_sparse_model(out / name / "sparse").cameras) == 6
+
+
+def test_cameras_that_contradict_each_other_are_told(out):
+    record = register(out, {"colmap": place(6), "aliked": place(12, shift=0.3)})
+    assert record["method"] == "with 6" and "contradict each other" in record["warnings"][0]
+    assert "contradict" in record["tried"]["aliked"]["reason"]
 
 
 def test_where_all_fail_both_reasons_are_told_and_nothing_is_left(out):

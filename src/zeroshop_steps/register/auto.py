@@ -2,21 +2,25 @@
 
 The record says which gave the cameras, and why the others did not.
 
-Whatever SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives. Learned features are tried only with masks, which
-check their cameras: on whole photos of plain tables they match other sides and other things too readily. Photos without masks get them
-by a salient-object network, if one is named; then SIFT's cameras, too, are checked by such masks where few points hold them. Without a
-network, what contrasts with a plain ground gives the masks for learned features. Outlines alone are tried with given masks only: found
-ones are too rough for them.
+What SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives, but where many images were left out: then the next
+is tried, too. Learned features are tried only with masks, which check their cameras: on whole photos of plain tables they match other
+sides and other things too readily. Photos without masks get them by a salient-object network, if one is named; then SIFT's cameras, too,
+are checked by such masks where few points hold them. Without a network, what contrasts with a plain ground gives the masks for learned
+features. Outlines alone are tried with given masks only: found ones are too rough for them.
 """
 
 import argparse
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pycolmap
 
+from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
+from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weights
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks, outlines
@@ -26,10 +30,15 @@ from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write
 from zeroshop_steps.register.structure import add_matching_arguments
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.files import scratch_directory
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights", "saliency_weights"), ignored=("threads", "device"))
 METHOD = {"title": "automatic", "rank": 4, "tries": ("colmap", "aliked"), "saliency": True}
 
+DOUBTFUL_SHARE = 0.8
+"""Share of the images. Where fewer were registered and the others left out, such as one of two rounds, learned features may find more."""
+LEAST_COMMON, APART_SHARE = 5, 0.05
+"""Two registrations agree where so many images stand in both, apart by at most this share of their distance from their middle."""
 Attempt = Callable[[Path], dict[str, Any]]
 
 
@@ -74,7 +83,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[str, Any]:
-    """Try one registration after the other, and keep the first that succeeds.
+    """Try one registration after the other, and keep the first that succeeds and leaves few images out.
+
+    Where many were left out, the next is tried, too, and taken if it registers more of them and agrees.
 
     Args:
         out: folder to fill.
@@ -82,25 +93,71 @@ def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[
         advice: ends the reason where none succeeded.
 
     Returns:
-        The record of the one that succeeded, with `tried`: why those before it failed, and how long they took.
+        The record of the one that is kept, with `tried`: why the others were not, and how long they took.
 
     Raises:
         RegistrationFailed: none succeeded; with the figures and the model of the one that registered most images.
     """
     failures: dict[str, RegistrationFailed] = {}
     tried: dict[str, dict[str, Any]] = {}
-    for name, attempt in attempts.items():
-        start_s = time.monotonic()
-        try:
-            return fill_apart(out, name, attempt) | {"tried": tried}
-        except RegistrationFailed as error:
-            failures[name] = error
-            tried[name] = {"reason": str(error), "seconds": round(time.monotonic() - start_s, 3)}
-            if name != list(attempts)[-1]:
-                warn(f"registration by {name} failed ({error}); trying the next")
+    with scratch_directory(out, "attempts") as scratch:
+        kept: tuple[Path, dict[str, Any]] | None = None
+        for name, attempt in attempts.items():
+            start_s, last = time.monotonic(), name == list(attempts)[-1]
+            (scratch / name).mkdir()
+            try:
+                found = scratch / name, fill_apart(scratch / name, name, attempt)
+            except RegistrationFailed as error:
+                failures[name], reason = error, str(error)
+            else:
+                kept, reason = _choose(kept, found) if kept else (found, _count(found[1]))
+            tried[name] = {"reason": reason, "seconds": round(time.monotonic() - start_s, 3)}
+            if kept and not _is_doubtful(kept[1]):
+                break
+            if not last:
+                warn(f"registration by {name} {'failed' if name in failures else 'is doubtful'} ({reason}); trying the next")
+        if kept is not None:
+            folder, record = kept
+            tried.pop(folder.name, None)
+            for part in folder.iterdir():
+                shutil.move(part, out / part.name)
+            return record | {"tried": tried}
     best = max(failures.values(), key=lambda error: error.figures.get("registered", 0))
     reason = "; ".join(f"by {name}: {error}" for name, error in failures.items()) if len(failures) > 1 else str(best)
     raise RegistrationFailed(reason + advice, best.figures | {"tried": tried}, best.rejected)
+
+
+def _is_doubtful(record: dict[str, Any]) -> bool:
+    return bool(record["registered"] < DOUBTFUL_SHARE * record.get("images", 0))
+
+
+def _count(record: dict[str, Any]) -> str:
+    return f"{record['registered']} of {record.get('images', record['registered'])} images registered"
+
+
+def _choose(kept: tuple[Path, dict[str, Any]], other: tuple[Path, dict[str, Any]]) -> tuple[tuple[Path, dict[str, Any]], str]:
+    """The folder and record of the better one of two registrations, the first unless the other has more images and agrees, and why."""
+    (folder, record), (other_folder, other_record) = kept, other
+    if other_record["registered"] <= record["registered"]:
+        return kept, _count(other_record)
+    if not _agree(folder, other_folder):
+        doubt = f"the cameras by {folder.name} and by {other_folder.name} contradict each other; one of them is wrong"
+        record["warnings"] = [*record.get("warnings", []), f"{doubt}. Put the object on print, or take more photos"]
+        return kept, doubt
+    return other, _count(other_record)
+
+
+def _agree(one: Path, other: Path) -> bool:
+    """Whether the images that two registrations have in common stand alike in both."""
+    first, second = (
+        {camera.name: camera.centre_in_world for camera in read_sparse_model(folder / "sparse").cameras} for folder in (one, other)
+    )
+    common = sorted(first.keys() & second.keys())
+    if len(common) < LEAST_COMMON:
+        return False
+    source, target = (np.array([centres[name] for name in common]) for centres in (first, second))
+    apart = np.linalg.norm(transform_points(source, fit_similarity(source, target)) - target, axis=1)
+    return bool(np.sqrt((apart**2).mean()) < APART_SHARE * np.linalg.norm(target - target.mean(0), axis=1).mean())
 
 
 def _advise(there: bool, has_masks: bool) -> str:
