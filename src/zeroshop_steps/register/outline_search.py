@@ -48,6 +48,11 @@ class Way:
         return Way(self.views[numbers], self.log_focal, self.cost)
 
 
+def take_outlines(outlines: Outlines, numbers: np.ndarray) -> Outlines:
+    """The outlines of these views alone."""
+    return outlines._replace(**{name: part[numbers] for name, part in outlines._asdict().items() if isinstance(part, np.ndarray)})
+
+
 def prepare_outlines(masks: Sequence[np.ndarray], focal_px: np.ndarray) -> Outlines:
     """The outlines of N masks, (H, W) bool, whose principal points are the images' centres, with (N,) guesses of their focal lengths."""
     count = len(masks)

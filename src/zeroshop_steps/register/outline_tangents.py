@@ -47,10 +47,6 @@ class Outlines(NamedTuple):
     scale: np.ndarray
     principal: np.ndarray
 
-    def take(self, numbers: np.ndarray) -> "Outlines":
-        """The outlines of these views alone."""
-        return self._replace(**{name: part[numbers] for name, part in self._asdict().items() if isinstance(part, np.ndarray)})
-
 
 @numba.njit(cache=True, forceinline=True)
 def pose_view(view, log_focal, middle, pose):

@@ -21,7 +21,7 @@ from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
-from zeroshop_steps.register.outline_search import Way, count_differing, find_alternatives, prepare_outlines, search
+from zeroshop_steps.register.outline_search import Way, count_differing, find_alternatives, prepare_outlines, search, take_outlines
 from zeroshop_steps.register.outline_tangents import SIZE, Outlines
 from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, name_missing
@@ -152,7 +152,7 @@ def _keep_placed(image_set: ImageSet, outlines: Outlines, way: Way, needed: int,
     """
     kept, left_out = np.arange(len(image_set.images)), dict[str, float]()
     while True:
-        elsewhere = find_alternatives(way.take(kept), outlines.take(kept))
+        elsewhere = find_alternatives(way.take(kept), take_outlines(outlines, kept))
         names = [image_set.names[number] for number in kept]
         figures["outlines"]["elsewhere_px"] = dict(zip(names, elsewhere.round(1).tolist(), strict=True)) | left_out
         free = elsewhere < ELSEWHERE_PX
