@@ -83,6 +83,13 @@ def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
         check_far_neighbours(folded, figures, pycolmap.Reconstruction())
 
 
+def test_where_nothing_can_be_compared_a_warning_says_so(views):
+    figures = {"compared_neighbours": 0, "warnings": ["other"]}
+    check_far_neighbours(read_views(views)[0][::3][:2], figures, pycolmap.Reconstruction())  # 45 degrees apart
+    assert figures["compared_far_neighbours"] == 0 and figures["warnings"][0] == "other"
+    assert "no two neighbouring photos show enough of the same print" in figures["warnings"][1]
+
+
 def test_views_some_way_apart_are_not_asked_where_near_ones_were():
     figures = {"compared_neighbours": FEW_COMPARED}
     check_far_neighbours([], figures, pycolmap.Reconstruction())

@@ -37,6 +37,12 @@ def check_far_neighbours(views: Sequence[View], figures: dict[str, Any], model: 
         return
     judged, differing = find_differing(views)
     figures |= {"compared_far_neighbours": judged, "differing": [list(pair) for pair in differing]}
+    if not judged and not figures["compared_neighbours"]:
+        figures["warnings"] = [
+            *figures.get("warnings", []),
+            "no two neighbouring photos show enough of the same print to be compared: were sides that look alike laid onto each other, only"
+            " matches and outlines would tell; look at the mesh, or add pictures in between",
+        ]
     if len(differing) > WRONG_PAIRS * judged:
         raise make_refusal(differing, judged, "differ in detail", figures, model)
 
