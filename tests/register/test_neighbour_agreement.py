@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register import neighbour_agreement
+from zeroshop_steps.register import far_neighbours, neighbour_agreement
 from zeroshop_steps.register.far_neighbours import FEW_COMPARED, check_far_neighbours
 from zeroshop_steps.register.group_likeness import compare_groups
 from zeroshop_steps.register.neighbour_agreement import check_neighbours, find_disagreeing
@@ -81,6 +81,14 @@ def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
     assert figures["compared_neighbours"] == 0, "views 22.5 degrees apart are not near"
     with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. .* differ in detail"):
         check_far_neighbours(folded, figures, pycolmap.Reconstruction())
+
+
+@pytest.mark.parametrize("judged, scores, refused", [(8, [0.7], False), (8, [0.59], True), (8, [0.7] * 3, True), (3, [0.65], True)])
+def test_far_neighbours_are_excused_where_few_differ_a_little(monkeypatch, judged, scores, refused):
+    found = {(f"{number}", f"{number + 1}"): score for number, score in enumerate(scores)}
+    monkeypatch.setattr(far_neighbours, "find_differing", lambda views: (judged, found))
+    with pytest.raises(RegistrationFailed, match="differ in detail") if refused else nullcontext():
+        check_far_neighbours([], {"compared_neighbours": 0}, pycolmap.Reconstruction())
 
 
 def test_where_nothing_can_be_compared_a_warning_says_so(views):

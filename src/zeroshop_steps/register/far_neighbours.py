@@ -14,7 +14,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.group_likeness import LARGEST_DEG, UNLIKE_SCORE, WRONG_SHARE, compare_telling
-from zeroshop_steps.register.neighbour_agreement import LEAST_PATCHES, LEAST_SCORE, SCORE_PER_DEG, SmallView, compare, make_small_views
+from zeroshop_steps.register.neighbour_agreement import LEAST_PATCHES, LEAST_SCORE, SCORE_PER_DEG, compare, make_small_views
 from zeroshop_steps.register.neighbour_agreement import WRONG_SHARE as WRONG_PAIRS
 from zeroshop_steps.register.strange_sides import make_refusal
 
@@ -31,11 +31,13 @@ def check_far_neighbours(views: Sequence[View], figures: dict[str, Any], model: 
         model: goes with the refusal.
 
     Raises:
-        RegistrationFailed: too many pairs differ.
+        RegistrationFailed: too many pairs differ, or the median patch of one is not there (`UNLIKE_SCORE`): a wrong model of a can had one
+            such pair of eight.
     """
     if figures["compared_neighbours"] >= FEW_COMPARED:
         return
-    judged, differing = find_differing(views)
+    judged, scores = find_differing(views)
+    differing = sorted(scores)
     figures |= {"compared_far_neighbours": judged, "differing": [list(pair) for pair in differing]}
     if not judged and not figures["compared_neighbours"]:
         figures["warnings"] = [
@@ -43,29 +45,30 @@ def check_far_neighbours(views: Sequence[View], figures: dict[str, Any], model: 
             "no two neighbouring photos show enough of the same print to be compared: were sides that look alike laid onto each other, only"
             " matches and outlines would tell; look at the mesh, or add pictures in between",
         ]
-    if len(differing) > WRONG_PAIRS * judged:
+    if len(differing) > WRONG_PAIRS * judged or min(scores.values(), default=1.0) < UNLIKE_SCORE:
         raise make_refusal(differing, judged, "differ in detail", figures, model)
 
 
-def find_differing(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]:
-    """How many pairs of views up to `LARGEST_DEG` apart have enough telling patches to be judged, and the stems of those that differ.
+def find_differing(views: Sequence[View]) -> tuple[int, dict[tuple[str, str], float]]:
+    """How many pairs of views up to `LARGEST_DEG` apart have enough telling patches to be judged, and which of them differ.
 
     Args:
         views: the registered views, with masks.
+
+    Returns:
+        The number of pairs; by the stems of those that differ, the score of their median patch at its best depth, from -1 to 1.
     """
     small, pairs, radius = make_small_views(views, LARGEST_DEG)
-    judged, differing = 0, []
+    judged, differing = 0, {}
     for one, other, angle_deg in pairs:
         ways = ((small[one], small[other]), (small[other], small[one]))
         telling = np.concatenate([compare_telling(*way, radius) for way in ways])
         if len(telling) < LEAST_PATCHES:
             continue
         judged += 1
-        if (telling < UNLIKE_SCORE).mean() > WRONG_SHARE and _differ_at_depths(ways, radius, angle_deg):
-            differing.append((Path(views[one].camera.name).stem, Path(views[other].camera.name).stem))
+        if (telling < UNLIKE_SCORE).mean() > WRONG_SHARE:
+            scores = [score for score in (compare(*way, radius) for way in ways) if score is not None]
+            score = float(np.mean(scores)) if scores else -1.0
+            if score < LEAST_SCORE - SCORE_PER_DEG * angle_deg:
+                differing[Path(views[one].camera.name).stem, Path(views[other].camera.name).stem] = score
     return judged, differing
-
-
-def _differ_at_depths(ways: Sequence[tuple[SmallView, SmallView]], radius: float, angle_deg: float) -> bool:
-    scores = [score for score in (compare(*way, radius) for way in ways) if score is not None]
-    return not scores or float(np.mean(scores)) < LEAST_SCORE - SCORE_PER_DEG * angle_deg
