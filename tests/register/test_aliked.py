@@ -90,6 +90,7 @@ def test_two_halves_of_a_printed_carton_are_joined(scene, tmp_path):
     figures = register(image_set, tmp_path / "cameras", AlikedOptions(), lambda crops: TwoHalves(scene))
     assert figures["registered"] == 12
     assert [way["verdict"] for way in figures["joining"][0]["ways"]].count("same") == 1
+    assert figures["compared_neighbours"] == 0 and figures["compared_far_neighbours"] > 0 and figures["differing"] == []
     errors_mm = measure_errors_mm(scene, tmp_path / "cameras")
     assert errors_mm.mean() < 3.0, errors_mm
 

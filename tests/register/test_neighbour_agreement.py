@@ -13,7 +13,8 @@ from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register import neighbour_agreement
+from zeroshop_steps.register import far_neighbours, neighbour_agreement
+from zeroshop_steps.register.far_neighbours import FEW_COMPARED, check_far_neighbours
 from zeroshop_steps.register.group_likeness import compare_groups
 from zeroshop_steps.register.neighbour_agreement import check_neighbours, find_disagreeing
 from zeroshop_steps.register.record import RegistrationFailed
@@ -35,9 +36,9 @@ def views(tmp_path_factory):
     return folder
 
 
-def fold(views):
+def fold(views, beside_deg=7.5):
     """The back's views, believed to stand beside the front's: 7.5 degrees from them."""
-    half, turn = len(SEEN) // 2, np.radians(180 + 7.5)
+    half, turn = len(views) // 2, np.radians(180 + beside_deg)
     world = np.eye(4)
     world[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     turned = [
@@ -65,6 +66,42 @@ def test_sides_that_look_alike_are_refused(views):
 
 def test_views_that_are_far_apart_are_not_judged(views):
     assert find_disagreeing(read_views(views)[0][::2]) == (0, [])
+
+
+@pytest.mark.slow
+def test_views_some_way_apart_agree_in_right_cameras(views):
+    figures = {"compared_neighbours": 0}
+    check_far_neighbours(read_views(views)[0], figures, pycolmap.Reconstruction())
+    assert figures["compared_far_neighbours"] >= len(SEEN) - 2 and figures["differing"] == [], figures
+
+
+def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
+    folded, figures = fold(read_views(views)[0][::3], 22.5), {}
+    check_neighbours(folded, figures, pycolmap.Reconstruction())
+    assert figures["compared_neighbours"] == 0, "views 22.5 degrees apart are not near"
+    with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. .* differ in detail"):
+        check_far_neighbours(folded, figures, pycolmap.Reconstruction())
+
+
+@pytest.mark.parametrize("judged, scores, refused", [(8, [0.7], False), (8, [0.59], True), (8, [0.7] * 3, True), (3, [0.65], True)])
+def test_far_neighbours_are_excused_where_few_differ_a_little(monkeypatch, judged, scores, refused):
+    found = {(f"{number}", f"{number + 1}"): score for number, score in enumerate(scores)}
+    monkeypatch.setattr(far_neighbours, "find_differing", lambda views: (judged, found))
+    with pytest.raises(RegistrationFailed, match="differ in detail") if refused else nullcontext():
+        check_far_neighbours([], {"compared_neighbours": 0}, pycolmap.Reconstruction())
+
+
+def test_where_nothing_can_be_compared_a_warning_says_so(views):
+    figures = {"compared_neighbours": 0, "warnings": ["other"]}
+    check_far_neighbours(read_views(views)[0][::3][:2], figures, pycolmap.Reconstruction())  # 45 degrees apart
+    assert figures["compared_far_neighbours"] == 0 and figures["warnings"][0] == "other"
+    assert "no two neighbouring photos show enough of the same print" in figures["warnings"][1]
+
+
+def test_views_some_way_apart_are_not_asked_where_near_ones_were():
+    figures = {"compared_neighbours": FEW_COMPARED}
+    check_far_neighbours([], figures, pycolmap.Reconstruction())
+    assert figures == {"compared_neighbours": FEW_COMPARED}
 
 
 def test_groups_that_lie_rightly_show_the_same(views):

@@ -85,7 +85,7 @@ def compare_groups(views: Sequence[View], group: set[str]) -> Likeness:
             found = [compare_in_place(*way) for way in ways]
             compared += any(len(part) for part in found)
             scores += found
-            telling += [_compare_telling(*way) for way in ways]
+            telling += [compare_telling(*way) for way in ways]
     every, sure = np.concatenate(scores), np.concatenate(telling)
     score = float(np.median(every)) if len(every) else 0.0
     return Likeness(compared, len(every), score, _share_unlike(every), len(sure), _share_unlike(sure))
@@ -95,7 +95,7 @@ def _share_unlike(scores: np.ndarray) -> float:
     return float((scores < UNLIKE_SCORE).mean()) if len(scores) else 0.0
 
 
-def _compare_telling(one: SmallView, other: SmallView, radius: float) -> np.ndarray:
+def compare_telling(one: SmallView, other: SmallView, radius: float) -> np.ndarray:
     """(P,) scores of the patches that both see, and that tell places of the object apart."""
     carried, seen = carry_in_place(one, other, radius)
     own = _find_whole(one.mask)

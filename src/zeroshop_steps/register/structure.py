@@ -12,6 +12,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
+from zeroshop_steps.register.far_neighbours import check_far_neighbours
 from zeroshop_steps.register.group_joining import LEAST_IMAGES, join_groups
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.improvement import Improver
@@ -181,7 +182,9 @@ def reconstruct(
         raise RegistrationFailed(report.reason, figures, pinhole_model)
     record = figures if joined else check_sides(pinhole_model, figures, look_again, by_object)
     if by_object:
-        check_neighbours(read_views(out)[0], record, pinhole_model)
+        views = read_views(out)[0]
+        check_neighbours(views, record, pinhole_model)
+        check_far_neighbours(views, record, pinhole_model)
     return record
 
 
