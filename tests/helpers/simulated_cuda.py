@@ -4,14 +4,13 @@ A program of its own, as the simulator has to be chosen before Numba is imported
 share with the CPU's run as plain Python there.
 """
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from helpers.simulator import run_in_simulator
 from zeroshop_steps.surface import losses
 from zeroshop_steps.surface.ssim import DeviceDissimilarity
 
@@ -22,8 +21,7 @@ VOXEL_TENSORS = ("densities", "sh")
 def simulate(kind: str, folder: Path, **given: object) -> dict[str, np.ndarray]:
     """What a function of this module, by its name, makes of what it is given, in a process of its own with the simulator."""
     np.savez(folder / "in.npz", **given)
-    words = [sys.executable, __file__, kind, str(folder / "in.npz"), str(folder / "out.npz")]
-    subprocess.run(words, env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}, check=True, timeout=500)
+    run_in_simulator(__file__, kind, str(folder / "in.npz"), str(folder / "out.npz"))
     return dict(np.load(folder / "out.npz"))
 
 

@@ -1,20 +1,14 @@
 """PatchMatch's CUDA kernels against the CPU's: in Numba's simulator, and on a device where there is one."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from helpers import simulated_stereo
+from helpers.simulator import run_in_simulator
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.kernel_devices import has_cuda
 from zeroshop_steps.surface.cpu_patchmatch import CpuPatchMatch
 from zeroshop_steps.surface.patchmatch import make_patchmatch
-
-SIMULATOR = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore::RuntimeWarning"}
-"""Random numbers overflow on purpose, of which NumPy warns."""
 
 
 def measure_agreement(found: list[np.ndarray], expected: list[np.ndarray]) -> float:
@@ -27,8 +21,7 @@ def measure_agreement(found: list[np.ndarray], expected: list[np.ndarray]) -> fl
 
 @pytest.mark.slow
 def test_the_simulated_kernels_find_the_planes_that_the_cpu_finds(tmp_path):
-    words = [sys.executable, simulated_stereo.__file__, str(tmp_path / "found.npz")]
-    subprocess.run(words, env={**os.environ, **SIMULATOR}, check=True, timeout=500)
+    run_in_simulator(simulated_stereo.__file__, str(tmp_path / "found.npz"))
     found = np.load(tmp_path / "found.npz")
     # All of them do here. Another machine may round a random number's cosine differently, and two planes may cost the same.
     assert measure_agreement([found["depth"], found["normal"], found["cost"]], simulated_stereo.search("cpu")) > 0.98
