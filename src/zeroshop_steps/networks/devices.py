@@ -9,9 +9,9 @@ from pathlib import Path
 import torch
 
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
+from zeroshop_steps.runtime.kernel_devices import DEVICES as DEVICES
 
 CGROUP = Path("/sys/fs/cgroup")
-DEVICES = ("auto", "cpu", "cuda")
 RESERVE = 0.9
 """Share of the free memory that a network may take."""
 

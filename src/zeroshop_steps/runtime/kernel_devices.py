@@ -3,6 +3,7 @@
 from zeroshop_steps.runtime.errors import StepError
 
 DEVICES = ("auto", "cpu", "cuda")
+"""What a step may be told; auto is cuda where there is such a device. Networks take these names, too."""
 
 
 def choose_kernel_device(device: str) -> str:

@@ -5,10 +5,10 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
+from zeroshop_steps.runtime.kernel_devices import DEVICES
+
 INITIALIZATIONS = ("stereo", "sparse")
 """What training starts from: the depths that stereo has confirmed, or nothing but the registration's sparse points, as in the papers."""
-DEVICES = ("auto", "cpu", "cuda")
-"""Where the kernels run; auto is cuda where there is such a device."""
 
 
 class TrainingSettings:
