@@ -12,9 +12,10 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.ground import build_ground_picture
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_points_covered
-from zeroshop_steps.segment.plain_ground import MOST_ODDS, SHADOW_ODDS, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import find_scene_support, guess_scene_support
-from zeroshop_steps.segment.support_plane import _resize_views, find_masks
+from zeroshop_steps.segment.plain_ground import MOST_ODDS, SHADOW_ODDS, find_print, find_risen_points, fit_plain_ground, join_odds
+from zeroshop_steps.segment.plane_search import find_scene_support, guess_scene_support, propose_supports
+from zeroshop_steps.segment.support_plane import find_masks
+from zeroshop_steps.segment.windows import choose_windows, cut_map, cut_views, lay_back, take_whole
 
 BALL = (0.0, 0.0, 0.45)
 VIEWS = 12
@@ -107,6 +108,58 @@ def test_a_few_points_on_a_tilted_plane_are_not_taken(plain_scene):
     assert not fitted and support.normal @ [0, 0, 1] > np.cos(np.radians(1.0))
 
 
+def test_a_small_table_in_a_room_is_found_below_the_thing(plain_scene):
+    """Points of the floor, a metre below the table, lie around the foot; those of the thing lie close to each other."""
+    views, model = plain_scene
+    rng = np.random.default_rng(0)
+    floor = np.column_stack([rng.uniform(-1.6, 1.6, (300, 2)), rng.uniform(-1.25, -1.15, 300)])
+    points = np.concatenate([model.points, floor])
+    room = replace(model, points=points, colors=np.zeros((len(points), 3), np.uint8), track_lengths=np.full(len(points), 3))
+    (first, _), (second, fitted) = propose_supports(room, views, seed=0)
+    assert abs(first.offset) > 0.2 * first.distance
+    assert not fitted and abs(second.offset) < 0.06 * second.distance and np.linalg.norm(second.focus[:2]) < 0.1
+    assert len(list(propose_supports(model, views, seed=0))) == 1
+
+
+def test_windows_lie_around_masks_and_masks_lie_back_in_images(plain_scene):
+    views, _ = plain_scene
+    masks = [true_mask(view.camera) for view in views]
+    windows, closer = choose_windows([*masks[:-1], np.zeros_like(masks[-1])])
+    assert 0.4 < closer < 0.65
+    assert windows[-1].right - windows[-1].left == pytest.approx(windows[0].right - windows[0].left, abs=8)
+    cameras, images = cut_views(views, windows, 240)
+    for view, mask, window, camera, image in zip(views, masks, windows, cameras, images, strict=True):
+        assert np.array_equal(image, view.image()[window.slices].astype(np.float32))
+        found = true_mask(camera)
+        assert np.array_equal(found, mask[window.slices]) and np.array_equal(lay_back(found.astype(np.float32), window, view), mask)
+        assert np.array_equal(cut_map(mask.astype(np.float32), window, view, camera) > 0.5, found)
+
+
+@pytest.mark.slow
+def test_a_small_object_is_masked_at_the_images_own_resolution(plain_scene, monkeypatch):
+    views, model = plain_scene
+    truths = [true_mask(view.camera) for view in views]
+
+    def overlap(masks):
+        return np.median([(mask & truth).sum() / (mask | truth).sum() for mask, truth in zip(masks, truths, strict=True)])
+
+    closer, record = find_masks(views, model, 130, seed=0)
+    monkeypatch.setattr(support_plane, "CLOSER", 0.0)
+    coarse, coarse_record = find_masks(views, model, 130, seed=0)
+    assert record["windows"] < 0.65 and "windows" not in coarse_record
+    assert overlap(closer) > overlap(coarse) + 0.05 and overlap(closer) > 0.92
+
+
+def test_print_is_found_and_edges_are_not():
+    image = np.full((120, 160, 3), 200, np.float32)
+    image += np.random.default_rng(0).normal(0, 2, image.shape).astype(np.float32)
+    image[:, 120:] = 120  # a hard shadow
+    image[30:80:6, 30:90] = 60
+    found = find_print(image, np.ones((120, 160), bool))
+    assert found[34:74, 34:86].all()
+    assert not found[:, 110:].any() and not found[:25].any() and not found[86:].any()
+
+
 def test_too_few_points_tell_no_plane(plain_scene):
     views, model = plain_scene
     few = replace(model, points=model.points[:5], colors=model.colors[:5], track_lengths=model.track_lengths[:5])
@@ -119,7 +172,7 @@ def test_a_print_is_not_plain(plain_scene, tmp_path):
     for plain in (False, True):
         views, model = table_views(tmp_path / str(plain), [[BALL]] * VIEWS, plain)
         support = guess_scene_support(plain_scene[1], plain_scene[0])
-        cameras, images = _resize_views(views, 240)
+        cameras, images = cut_views(views, take_whole(views), 240)
         found = fit_plain_ground(build_ground_picture(support, cameras, images))
         assert (found is not None) == plain
 
@@ -127,7 +180,7 @@ def test_a_print_is_not_plain(plain_scene, tmp_path):
 def test_a_shadow_says_little_and_another_hue_much(plain_scene):
     views, model = plain_scene
     support = guess_scene_support(model, views)
-    cameras, images = _resize_views(views, 240)
+    cameras, images = cut_views(views, take_whole(views), 240)
     ground = fit_plain_ground(build_ground_picture(support, cameras, images))
     camera = cameras[0]
 

@@ -32,6 +32,12 @@ SHADOW_RANGE = (0.4, 1.2)  # of the table's brightness: shadows, and the shine o
 SHADOW_SLOPE = 0.1  # beyond that range, over which the odds change
 SHADOW_ODDS = -0.9  # for an object where only the brightness differs within that range
 DARK_ODDS = 1.0  # where it is darker or brighter than that
+PRINT_RANGE = 8.0  # levels between neighbouring pixels, and four times what is usual on the table: print, grain is less
+CLOSED_PX, LEAST_PRINT_PX, PRINT_RIM_PX = 7, 9, 3
+"""Gaps in print of up to the first are closed; what is narrower than the second then is an edge, of an object or of a shadow; what is left
+ends this far outside of the print, or half of it."""
+FINE_PX = 2.0  # print is finer than this, soft shadows are not
+PRINT_ODDS = 0.7  # for an object where there is print: a plain table has none, whatever the colours
 RISEN_DISTANCES = 0.012  # a sparse point this far above the plane is on an object: three times the plane's own tolerance
 COMPANY, COMPANY_DISTANCES = 3, 0.04  # so many other points lie this close to it; lonely points are wrong matches
 BLUR_PX = 3  # noise is averaged over this width
@@ -74,6 +80,7 @@ class PlainGround:
         extreme = np.clip(np.maximum(low - light, light - high) / SHADOW_SLOPE, 0, 1)
         of_light = (1 - other_light) * -MOST_ODDS + other_light * (SHADOW_ODDS + extreme * (DARK_ODDS - SHADOW_ODDS))
         odds = (1 - other_hue) * of_light + other_hue * MOST_ODDS
+        odds = np.where(find_print(image, odds < 0), np.maximum(odds, PRINT_ODDS), odds)
         return np.where(find_in_front(camera, homography), odds, 0.0).astype(np.float32)
 
 
@@ -102,6 +109,19 @@ def fit_plain_ground(picture: GroundPicture) -> PlainGround | None:
     if hue_spread > MOST_HUE_SPREAD or light_spread > MOST_LIGHT_SPREAD or table.mean() < LEAST_SHARE:
         return None
     return PlainGround(picture, coefficients, hue_spread, light_spread)
+
+
+def find_print(image: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """(H, W) bool: where an (H, W, 3) float32 RGB image of a plain table shows print; `table` is where its colours are the table's."""
+    light = cv2.blur(image.mean(axis=2), (2, 2))
+    light -= cv2.GaussianBlur(light, (0, 0), FINE_PX)  # without the slopes of soft shadows
+    window = np.ones((3, 3), np.uint8)
+    steps = cv2.dilate(light, window) - cv2.erode(light, window)
+    usual = float(np.median(steps[table])) if table.any() else 0.0
+    found = (steps > max(PRINT_RANGE, 4 * usual)).astype(np.uint8)
+    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((CLOSED_PX,) * 2, np.uint8))
+    found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((LEAST_PRINT_PX,) * 2, np.uint8))
+    return cv2.erode(found, np.ones((PRINT_RIM_PX,) * 2, np.uint8)) > 0
 
 
 def find_risen_points(points: np.ndarray, support: SceneSupport) -> np.ndarray:

@@ -4,10 +4,14 @@ Its normal is up, as the photos were held. A first guess of its place is just be
 moved along the normal until the views agree best on what they see around the object: the object's shadow and the table's grain lie on it.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View
@@ -30,7 +34,28 @@ MOST_LEVELS = 25.0  # a larger disagreement counts no more: something hides the 
 MIN_CONTRAST = 1.04  # of the usual disagreement to the best plane's; below, the table shows nothing that tells its height
 HIGH_DISTANCES = 0.025
 """A fitted plane this far above the lowest points goes through things on the table, by chance."""
+LINK_DISTANCES, LINKS = 0.03, 5  # points this close to each other, and to so many, are one thing
+OTHER_DISTANCES, ABOVE_DISTANCES = 0.03, 0.1  # a plane this far from a first guess, or above one that points gave, is another one
 SETTLED_DISTANCES = 0.003  # a plane that moves less than this needs no new masks
+
+
+def propose_supports(model: SparseModel, views: list[View], seed: int) -> Iterator[tuple[SceneSupport, bool]]:
+    """The likeliest plane, and whether points gave it; then another one, for where no object is found on it.
+
+    Raises:
+        StepError: as `guess_scene_support`, where there is none at all.
+    """
+    first = None
+    try:
+        first = find_scene_support(model, views, seed)
+        yield first
+    except StepError as error:
+        failure = error
+    below = guess_below_thing(model, views)
+    if below is not None and (first is None or _is_other(*first, below)):
+        yield below, False
+    elif first is None:
+        raise failure
 
 
 def find_scene_support(model: SparseModel, views: list[View], seed: int) -> tuple[SceneSupport, bool]:
@@ -71,6 +96,38 @@ def guess_scene_support(model: SparseModel, views: list[View]) -> SceneSupport:
     return SceneSupport(up, float(focus @ up) + lowest - BELOW_DISTANCES * distance, focus, distance, 0)
 
 
+def guess_below_thing(model: SparseModel, views: list[View]) -> SceneSupport | None:
+    """The plane just below the dense cluster of sparse points that is nearest to what the cameras look at; None where there is none.
+
+    On a small plain table in a furnished room, points around the object lie on the floor below the table, and on what stands behind it. The
+    object's own print is seen from near, so its points are dense, and the table around them has none (density-based clusters: Ester et al.,
+    KDD 1996).
+    """
+    focus, distance = find_scene_focus(model)
+    up, certainty = estimate_up_from_roll(views)
+    points = model.points[np.linalg.norm(model.points - focus, axis=1) < REACH_DISTANCES * distance]
+    if certainty < MIN_CERTAINTY or len(points) < MIN_POINTS:
+        return None
+    pairs = cKDTree(points).query_pairs(LINK_DISTANCES * distance, output_type="ndarray")
+    dense = np.bincount(pairs.ravel(), minlength=len(points)) >= LINKS
+    linked = pairs[dense[pairs].all(1)]
+    graph = sparse.coo_array((np.ones(len(linked), bool), (linked[:, 0], linked[:, 1])), shape=(len(points),) * 2)
+    _, labels = csgraph.connected_components(graph, directed=False)
+    clusters = [points[labels == label] for label in np.flatnonzero(np.bincount(labels) >= MIN_POINTS)]
+    if not clusters:
+        return None
+
+    def measure_distance(cluster: np.ndarray) -> float:
+        return float(np.linalg.norm(cluster - focus, axis=1).min() + 0.5 * np.linalg.norm(cluster.mean(0) - focus))
+
+    thing = min(clusters, key=measure_distance)
+    middle = thing.mean(0)
+    centres = np.array([camera.centre_in_world for camera in model.cameras])
+    distance = float(np.median(np.linalg.norm(centres - middle, axis=1)))
+    lowest = float(np.percentile(thing @ up, LOWEST_PERCENTILE))
+    return SceneSupport(up, lowest - BELOW_DISTANCES * distance, middle, distance, 0)
+
+
 def settle_support(
     support: SceneSupport, cameras: list[Camera], images: list[np.ndarray], masks: list[np.ndarray], grid: VoxelGrid, occupied: np.ndarray
 ) -> SceneSupport | None:
@@ -109,6 +166,12 @@ def settle_support(
 def has_settled(before: SceneSupport, after: SceneSupport) -> bool:
     """Whether the second plane is so near to the first that masks by the first serve."""
     return abs(after.offset - before.offset) <= SETTLED_DISTANCES * before.distance
+
+
+def _is_other(first: SceneSupport, fitted: bool, below: SceneSupport) -> bool:
+    """Whether a guess lies elsewhere than the first plane; a plane that points gave is only left for one that is clearly above it."""
+    height = float(first.heights(below.foot[None])[0]) / below.distance
+    return height > ABOVE_DISTANCES if fitted else abs(height) > OTHER_DISTANCES
 
 
 def _move(support: SceneSupport, step: float) -> SceneSupport:

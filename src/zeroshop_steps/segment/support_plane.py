@@ -2,12 +2,12 @@
 
 All images together give an image of the bare ground. What differs from it in all views is carved out of the space above. Then
 each image is cut along colours and edges, with the common hull keeping the cuts consistent, and masks that contradict the others
-are left out.
+are left out. Where the object is small in the images, all of that is done again in windows around it.
 """
 
 import argparse
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -25,13 +25,15 @@ from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
 from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import find_scene_support, has_settled, settle_support
+from zeroshop_steps.segment.plane_search import has_settled, propose_supports, settle_support
 from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, weigh_maps
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
 from zeroshop_steps.segment.tidy_mask import tidy_mask
+from zeroshop_steps.segment.windows import CLOSER, Window, choose_windows, cut_map, cut_views, lay_back, take_whole
 
 WIDTH_PX = 480  # images are cut at this width at most; time grows with its square
+LEAST_OVERLAP = 0.5  # of masks from windows and those before: others show something else
 CONTRAST_ODDS = 1.0  # log odds by the contrast to a plain table in single images: less than what the table's colour or all views say
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}
@@ -80,16 +82,67 @@ def find_masks(
     Raises:
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
-    cameras, images = _resize_views(views, image_width_px)
-    support, fitted = find_scene_support(model, views, seed)
+    failure: StepError | None = None
+    for support, fitted in propose_supports(model, views, seed):
+        try:
+            found = _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, prior)
+        except StepError as error:
+            failure = failure or error
+            continue
+        found = _look_closer(found, views, model, image_width_px, prior)
+        return found.masks, found.record
+    assert failure is not None  # there is one support at least
+    raise failure
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Masks of all views, (H, W) bool of the images' sizes, their record, and the plane and the middle of the object that they show."""
+
+    masks: list[np.ndarray]
+    record: dict[str, Any]
+    support: SceneSupport
+    middle: np.ndarray
+
+
+def _look_closer(found: _Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None) -> _Found:
+    """The masks of an object that is small in the images, found again in windows around it, where those agree with what was found."""
+    windows, closer = choose_windows(found.masks)
+    if closer > CLOSER:
+        return found
+    # All lengths are shares of the cameras' distance: seen through windows, the cameras are as near as these are narrow.
+    support = replace(found.support, distance=closer * found.support.distance, focus=found.middle)
+    try:
+        again = _find_in_windows(views, model, windows, image_width_px, support, True, prior)
+    except StepError as error:
+        print(f"looking closer did not help: {error}")
+        return found
+    overlap = np.median([(one & other).sum() / max((one | other).sum(), 1) for one, other in zip(found.masks, again.masks, strict=True)])
+    if overlap < LEAST_OVERLAP:
+        print(f"looking closer did not help: the masks overlap with those before by {overlap:.2f} only")
+        return found
+    kept = {name: found.record[name] for name in ("things_on_the_ground", "plane_from", "plane_inliers")}
+    return replace(again, record=again.record | kept | {"windows": round(closer, 3)})
+
+
+def _find_in_windows(
+    views: list[View],
+    model: SparseModel,
+    windows: list[Window],
+    image_width_px: int,
+    support: SceneSupport,
+    fitted: bool,
+    prior: list[np.ndarray] | None,
+) -> _Found:
+    """Masks by what windows of the images show. Arguments as in `find_masks` and `_Scene`; raises StepError as `find_masks` does."""
+    cameras, images = cut_views(views, windows, image_width_px)
     images = equalize_exposure(support, cameras, images)
     ground = build_ground_picture(support, cameras, images)
     plain = fit_plain_ground(ground)
-    sizes = [(camera.width_px, camera.height_px) for camera in cameras]
-    priors = [np.zeros(size[::-1], np.float32) for size in sizes]
+    priors = [np.zeros((camera.height_px, camera.width_px), np.float32) for camera in cameras]
     if prior is not None:
-        priors = [cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) for odds, size in zip(prior, sizes, strict=True)]
-    scene = _Scene(views, model, image_width_px, cameras, images, support, fitted, ground, plain)
+        priors = [cut_map(*parts) for parts in zip(prior, windows, views, cameras, strict=True)]
+    scene = _Scene(views, model, windows, image_width_px, cameras, images, support, fitted, ground, plain)
     try:
         return _find_on_scene(scene, _weigh_contrast(images, cameras) if plain and prior is None else priors)
     except StepError as error:
@@ -98,10 +151,10 @@ def find_masks(
         failure = error
     print(f"the colour of the ground does not tell the object from it: {failure}")
     try:
-        masks, record = _find_on_scene(scene, priors, by_color=False)
+        found = _find_on_scene(scene, priors, by_color=False)
     except StepError:
         raise failure from None
-    return masks, record | {"without_ground_color": str(failure)}
+    return replace(found, record=found.record | {"without_ground_color": str(failure)})
 
 
 @dataclass(frozen=True)
@@ -110,7 +163,8 @@ class _Scene:
 
     Attributes:
         views, model, image_width_px: as in `find_masks`.
-        cameras, images: of the width at which images are cut; (H, W, 3) float32 RGB, equally exposed.
+        windows: of the views' images.
+        cameras, images: of these windows, of the width at which images are cut; (H, W, 3) float32 RGB, equally exposed.
         support: the plane.
         fitted: whether points gave it.
         ground: what all views see of it.
@@ -119,6 +173,7 @@ class _Scene:
 
     views: list[View]
     model: SparseModel
+    windows: list[Window]
     image_width_px: int
     cameras: list[Camera]
     images: list[np.ndarray]
@@ -128,7 +183,7 @@ class _Scene:
     plain: PlainGround | None
 
 
-def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = True) -> Masks:
+def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = True) -> _Found:
     """Masks of all views and the record of their quality; `by_color` uses the colour of a plain ground."""
     support, cameras = scene.support, scene.cameras
     selection, refined, own = _find_on_plane(scene, support, scene.ground, scene.plain if by_color else None, priors)
@@ -150,8 +205,9 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
         "plane": {"normal": support.normal.tolist(), "offset": support.offset},
         "image_width_px": scene.image_width_px,
     }
-    sizes = [(view.camera.width_px, view.camera.height_px) for view in scene.views]
-    return [cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > 0.5 for mask, size in zip(tidied, sizes, strict=True)], record
+    masks = [lay_back(*parts) for parts in zip(tidied, scene.windows, scene.views, strict=True)]
+    middle = selection.grid.centres(np.argwhere(refined.occupied)).mean(0)
+    return _Found(masks, record, support, middle)
 
 
 def _find_on_plane(
@@ -181,13 +237,3 @@ def _weigh_contrast(images: list[np.ndarray], cameras: list[Camera]) -> list[np.
     found = [find_contrasting_thing(image.clip(0, 255).astype(np.uint8)).astype(np.float32) for image in images]
     maps = [cv2.resize(thing, size, interpolation=cv2.INTER_LINEAR) for thing, size in zip(found, sizes, strict=True)]
     return weigh_maps(maps, cameras, CONTRAST_ODDS)
-
-
-def _resize_views(views: list[View], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
-    cameras, images = [], []
-    for view in views:
-        width = min(width_px, view.camera.width_px)
-        camera = view.camera.resized(width, round(view.camera.height_px * width / view.camera.width_px))
-        cameras.append(camera)
-        images.append(cv2.resize(view.image(), (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32))
-    return cameras, images
