@@ -113,15 +113,15 @@ def fit_plain_ground(picture: GroundPicture) -> PlainGround | None:
 
 def find_print(image: np.ndarray, table: np.ndarray) -> np.ndarray:
     """(H, W) bool: where an (H, W, 3) float32 RGB image of a plain table shows print; `table` is where its colours are the table's."""
-    light = cv2.blur(image.mean(axis=2), (2, 2))
-    light -= cv2.GaussianBlur(light, (0, 0), FINE_PX)  # without the slopes of soft shadows
+    light = np.asarray(cv2.blur(image.mean(axis=2), (2, 2)))
+    light = light - np.asarray(cv2.GaussianBlur(light, (0, 0), FINE_PX))  # without the slopes of soft shadows
     window = np.ones((3, 3), np.uint8)
     steps = cv2.dilate(light, window) - cv2.erode(light, window)
     usual = float(np.median(steps[table])) if table.any() else 0.0
-    found = (steps > max(PRINT_RANGE, 4 * usual)).astype(np.uint8)
-    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((CLOSED_PX,) * 2, np.uint8))
-    found = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((LEAST_PRINT_PX,) * 2, np.uint8))
-    return cv2.erode(found, np.ones((PRINT_RIM_PX,) * 2, np.uint8)) > 0
+    rough = (steps > max(PRINT_RANGE, 4 * usual)).astype(np.uint8)
+    closed = cv2.morphologyEx(rough, cv2.MORPH_CLOSE, np.ones((CLOSED_PX,) * 2, np.uint8))
+    wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((LEAST_PRINT_PX,) * 2, np.uint8))
+    return cv2.erode(wide, np.ones((PRINT_RIM_PX,) * 2, np.uint8)) > 0
 
 
 def find_risen_points(points: np.ndarray, support: SceneSupport) -> np.ndarray:
