@@ -17,6 +17,7 @@ from rich.live import Live
 from rich.text import Text
 
 import zeroshop_steps
+from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError
@@ -129,13 +130,15 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(root / "workflow/Snakefile")]
     command += ["--workflow-profile", str(root / "workflow/profiles/default"), "--directory", str(folder), "--cores", str(cores)]
     changed = [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
-    command += ["--config", f"objects_table={table}", *changed, "--nocolor", "--", target]
+    command += ["--config", f"objects_table={table}", *changed, "--nocolor"]
     progress = Progress()
     log.parent.mkdir(parents=True, exist_ok=True)
+    if free_dead_lock(folder, command):
+        print("The run before this one was cut off; going on where it stopped.", file=sys.stderr)
     with (
         log.open("w") as file,
         subprocess.Popen(
-            command,
+            [*command, "--", target],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -144,6 +147,7 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
         ) as process,
     ):
         assert process.stdout is not None
+        note_run(folder, process.pid)
         try:
             _show(progress, process.stdout, file)
         except KeyboardInterrupt:

@@ -1,0 +1,57 @@
+"""A lock that a dead run left behind is freed; that of a run that lives, or of another machine, is not."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from zeroshop_steps.app import run_lock
+from zeroshop_steps.app.run_lock import LOCKS, NOTE, free_dead_lock, note_run
+from zeroshop_steps.runtime.files import read_json, write_json
+
+UNLOCK = [sys.executable, "-c", "import pathlib, sys; assert sys.argv[1] == '--unlock'; pathlib.Path('.snakemake/locks/0.lock').unlink()"]
+
+
+@pytest.fixture
+def locked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / LOCKS).mkdir(parents=True)
+    (tmp_path / LOCKS / "0.lock").write_text("results/cup")
+    return tmp_path
+
+
+def make_dead_process():
+    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+        pass
+    return process.pid
+
+
+def test_the_lock_of_a_dead_run_is_freed(locked):
+    note_run(locked, make_dead_process())
+    assert free_dead_lock(locked, UNLOCK)
+    assert not list((locked / LOCKS).iterdir()) and not free_dead_lock(locked, UNLOCK)
+
+
+def test_the_lock_of_a_run_that_lives_stays(locked):
+    note_run(locked, os.getpid())
+    assert not free_dead_lock(locked, UNLOCK) and list((locked / LOCKS).iterdir())
+
+
+def test_the_lock_of_another_machine_stays(locked, monkeypatch):
+    note_run(locked, make_dead_process())
+    write_json(locked / NOTE, read_json(locked / NOTE) | {"machine": "elsewhere"})
+    assert not free_dead_lock(locked, UNLOCK) and list((locked / LOCKS).iterdir())
+
+
+def test_a_lock_without_a_note_stays(locked):
+    assert not free_dead_lock(locked, UNLOCK)
+
+
+def test_another_users_process_may_run(locked, monkeypatch):
+    def refuse(process, signal):
+        raise PermissionError
+
+    note_run(locked, 1)
+    monkeypatch.setattr(run_lock.os, "kill", refuse)
+    assert not free_dead_lock(locked, UNLOCK)
