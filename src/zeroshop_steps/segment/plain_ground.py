@@ -33,7 +33,7 @@ SHADOW_SLOPE = 0.1  # beyond that range, over which the odds change
 SHADOW_ODDS = -0.9  # for an object where only the brightness differs within that range
 DARK_ODDS = 1.0  # where it is darker or brighter than that
 PRINT_RANGE = 8.0  # levels between neighbouring pixels, and four times what is usual on the table: print, grain is less
-CLOSED_PX, LEAST_PRINT_PX, PRINT_RIM_PX = 7, 9, 3
+CLOSED_PX, LEAST_PRINT_PX, PRINT_RIM_PX = 7, 9, 5
 """Gaps in print of up to the first are closed; what is narrower than the second then is an edge, of an object or of a shadow; what is left
 ends this far outside of the print, or half of it."""
 FINE_PX = 2.0  # print is finer than this, soft shadows are not

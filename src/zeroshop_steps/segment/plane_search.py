@@ -35,27 +35,23 @@ MIN_CONTRAST = 1.04  # of the usual disagreement to the best plane's; below, the
 HIGH_DISTANCES = 0.025
 """A fitted plane this far above the lowest points goes through things on the table, by chance."""
 LINK_DISTANCES, LINKS = 0.03, 5  # points this close to each other, and to so many, are one thing
-OTHER_DISTANCES, ABOVE_DISTANCES = 0.03, 0.1  # a plane this far from a first guess, or above one that points gave, is another one
+ABOVE_DISTANCES = 0.1  # a guess this far above the first is of a table, and not of an object's print above its foot
 SETTLED_DISTANCES = 0.003  # a plane that moves less than this needs no new masks
 
 
 def propose_supports(model: SparseModel, views: list[View], seed: int) -> Iterator[tuple[SceneSupport, bool]]:
-    """The likeliest plane, and whether points gave it; then another one, for where no object is found on it.
+    """The likeliest plane, and whether points gave it; after a guess, a higher one, for where no object is found on the first.
+
+    A plane that points gave is never left: a higher one would cut off the part of the object below its print.
 
     Raises:
-        StepError: as `guess_scene_support`, where there is none at all.
+        StepError: as `guess_scene_support`.
     """
-    first = None
-    try:
-        first = find_scene_support(model, views, seed)
-        yield first
-    except StepError as error:
-        failure = error
-    below = guess_below_thing(model, views)
-    if below is not None and (first is None or _is_other(*first, below)):
+    first, fitted = find_scene_support(model, views, seed)
+    yield first, fitted
+    below = None if fitted else guess_below_thing(model, views)
+    if below is not None and first.heights(below.foot[None])[0] > ABOVE_DISTANCES * below.distance:
         yield below, False
-    elif first is None:
-        raise failure
 
 
 def find_scene_support(model: SparseModel, views: list[View], seed: int) -> tuple[SceneSupport, bool]:
@@ -166,12 +162,6 @@ def settle_support(
 def has_settled(before: SceneSupport, after: SceneSupport) -> bool:
     """Whether the second plane is so near to the first that masks by the first serve."""
     return abs(after.offset - before.offset) <= SETTLED_DISTANCES * before.distance
-
-
-def _is_other(first: SceneSupport, fitted: bool, below: SceneSupport) -> bool:
-    """Whether a guess lies elsewhere than the first plane; a plane that points gave is only left for one that is clearly above it."""
-    height = float(first.heights(below.foot[None])[0]) / below.distance
-    return height > ABOVE_DISTANCES if fitted else abs(height) > OTHER_DISTANCES
 
 
 def _move(support: SceneSupport, step: float) -> SceneSupport:
