@@ -1,12 +1,17 @@
 """An object on a turntable before a background that stands still: its cameras are found all the same, and the user is told."""
 
+from itertools import combinations
+
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_depth_mm, read_image, write_image
+from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.still_background import measure_still
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 
@@ -24,6 +29,30 @@ def turn_before_background(capture, out, radius_mm: float) -> None:
         turns = (depth > 0) & (np.hypot(points[..., 0], points[..., 1]) < radius_mm)
         still = cv2.resize(blocks, image.shape[1::-1], interpolation=cv2.INTER_CUBIC)
         write_image(out / "images" / path.name, np.where(turns[..., None], image, still))
+
+
+@pytest.mark.parametrize(("still", "background"), [(0, False), (2, False), (3, True), (66, True)])
+def test_a_few_pairs_that_stand_still_tell_a_background(tmp_path, still, background):
+    """Of 66 pairs, the matches of the first ones do not move; two may be photos that were taken twice from one place."""
+    count, matched = 12, np.tile(np.arange(40, dtype=np.uint32)[:, None], (1, 2))
+    names = [f"{number}.png" for number in range(count)]
+    with pycolmap.Database.open(tmp_path / "d.db") as opened:
+        lens = opened.write_camera(pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", 1000.0, 1000, 750))
+        place = np.random.default_rng(0).uniform(100, 600, (40, 2))
+        ids = [opened.write_image(pycolmap.Image(name=name, camera_id=lens)) for name in names]
+        pairs = list(combinations(range(count), 2))
+        moves = {pair: number >= still for number, pair in enumerate(pairs)}
+        for number, image in enumerate(ids):
+            # Those of pairs that stand still come first, those of the others then.
+            opened.write_keypoints(image, np.concatenate([place, place + 20.0 * number]).astype(np.float32))
+        for (first, second), moved in moves.items():
+            matches = matched + 40 * np.uint32(moved)
+            opened.write_two_view_geometry(ids[first], ids[second], pycolmap.TwoViewGeometry(inlier_matches=matches))
+    images = ImageSet(tuple(tmp_path / name for name in names), None, ((1000, 750),) * count)
+    found = measure_still(tmp_path / "d.db", images)
+    assert found.are_background == background
+    if background:
+        assert "stands still" in found.describe() and ("in 5% of the pairs" in found.describe()) == (still == 3)
 
 
 @pytest.mark.slow

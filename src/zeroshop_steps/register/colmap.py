@@ -17,9 +17,8 @@ from zeroshop_steps.register.record import RegistrationFailed, write_registratio
 from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, fit_to_count, match_features
 from zeroshop_steps.register.still_background import (
     STILL_REMEDY,
-    STILL_SHARE,
-    describe_still,
-    measure_still_share,
+    StillMatches,
+    measure_still,
     verify_without_still,
 )
 from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
@@ -126,9 +125,10 @@ def match_and_reconstruct(
         try:
             return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
         except RegistrationFailed as error:
-            if not _is_still(figures, options):
+            still = _read_still(figures, options)
+            if still is None:
                 raise
-            reason = f"{describe_still(figures['still_share'])}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
+            reason = f"{still.describe()}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
             raise RegistrationFailed(reason, error.figures, error.rejected) from None
 
 
@@ -149,11 +149,12 @@ def match_images(
     stopwatch.lap("choose")
     match_features(database, options.sift, pairs)
     figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
-    figures["still_share"] = measure_still_share(database, image_set)
-    still = _is_still(figures, options)
-    if still:
+    found = measure_still(database, image_set)
+    figures["still_share"], figures["still_pairs"] = found.share, found.pairs
+    still = _read_still(figures, options)
+    if still is not None:
         verify_without_still(database, image_set, options.sift.seed)
-        figures["warnings"] = [f"{describe_still(figures['still_share'])}: the cameras are found from what turns; {STILL_REMEDY}"]
+        figures["warnings"] = [f"{still.describe()}: the cameras are found from what turns; {STILL_REMEDY}"]
     stopwatch.lap("match")
     weak = [] if structure.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
     flattened = find_flattened(database, weak)
@@ -162,13 +163,14 @@ def match_images(
         flattened = {name: flattened.get(name, VERTICAL) for name in weak}
     if flattened:
         add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
-        if still:
+        if still is not None:
             verify_without_still(database, image_set, options.sift.seed)
     figures["stretched"] = sorted(flattened)
     stopwatch.lap("stretch")
     return pairs
 
 
-def _is_still(figures: dict[str, Any], options: ColmapOptions) -> bool:
-    """Whether the background stood still while the object turned."""
-    return bool(figures["still_share"] > STILL_SHARE and not options.structure.object_only)
+def _read_still(figures: dict[str, Any], options: ColmapOptions) -> StillMatches | None:
+    """The matches that stand still, where that is the background of a whole scene; else None."""
+    found = StillMatches(figures["still_share"], figures["still_pairs"])
+    return found if found.are_background and not options.structure.object_only else None
