@@ -127,8 +127,7 @@ def _find_cameras(
     for elevations_deg in ATTEMPTS:
         way, *others = search(outlines, rng.permutation(len(image_set.images)).tolist(), elevations_deg)
         if elevations_deg == ANYWHERE_DEG and way.cost < HOPELESS_PX:
-            way = mend(way, outlines, elevations_deg)
-            way, *others = sorted([way, mirror(way, outlines), *others], key=lambda way: way.cost)
+            way, *others = _mend_ways(way, others, outlines)
         stopwatch.lap("search")
         best_px = min(best_px, way.cost)
         figures["outlines"] = {"elevations_deg": elevations_deg, "search_px": round(best_px, 2)}
@@ -149,6 +148,18 @@ def _find_cameras(
     raise RegistrationFailed(
         f"the outlines of the masks do not fit together ({best_px:.1f} px per 1000 px at best); {UPRIGHT}, and masks must be exact", figures
     )
+
+
+def _mend_ways(way: Way, others: list[Way], outlines: Outlines) -> list[Way]:
+    """The best of all ways, and the others that are left, with the views mended that fit anywhere around the object better.
+
+    Ways that are found share mistakes, and most of them are one when these are mended; what is no rival need not be.
+    """
+    way = mend(way, outlines, ANYWHERE_DEG)
+    if way.cost > LIKELY_PX:
+        return [way]
+    others = [mend(other, outlines, ANYWHERE_DEG) if _is_rival(way, other) else other for other in others]
+    return sorted([way, mirror(way, outlines), *others], key=lambda way: way.cost)
 
 
 def _adjust(cameras: list[Camera], masks: dict[str, np.ndarray]) -> tuple[list[Camera], float, np.ndarray]:
@@ -184,9 +195,13 @@ def _keep_placed(
 
 def _require_one_way(found: Way, others: list[Way], figures: dict[str, Any]) -> None:
     """Raise RegistrationFailed where another of the ways that were found fits as well."""
-    rivals = [other for other in others if other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS]
+    rivals = [other for other in others if _is_rival(found, other)]
     if rivals:
         raise RegistrationFailed(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", figures)
+
+
+def _is_rival(found: Way, other: Way) -> bool:
+    return other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS
 
 
 def make_cameras(way: Way, outlines: Outlines, image_set: ImageSet, focal_px: np.ndarray) -> list[Camera]:
