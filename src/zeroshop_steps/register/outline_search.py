@@ -21,6 +21,7 @@ CORNERS, RIMS = 48, 24  # of an outline
 GRID_DEG = 15
 ABOVE_DEG, ANYWHERE_DEG = (5, 65), (-65, 65)  # elevations at which views are placed
 BEAM = ((3, 240), (4, 240), (5, 120), (6, 40), (8, 12), (12, 6))  # ways that are kept, from so many views on
+PAIRS = 1200  # ways of two views that are kept, more than there are above the object: nearly any two fit in most places
 BRANCHES = 6  # places of a view that are followed in each way
 SAME_DEG = 8.0  # ways whose views all look from as nearly one direction are one
 EVERY = 2  # of the rims' points that are looked at while views are laid
@@ -86,14 +87,16 @@ def search(outlines: Outlines, order: Sequence[int], elevations_deg: tuple[int, 
         order: in which they are placed.
         elevations_deg: the lowest and the highest at which they may lie.
     """
-    places, ways = make_places(elevations_deg, GRID_DEG), list[Way]()
+    places, pairs = make_places(elevations_deg, GRID_DEG), list[tuple[float, Way]]()
     for elevation in np.unique(places[:, 1]):
         first = Way(np.zeros((len(order), SIZE)), 0.0)
         first.views[order[0], 1] = elevation
-        _, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY)
-        for view in laid:
-            ways.append(Way(first.views.copy(), 0.0))
-            ways[-1].views[order[1]] = view
+        costs, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY)
+        for cost, view in zip(costs, laid, strict=True):
+            pairs.append((cost, Way(first.views.copy(), 0.0)))
+            pairs[-1][1].views[order[1]] = view
+    likely = np.sort(np.argsort([cost for cost, _ in pairs], kind="stable")[:PAIRS])
+    ways = [pairs[number][1] for number in likely]
     for placed in range(2, len(order)):
         ways = _add_view(ways, np.array(order[: placed + 1]), places, outlines)
         if placed + 1 >= HOPELESS_FROM and ways[0].cost > HOPELESS_PX:
