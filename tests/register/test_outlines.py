@@ -1,4 +1,4 @@
-"""An object without any print is registered by its outlines alone; one that looks the same from all sides is refused."""
+"""An object without any print is registered by its outlines alone, from above and below; one that looks alike from all sides is refused."""
 
 import itertools
 
@@ -12,25 +12,33 @@ from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.outline_coherence import measure_misses
-from zeroshop_steps.register.outline_search import find_alternatives, prepare_outlines
+from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
+from zeroshop_steps.register.outline_search import ABOVE_DEG, ANYWHERE_DEG, Way, count_differing, prepare_outlines, search
 from zeroshop_steps.register.outline_tangents import adjust_by_tangents
-from zeroshop_steps.register.outlines import OutlineOptions, make_cameras, read_way, register
+from zeroshop_steps.register.outlines import LIKELY_PX, OutlineOptions, make_cameras, read_way, register
 from zeroshop_steps.register.record import RegistrationFailed
 
-VIEWS, FOCAL_PX, SIZE_PX, FINER = 8, 1050.0, (800, 600), 4
+VIEWS, FOCAL_PX, DISTANCE_MM, SIZE_PX, FINER = 8, 1050.0, 330.0, (800, 600), 4
 ARMS_MM = (((-50, -10, 0), (50, 10, 20)), ((20, -10, 0), (50, 60, 15)), ((-50, -12, 0), (-30, 12, 70)))
 """Corners of boxes: an object with arms of different lengths."""
 GUESSED_PX = np.full(VIEWS, 960.0)
 
 
-def make_camera(index, rng):
+def make_camera(index, rng, below=False):
     """A camera that is held by hand: not quite level, not at quite one distance, and anywhere around the object."""
-    distance_mm = 330.0 * np.exp(rng.normal(scale=0.04))
-    centre = distance_mm * direction_at(2 * np.pi * index / VIEWS + rng.uniform(-0.2, 0.2), np.radians(rng.uniform(12, 55)))
+    distance_mm = DISTANCE_MM * np.exp(rng.normal(scale=0.04))
+    azimuth, elevation = 2 * np.pi * index / VIEWS + rng.uniform(-0.2, 0.2), np.radians(rng.uniform(12, 55))
+    centre = distance_mm * direction_at(azimuth, -elevation if below else elevation)
     pose = look_at(centre + [0, 0, 25.0], np.array([0, 10.0, 25.0]) + rng.normal(scale=4.0, size=3))
     roll = rng.normal(scale=0.02)
     turn = np.array([[np.cos(roll), -np.sin(roll), 0, 0], [np.sin(roll), np.cos(roll), 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     return Camera(f"{index:06d}.png", *SIZE_PX, make_intrinsics(FOCAL_PX, *SIZE_PX), turn @ pose)
+
+
+def scale(cameras, unit_mm):
+    """Cameras in another unit."""
+    poses = [np.block([[c.camera_from_world[:3, :3], c.camera_from_world[:3, 3:] / unit_mm], [0, 0, 0, 1]]) for c in cameras]
+    return [Camera(c.name, *SIZE_PX, c.intrinsics, pose) for c, pose in zip(cameras, poses, strict=True)]
 
 
 def draw_mask(camera, hulls):
@@ -72,6 +80,18 @@ def masks_of_arms(cameras):
     return {camera.name: draw_mask(camera, arms()) for camera in cameras}
 
 
+@pytest.fixture(scope="module")
+def cameras_all_around():
+    """Each third from below the object."""
+    rng = np.random.default_rng(4)
+    return [make_camera(index, rng, below=index % 3 == 1) for index in range(VIEWS)]
+
+
+@pytest.fixture(scope="module")
+def outlines_all_around(cameras_all_around):
+    return prepare_outlines([draw_mask(camera, arms()) for camera in cameras_all_around], GUESSED_PX)
+
+
 @pytest.mark.slow
 def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_path):
     image_set = write_capture(tmp_path / "capture", masks_of_arms)
@@ -87,16 +107,47 @@ def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_pat
 def test_right_cameras_of_an_object_of_revolution_fit_elsewhere_too(cameras, tmp_path):
     masks = {camera.name: draw_mask(camera, cone()) for camera in cameras}
     outlines = prepare_outlines(list(masks.values()), GUESSED_PX)
-    scaled = [
-        Camera(c.name, *SIZE_PX, c.intrinsics, np.block([[c.camera_from_world[:3, :3], c.camera_from_world[:3, 3:] / 330], [0, 0, 0, 1]]))
-        for c in cameras
-    ]
+    scaled = scale(cameras, DISTANCE_MM)
     way = read_way(scaled, outlines, GUESSED_PX)
     # One such view is enough to refuse the cameras; the search for another place need not succeed in every view.
-    assert (find_alternatives(way, outlines) < 1.0).sum() >= VIEWS - 2
+    assert (find_alternatives(way, outlines, ABOVE_DEG) < 1.0).sum() >= VIEWS - 2
     for camera, again in zip(scaled, make_cameras(way, outlines, write_capture(tmp_path, masks), GUESSED_PX), strict=True):
         np.testing.assert_allclose(again.camera_from_world, camera.camera_from_world, atol=1e-9)
         np.testing.assert_allclose(again.intrinsics, camera.intrinsics, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_views_from_below_are_placed(cameras_all_around, outlines_all_around):
+    truth = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
+    order = np.random.default_rng(0).permutation(VIEWS).tolist()
+    assert search(outlines_all_around, order, ABOVE_DEG)[0].cost > LIKELY_PX
+    found = mend(search(outlines_all_around, order, ANYWHERE_DEG)[0], outlines_all_around, ANYWHERE_DEG)
+    assert found.cost < LIKELY_PX and count_differing(truth, found) == 0, found
+
+
+def test_a_view_on_a_wrong_side_is_mended(cameras_all_around, outlines_all_around):
+    truth = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
+    wrong = Way(truth.views.copy(), truth.log_focal, 100.0)
+    wrong.views[4, 0] += np.radians(150)
+    wrong.views[4, 1] *= -1
+    assert count_differing(truth, wrong) == 1
+    mended = mend(wrong, outlines_all_around, ANYWHERE_DEG)
+    assert mended.cost < LIKELY_PX and count_differing(truth, mended) == 0, mended
+
+
+def test_pictures_from_afar_do_not_tell_above_from_below(cameras_all_around, outlines_all_around):
+    near = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
+    assert mirror(near, outlines_all_around).cost > LIKELY_PX
+    farther, distant = 30.0, []
+    for camera in cameras_all_around:
+        pose, intrinsics = camera.camera_from_world.copy(), camera.intrinsics.copy()
+        pose[2, 3] *= farther
+        intrinsics[:2, :2] *= farther
+        distant.append(Camera(camera.name, *SIZE_PX, intrinsics, pose))
+    outlines = prepare_outlines([draw_mask(camera, arms()) for camera in distant], farther * GUESSED_PX)
+    way = read_way(scale(distant, farther * DISTANCE_MM), outlines, farther * GUESSED_PX)
+    turned = mirror(way, outlines)
+    assert turned.cost < LIKELY_PX and count_differing(way, turned) > VIEWS / 2, turned.cost
 
 
 @pytest.mark.slow

@@ -71,6 +71,8 @@ def measure_view(number, placed, poses, outlines, narrower, every):
             value = _look_at_depth(number, m, depth, placed, poses, outlines, narrower, best, point)
             if value > best:
                 best, where = value, depth
+                if best >= 0:  # it meets all masks, and need not meet them better
+                    break
         for _ in range(LEVELS):
             if best >= 0:
                 break
@@ -161,6 +163,8 @@ def try_places(number, places, views, log_focal, placed, outlines, every):
                         sample[0], sample[1], sample[2],
                     )  # fmt: skip
                     best = max(best, min(value, sample[3]))
+                    if best >= 0:
+                        break
             total += max(-best, 0.0)
         own = measure_view(number, both, poses, outlines, narrower, every)
         costs[k] = 0.5 * total / len(samples) + 0.5 * own + PRIOR_PX * measure_prior(view, outlines.size)

@@ -11,21 +11,23 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.register.image_set import REFERENCE_PX
-from zeroshop_steps.register.outline_coherence import FARTHEST_PX, measure_misses, pose_views, try_places
+from zeroshop_steps.register.outline_coherence import measure_misses, pose_views, try_places
 from zeroshop_steps.register.outline_rays import make_outline_distance
 from zeroshop_steps.register.outline_tangents import SIZE, Outlines, adjust_by_tangents, measure_prior
 from zeroshop_steps.register.silhouette_coherence import choose_rim_pixels
 
 SMALL_PX = 250  # longer side of the masks' copies
 CORNERS, RIMS = 48, 24  # of an outline
-GRID_DEG, LOWEST_DEG, HIGHEST_DEG = 15, 5, 65
+GRID_DEG = 15
+ABOVE_DEG, ANYWHERE_DEG = (5, 65), (-65, 65)  # elevations at which views are placed
 BEAM = ((3, 240), (4, 240), (5, 120), (6, 40), (8, 12), (12, 6))  # ways that are kept, from so many views on
+PAIRS = 1200  # ways of two views that are kept, more than there are above the object: nearly any two fit in most places
 BRANCHES = 6  # places of a view that are followed in each way
 SAME_DEG = 8.0  # ways whose views all look from as nearly one direction are one
 EVERY = 2  # of the rims' points that are looked at while views are laid
 WIDE, USUAL_TOLERANCE, NARROW = 0.15, 0.05, 0.02
-FINE_GRID_DEG, ALTERNATIVES = 10, 8  # places that are looked at for another one of a view, and those of them that are followed
 FOCAL_FROM = 6  # views that say the focal length
+HOPELESS_PX, HOPELESS_FROM = 4.0, 8  # a search is given up where the best way misses by more with so many views: each further one adds
 
 
 @dataclass
@@ -77,26 +79,35 @@ def prepare_outlines(masks: Sequence[np.ndarray], focal_px: np.ndarray) -> Outli
     return Outlines(corners, counts, middle, float(np.median(sizes)), rims, np.array(padded, np.float32), scales, principals)
 
 
-def search(outlines: Outlines, order: Sequence[int]) -> list[Way]:
-    """The likeliest ways in which all views may be placed, the best first.
+def search(outlines: Outlines, order: Sequence[int], elevations_deg: tuple[int, int]) -> list[Way]:
+    """The likeliest ways in which all views may be placed, the best first. Where none is likely, not all views are: its cost says so.
 
     Args:
         outlines: of N views.
         order: in which they are placed.
+        elevations_deg: the lowest and the highest at which they may lie.
     """
-    azimuths, elevations = np.radians(np.arange(0, 360, GRID_DEG)), np.radians(np.arange(LOWEST_DEG, HIGHEST_DEG + 1, GRID_DEG))
-    places = np.array([[azimuth, elevation] for elevation in elevations for azimuth in azimuths])
-    ways = []
-    for elevation in elevations:
+    places, pairs = make_places(elevations_deg, GRID_DEG), list[tuple[float, Way]]()
+    for elevation in np.unique(places[:, 1]):
         first = Way(np.zeros((len(order), SIZE)), 0.0)
         first.views[order[0], 1] = elevation
-        _, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY)
-        for view in laid:
-            ways.append(Way(first.views.copy(), 0.0))
-            ways[-1].views[order[1]] = view
+        costs, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY)
+        for cost, view in zip(costs, laid, strict=True):
+            pairs.append((cost, Way(first.views.copy(), 0.0)))
+            pairs[-1][1].views[order[1]] = view
+    likely = np.sort(np.argsort([cost for cost, _ in pairs], kind="stable")[:PAIRS])
+    ways = [pairs[number][1] for number in likely]
     for placed in range(2, len(order)):
         ways = _add_view(ways, np.array(order[: placed + 1]), places, outlines)
+        if placed + 1 >= HOPELESS_FROM and ways[0].cost > HOPELESS_PX:
+            break
     return ways
+
+
+def make_places(elevations_deg: tuple[int, int], grid_deg: int) -> np.ndarray:
+    """(L, 2) azimuths and elevations all around the object, radians."""
+    azimuths, elevations = np.arange(0, 360, grid_deg), np.arange(elevations_deg[0], elevations_deg[1] + 1, grid_deg)
+    return np.radians([[azimuth, elevation] for elevation in elevations for azimuth in azimuths])
 
 
 def _add_view(ways: list[Way], placed: np.ndarray, places: np.ndarray, outlines: Outlines) -> list[Way]:
@@ -117,9 +128,14 @@ def _add_view(ways: list[Way], placed: np.ndarray, places: np.ndarray, outlines:
             way.views, way.log_focal, _ = adjust_by_tangents(
                 way.views, way.log_focal, placed, outlines, tolerance, rounds, free_focal, every
             )
-        misses = measure_misses(way.views, way.log_focal, placed, outlines, EVERY)
-        way.cost = float(misses.mean() + 0.3 * np.mean([measure_prior(way.views[n], outlines.size) for n in placed]))
+        way.cost = measure_cost(way, placed, outlines)
     return keep_distinct(sorted(found, key=lambda way: way.cost), placed, width)
+
+
+def measure_cost(way: Way, placed: np.ndarray, outlines: Outlines) -> float:
+    """By how much the rays of these views miss, px per 1000 px in the mean, and how unusual their places are."""
+    misses = measure_misses(way.views, way.log_focal, placed, outlines, EVERY)
+    return float(misses.mean() + 0.3 * np.mean([measure_prior(way.views[n], outlines.size) for n in placed]))
 
 
 def keep_distinct(ways: list[Way], placed: np.ndarray, width: int) -> list[Way]:
@@ -158,29 +174,3 @@ def _find_hull(mask: np.ndarray) -> np.ndarray:
         if len(corners) <= CORNERS:
             return corners
         tolerance_px *= 1.3
-
-
-def find_alternatives(way: Way, outlines: Outlines) -> np.ndarray:
-    """(N,) by how much rays miss where a view is placed elsewhere, at the best place that is not its own; px per 1000 px.
-
-    Small where outlines do not say from where a view was taken: of a bowl from anywhere around it, of a box from either side.
-    """
-    count = len(outlines.counts)
-    azimuths, elevations = np.radians(np.arange(0, 360, FINE_GRID_DEG)), np.radians(np.arange(-FINE_GRID_DEG, 90, FINE_GRID_DEG))
-    places = np.array([[azimuth, elevation] for elevation in elevations for azimuth in azimuths])
-    placed, least = np.arange(count), np.full(count, FARTHEST_PX)
-    base = measure_misses(way.views, way.log_focal, placed, outlines, 1)
-    for number in range(count):
-        others, own = np.delete(placed, number), compute_looks(way.views[number][None], 0.0)
-        costs, laid = try_places(number, places, way.views, way.log_focal, others, outlines, EVERY)
-        elsewhere = (compute_looks(laid, 0.0) @ own[0]) < np.cos(np.radians(SAME_DEG + FINE_GRID_DEG / 2))
-        for place in [place for place in np.argsort(costs, kind="stable") if elsewhere[place]][:ALTERNATIVES]:
-            views = way.views.copy()
-            views[number] = laid[place]
-            for tolerance in (USUAL_TOLERANCE, NARROW):
-                views, _, _ = adjust_by_tangents(views, way.log_focal, placed, outlines, tolerance, 6, False, placed == number)
-            if compute_looks(views[number][None], 0.0)[0] @ own[0] > np.cos(np.radians(SAME_DEG)):
-                continue  # it came home
-            misses = measure_misses(views, way.log_focal, placed, outlines, 1)
-            least[number] = min(least[number], max(misses[number], float(np.maximum(misses - base, 0).sum() - misses[number])))
-    return least

@@ -202,8 +202,8 @@ def _measure_tangents(views, log_focal, placed, outlines, tolerance):
 
 
 @numba.njit(cache=True, forceinline=True)
-def _linearize_tangents(views, log_focal, placed, outlines, tolerance):
-    """Gauss and Newton's approximation: (6 K + 1, 6 K + 1) matrix and (6 K + 1,) gradient."""
+def _linearize_tangents(views, log_focal, placed, outlines, tolerance, free_focal, free):
+    """Gauss and Newton's approximation of the pairs that are free: (6 K + 1, 6 K + 1) matrix and (6 K + 1,) gradient."""
     count, last = len(placed), SIZE * len(placed)
     hessian, gradient = np.zeros((last + 1, last + 1)), np.zeros(last + 1)
     moved, changed = np.zeros((count, SIZE + 2, 15)), np.zeros(SIZE)
@@ -224,7 +224,7 @@ def _linearize_tangents(views, log_focal, placed, outlines, tolerance):
         one = placed[i]
         for j in range(count):
             other = placed[j]
-            if i == j or not compare_tangents(
+            if i == j or not (free_focal or free[i] or free[j]) or not compare_tangents(
                 moved[i, 0], outlines.corners[one], outlines.counts[one], moved[j, 0], outlines.corners[other], outlines.counts[other],
                 narrower, here,
             ):  # fmt: skip
@@ -272,7 +272,7 @@ def adjust_by_tangents(views, log_focal, placed, outlines, tolerance, rounds, fr
     views, damping, size = views.copy(), 1e-3, SIZE * len(placed) + 1
     cost = _measure_tangents(views, log_focal, placed, outlines, tolerance)
     for _ in range(rounds):
-        hessian, gradient = _linearize_tangents(views, log_focal, placed, outlines, tolerance)
+        hessian, gradient = _linearize_tangents(views, log_focal, placed, outlines, tolerance, free_focal, free)
         for a in range(size):
             if (a == size - 1 and not free_focal) or (a < size - 1 and not free[a // SIZE]):
                 for b in range(size):

@@ -1,8 +1,8 @@
 """Register an object by its outlines alone, where it has too few features: the last attempt of `auto`.
 
-Masks must be exact and whole. All views are placed by a beam search (`outline_search`), adjusted by all outlines, and judged: the rays
-must meet all masks, and few views may fit anywhere else; these are left out. So objects of revolution, and others whose outlines say no
-side, are refused.
+Masks must be exact and whole. All views are placed by a beam search (`outline_search`), above the object's middle, and where they do not
+fit there, anywhere around it. They are adjusted by all outlines, and judged: the rays must meet all masks, and few views may fit anywhere
+else; these are left out. So objects of revolution, and others whose outlines say no side, are refused.
 SIFT's matches on the object, triangulated from these cameras, then hold them, too, and may contradict them.
 """
 
@@ -21,7 +21,17 @@ from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
-from zeroshop_steps.register.outline_search import Way, count_differing, find_alternatives, prepare_outlines, search, take_outlines
+from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
+from zeroshop_steps.register.outline_search import (
+    ABOVE_DEG,
+    ANYWHERE_DEG,
+    HOPELESS_PX,
+    Way,
+    count_differing,
+    prepare_outlines,
+    search,
+    take_outlines,
+)
 from zeroshop_steps.register.outline_tangents import SIZE, Outlines
 from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, name_missing
@@ -31,7 +41,9 @@ from zeroshop_steps.register.truth import triangulate_points
 from zeroshop_steps.register.undistort import undistort
 from zeroshop_steps.runtime.files import scratch_directory
 
-ORDERS = 2  # in which views are placed, one after the other: an order that begins with views that say little may fail
+ATTEMPTS = (ABOVE_DEG, ABOVE_DEG, ANYWHERE_DEG, ANYWHERE_DEG)
+"""Elevations at which views are placed, each time in another order: one that begins with views that say little may fail. Fewer places are
+searched faster and fit by chance less often."""
 LIKELY_PX = 2.0  # of a way that is adjusted: how far rays miss in the mean, coarsely
 FINE_MISS_PX, WRONG_MISS_PX = 0.3, 0.6
 """After adjusting, in the mean of all rays, and of those of any view, per 1000 px of the image. Right cameras with exact masks: 0.05."""
@@ -41,7 +53,7 @@ FEW_MATCHES, MOST_CONTRADICTING = 60, 0.5
 """Of the pictures' verified matches, so many, or this share, may contradict the cameras: plain surfaces match in wrong places, too."""
 RIVAL_PX, RIVAL_VIEWS = 0.3, 3  # a way that misses by hardly more, and places so many views elsewhere, is another
 SURFACE = "put the object on a strongly textured surface"
-UPRIGHT = "the cameras were taken to be held upright, above the object's middle, and at about one distance"
+UPRIGHT = "the cameras were taken to be held upright, at about one distance, and at most 65 degrees above or below the object's middle"
 
 
 @dataclass(frozen=True)
@@ -112,11 +124,13 @@ def _find_cameras(
     """The cameras that outlines place in one way, adjusted by them. Raises RegistrationFailed where too few do, or they do not fit."""
     rng = np.random.default_rng(options.seed)
     best_px = np.inf
-    for _ in range(ORDERS):
-        way, *others = search(outlines, rng.permutation(len(image_set.images)).tolist())
+    for elevations_deg in ATTEMPTS:
+        way, *others = search(outlines, rng.permutation(len(image_set.images)).tolist(), elevations_deg)
+        if elevations_deg == ANYWHERE_DEG and way.cost < HOPELESS_PX:
+            way, *others = _mend_ways(way, others, outlines)
         stopwatch.lap("search")
         best_px = min(best_px, way.cost)
-        figures["outlines"] = {"search_px": round(best_px, 2)}
+        figures["outlines"] = {"elevations_deg": elevations_deg, "search_px": round(best_px, 2)}
         if way.cost > LIKELY_PX:
             continue
         adjusted, misses, by_view = _adjust(make_cameras(way, outlines, image_set, focal_px), masks)
@@ -125,7 +139,7 @@ def _find_cameras(
         if misses > FINE_MISS_PX or by_view.max() > WRONG_MISS_PX:
             continue
         needed = max(options.min_images, math.ceil(options.min_share * len(adjusted)))
-        kept = _keep_placed(image_set, outlines, read_way(adjusted, outlines, focal_px), needed, figures)
+        kept = _keep_placed(image_set, outlines, read_way(adjusted, outlines, focal_px), elevations_deg, needed, figures)
         _require_one_way(way.take(kept), [other.take(kept) for other in others], figures)
         if len(kept) < len(adjusted):
             adjusted, _, _ = _adjust([adjusted[number] for number in kept], masks)
@@ -134,6 +148,18 @@ def _find_cameras(
     raise RegistrationFailed(
         f"the outlines of the masks do not fit together ({best_px:.1f} px per 1000 px at best); {UPRIGHT}, and masks must be exact", figures
     )
+
+
+def _mend_ways(way: Way, others: list[Way], outlines: Outlines) -> list[Way]:
+    """The best of all ways, and the others that are left, with the views mended that fit anywhere around the object better.
+
+    Ways that are found share mistakes, and most of them are one when these are mended; what is no rival need not be.
+    """
+    way = mend(way, outlines, ANYWHERE_DEG)
+    if way.cost > LIKELY_PX:
+        return [way]
+    others = [mend(other, outlines, ANYWHERE_DEG) if _is_rival(way, other) else other for other in others]
+    return sorted([way, mirror(way, outlines), *others], key=lambda way: way.cost)
 
 
 def _adjust(cameras: list[Camera], masks: dict[str, np.ndarray]) -> tuple[list[Camera], float, np.ndarray]:
@@ -145,14 +171,16 @@ def _adjust(cameras: list[Camera], masks: dict[str, np.ndarray]) -> tuple[list[C
     return adjustment.adjusted_cameras(), float(misses.mean()), by_view
 
 
-def _keep_placed(image_set: ImageSet, outlines: Outlines, way: Way, needed: int, figures: dict[str, Any]) -> np.ndarray:
+def _keep_placed(
+    image_set: ImageSet, outlines: Outlines, way: Way, elevations_deg: tuple[int, int], needed: int, figures: dict[str, Any]
+) -> np.ndarray:
     """(K,) numbers of the views that fit nowhere else. Raises RegistrationFailed where fewer than `needed` are left.
 
     What held the others may go with a view that is left out, so all are asked again.
     """
     kept, left_out = np.arange(len(image_set.images)), dict[str, float]()
     while True:
-        elsewhere = find_alternatives(way.take(kept), take_outlines(outlines, kept))
+        elsewhere = find_alternatives(way.take(kept), take_outlines(outlines, kept), elevations_deg)
         names = [image_set.names[number] for number in kept]
         figures["outlines"]["elsewhere_px"] = dict(zip(names, elsewhere.round(1).tolist(), strict=True)) | left_out
         free = elsewhere < ELSEWHERE_PX
@@ -167,9 +195,13 @@ def _keep_placed(image_set: ImageSet, outlines: Outlines, way: Way, needed: int,
 
 def _require_one_way(found: Way, others: list[Way], figures: dict[str, Any]) -> None:
     """Raise RegistrationFailed where another of the ways that were found fits as well."""
-    rivals = [other for other in others if other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS]
+    rivals = [other for other in others if _is_rival(found, other)]
     if rivals:
         raise RegistrationFailed(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", figures)
+
+
+def _is_rival(found: Way, other: Way) -> bool:
+    return other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS
 
 
 def make_cameras(way: Way, outlines: Outlines, image_set: ImageSet, focal_px: np.ndarray) -> list[Camera]:
