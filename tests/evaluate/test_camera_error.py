@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.evaluate.camera_error import compare_cameras
+from zeroshop_steps.evaluate.camera_error import compare_cameras, measure_object_errors_px
 from zeroshop_steps.geometry.cameras import write_cameras
+from zeroshop_steps.geometry.crops import ObjectSphere
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json, write_json
@@ -99,3 +100,14 @@ def test_a_capture_of_photos_is_not_compared_with_a_film(truth, tmp_path, capsys
     options = ["--truth", str(tmp_path / "film"), "--film-capture", str(tmp_path / "capture"), "--out", str(tmp_path / "error.json")]
     assert stage_main("zeroshop_steps.evaluate", ["--method", "camera_error", "--cameras", str(tmp_path), *options]) == 1
     assert "names no source_frames" in capsys.readouterr().err
+
+
+def test_an_object_lies_off_in_the_view_of_a_turned_camera(truth):
+    """By focal length times angle, of which the alignment of all views takes a little."""
+    sphere = ObjectSphere(np.zeros(3), 40.0)
+    assert measure_object_errors_px(list(zip(truth, in_another_frame(truth), strict=True)), sphere).max() < 1e-3
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("y", 0.5, degrees=True).as_matrix()
+    turned = (replace(truth[0], camera_from_world=turn @ truth[0].camera_from_world), *truth[1:])
+    errors = measure_object_errors_px(list(zip(turned, truth, strict=True)), sphere)
+    assert errors[0] == pytest.approx(600.0 * np.radians(0.5), rel=0.3) and errors[1:].max() < 0.3 * errors[0]

@@ -11,6 +11,7 @@ from PIL import Image
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
+from zeroshop_steps.geometry.registered_views import read_deviations
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source
 from zeroshop_steps.runtime.cli import stage_main
@@ -45,6 +46,7 @@ def test_folder_is_complete_and_consistent(registered):
     record = read_json(registered / "registration.json")
     assert record["status"] == "ok" and record["registered"] == 10 and record["reprojection_error_px"] < 1.0
     assert record["points"] == len(model.points) > 200
+    assert list(read_deviations(registered)) == [camera.name for camera in model.cameras] and record["deviation_px"]["largest"] < 0.5
     assert [path.name for path in list_images(registered / "images")] == [camera.name for camera in model.cameras]
     for camera in model.cameras:
         assert read_image(registered / "images" / camera.name).shape == (camera.height_px, camera.width_px, 3)

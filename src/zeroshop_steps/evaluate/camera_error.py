@@ -5,13 +5,19 @@ a JSON and, beside it, a tidy CSV with one row per measurement.
 """
 
 import argparse
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.transforms import compute_scale, transform_points
+from zeroshop_steps.geometry.crops import ObjectSphere, fit_object_sphere
+from zeroshop_steps.geometry.registered_views import read_deviations, read_object_masks, read_views
+from zeroshop_steps.geometry.transforms import compute_scale, move_similarity, transform_points
+from zeroshop_steps.register.camera_covariance import ENDS
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import write_table
@@ -64,11 +70,58 @@ def run(args: argparse.Namespace) -> None:
         }
         per_camera = zip(error.names, error.centre_mm, error.rotation_deg, strict=True)
         record["cameras"] = {name: {"centre_error_mm": float(c), "rotation_error_deg": float(r)} for name, c, r in per_camera}
+        if not failure and (args.cameras / "masks").is_dir():
+            with contextlib.suppress(StepError):  # cameras so wrong that what the masks show has no place
+                add_object_errors(record, args.cameras, truth)
     write_json(args.out, record)
     summary = {key: value for key, value in record.items() if isinstance(value, int | float)}
     figures = {"all": summary, **record.get("cameras", {})}
     rows = [{"camera": name, "measure": key, "value": value} for name, values in figures.items() for key, value in values.items()]
     write_table(args.out.with_suffix(".csv"), rows, ["camera", "measure", "value"])
+
+
+def add_object_errors(record: dict, folder: Path, truth: tuple[Camera, ...]) -> None:
+    """Complete a record in place: how far off the object lies in each view, and how far the registration expected it to, in pixels."""
+    views, _ = read_views(folder)
+    pairs = pair_with_truth([view.camera for view in views], truth)
+    kept = [view for view in views if view.camera.name in {camera.name for camera, _ in pairs}]
+    sphere = fit_object_sphere([view.camera for view in kept], read_object_masks(kept))
+    errors = measure_object_errors_px(pairs, sphere)
+    record["object_error_px"] = float(np.sqrt((errors**2).mean()))
+    for view, error in zip(kept, errors, strict=True):
+        record["cameras"][Path(view.camera.name).stem]["object_error_px"] = float(error)
+    stated = read_deviations(folder)
+    if stated:
+        deviations = np.array([stated[view.camera.name] for view in kept])
+        record["deviation_px"] = float(np.sqrt((deviations**2).mean()))
+        for view, deviation in zip(kept, deviations, strict=True):
+            record["cameras"][Path(view.camera.name).stem]["deviation_px"] = float(deviation)
+
+
+def measure_object_errors_px(pairs: list[tuple[Camera, Camera]], sphere: ObjectSphere) -> np.ndarray:
+    """(N,) by how many pixels an object lies off in each view, in its middle and at its ends: as root of the mean square.
+
+    The world of the true cameras is moved such that it lies off least in all views together. What is measured is what
+    `register.camera_covariance` predicts.
+
+    Args:
+        pairs: registered and true camera of each view.
+        sphere: the object's, in the registration's world.
+    """
+    found, places, truth_from_registration = [], [], align_to_truth(pairs)
+    for camera, _ in pairs:
+        ends = sphere.centre + sphere.radius * ENDS @ camera.camera_from_world[:3, :3]
+        found.append(camera.project(ends)[0])
+        places.append(transform_points(ends, truth_from_registration))
+    centre, size = places[0][0], float(np.linalg.norm(places[0][1] - places[0][0]))
+
+    def miss(step: np.ndarray) -> np.ndarray:
+        move = move_similarity(np.eye(4), step, centre, size)
+        seen = [camera.project(transform_points(ends, move))[0] for (_, camera), ends in zip(pairs, places, strict=True)]
+        return (np.array(seen) - found).ravel()
+
+    missed = miss(least_squares(miss, np.zeros(7)).x).reshape(len(pairs), -1, 2)
+    return np.sqrt((missed**2).sum(2).mean(1))
 
 
 def compare_cameras(estimated: tuple[Camera, ...], truth: tuple[Camera, ...]) -> CameraError:

@@ -10,9 +10,13 @@ from zeroshop_steps.geometry.cameras import Camera, SparseModel, read_sparse_mod
 from zeroshop_steps.geometry.images import read_confidence, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.tables import read_table
 
 PASSES = "passes.json"
 """Beside cameras of several passes: which images belong to which."""
+
+DEVIATIONS = "camera_deviation.csv"
+"""Beside cameras that were estimated: how surely each is held."""
 
 CONFIDENCE = "confidence"  # the folder beside masks/; a mask without a file there is sure everywhere
 UNSURE = 0.5  # a pixel of less confidence may be the object, whatever its mask says
@@ -86,6 +90,15 @@ def read_passes(folder: Path) -> dict[str, int]:
     """{image name: number of its pass} of a folder of cameras; empty where there was one pass only."""
     path = Path(folder) / PASSES
     return {name: one["number"] for one in read_json(path)["passes"] for name in one["images"]} if path.is_file() else {}
+
+
+def read_deviations(folder: Path) -> dict[str, float]:
+    """{image name: deviation_px} of a folder of cameras: the standard deviation of where the object lies in the image.
+
+    It is empty where nothing was written, as of true cameras.
+    """
+    path = Path(folder) / DEVIATIONS
+    return {row.image: float(row.deviation_px) for row in read_table(path).itertuples()} if path.is_file() else {}
 
 
 def choose_standing(views: Sequence[View]) -> list[View]:

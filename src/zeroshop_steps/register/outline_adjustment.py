@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.transforms import make_cross_matrices
 from zeroshop_steps.register.image_set import REFERENCE_PX
 from zeroshop_steps.register.outline_rays import OutlineRays, look_up_many, make_outline_distance
-from zeroshop_steps.register.outline_step import OutlineRows, TrackBlocks, solve_step
+from zeroshop_steps.register.outline_step import OutlineRows, TrackBlocks, find_information, solve_step
 from zeroshop_steps.register.silhouette_coherence import bound_object
 
 ROUNDS, TRIALS = 20, 7  # of the adjustment, and damping factors that are tried in each
@@ -120,6 +120,11 @@ class OutlineAdjustment:
     def measure_misses_px(self) -> np.ndarray:
         """(R,) by how much each ray of the rims misses the other masks, px per 1000 px of the image; 0 where it passes through all."""
         return np.maximum(-self._touch(self.state), 0.0)
+
+    def measure_information(self) -> np.ndarray:
+        """(6 N + 1, 6 N + 1) what the rims tell of the cameras as they are, each turned about the object, and of the focal length."""
+        self._touch(self.state)
+        return find_information(self._linearize_outlines())
 
     def measure_error_px(self) -> float:
         """The reprojection error of the tracks, px per 1000 px of the image, in the mean; 0 without tracks."""

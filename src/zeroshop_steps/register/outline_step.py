@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 TURNS = 8  # of the step and of the set of rays that miss
+RIM_DEVIATION_PX = 0.3  # of a rim that runs along pixels, evenly spread within one: 1 / sqrt(12); per 1000 px of the image
 USUAL_DEPTH = 0.1  # by which a touched point moves along its ray, in radii of the object, beyond which the linear model means little
 
 
@@ -67,6 +68,14 @@ def solve_step(outlines: OutlineRows, tracks: TrackBlocks, damping: float) -> tu
             break
     points_step = -np.einsum("pij,pj->pi", inverse, tracks.points_gradient + np.einsum("pni,n->pi", tracks.coupling, step, optimize=True))
     return step, points_step
+
+
+def find_information(outlines: OutlineRows) -> np.ndarray:
+    """(S, S) what touched rays tell of the cameras and the focal length: the inverse of their covariance, for exact masks.
+
+    A ray that lies inside a mask by less than its rim is unsure is held by it, too.
+    """
+    return _eliminate_depths(outlines, outlines.value < RIM_DEVIATION_PX, 0.0).hessian / RIM_DEVIATION_PX**2
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Any
 import pycolmap
 
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.register.camera_deviation import write_deviations
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.view_coverage import record_view_coverage
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -56,10 +57,19 @@ def add_estimation_arguments(parser: argparse.ArgumentParser, min_share: float, 
     parser.add_argument("--seed", type=int, default=seed, help="seed of all RANSAC loops (default: %(default)s)")
 
 
-def write_registration(out: Path, register: Callable[[Path], dict[str, Any]]) -> None:
-    """Run `register` on a folder that becomes `out` when it succeeds, and write its record, with advice on what to film again."""
+def write_registration(out: Path, register: Callable[[Path], dict[str, Any]], estimated: bool = True) -> None:
+    """Run `register` on a folder that becomes `out` when it succeeds, and write its record, with advice on what to film again.
+
+    Args:
+        out: folder to write.
+        register: fills it; returns the entries of registration.json.
+        estimated: whether the cameras were, and so are uncertain; true ones have no deviations.
+    """
     with atomic_directory(out) as folder:
         record = {"status": "ok", "reason": None, **register(folder)} | record_view_coverage(folder)
+        if estimated:
+            outlines = record.get("outlines", {"adjusted": False})
+            record |= write_deviations(folder, by_outlines=outlines.get("adjusted", True))
         write_json(folder / "registration.json", record)
     for line in [*record.get("warnings", []), *record["advice"]]:
         warn(line)

@@ -38,7 +38,8 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"{truth} holds no COLMAP model of true cameras; only virtual captures have one, use --method colmap for photos")
     image_set = read_image_set(args.capture)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    write_registration(args.out, lambda folder: register(image_set, truth, args.scene, folder, sift.SiftOptions(threads=args.threads)))
+    options = sift.SiftOptions(threads=args.threads)
+    write_registration(args.out, lambda folder: register(image_set, truth, args.scene, folder, options), estimated=False)
 
 
 def register(image_set: ImageSet, truth: Path, scene: str, out: Path, options: sift.SiftOptions) -> dict[str, Any]:

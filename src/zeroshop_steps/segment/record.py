@@ -20,6 +20,7 @@ from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_si
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
+from zeroshop_steps.register.camera_deviation import write_deviations
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
@@ -88,6 +89,7 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         write_reconstruction(straightened.model, folder / "sparse")
         equalize_exposure(folder)
         _write_confidence(folder, straightened.cameras, kept_masks)
+        registration |= write_deviations(folder, by_outlines=straightened.before_px is not None)
         record = record | _describe_straightened(straightened, cameras, record)
         registration |= {"registered": model.num_reg_images(), "left_out_by_mask": sorted(dropped)}
         write_json(folder / "registration.json", registration)
