@@ -10,6 +10,7 @@ from helpers.shaded_vessel import (
     UP,
     WALL_MM,
     Paint,
+    glazed,
     glossy,
     matt,
     mug,
@@ -52,6 +53,11 @@ def test_the_wall_is_found_and_the_inside_lies_where_it_is(opened: Hollow):
     assert abs(opened.floor - FLOOR_MM) < 2.0
 
 
+def test_highlights_do_not_hide_the_inside_of_a_coloured_mug(filled: Mesh):
+    found = opened_from(mug(), glazed, filled)
+    assert found is not None and abs(found.wall - WALL_MM) < 0.8 and found.taper == 0.0
+
+
 def test_an_opened_mesh_is_closed_and_faces_outwards(opened: Hollow):
     assert not find_open_borders(opened.mesh.faces)
     assert abs(measure_solid(opened.mesh, "mug").volume / measure_solid(mug(), "mug").volume - 1) < 0.2
@@ -69,7 +75,7 @@ def test_the_same_inputs_give_the_same_mesh(opened: Hollow, filled: Mesh):
     assert np.array_equal(again.mesh.faces, opened.mesh.faces) and np.array_equal(again.origin, opened.origin)
 
 
-@pytest.mark.parametrize("paint", [matt, glossy, shaded])
+@pytest.mark.parametrize("paint", [matt, glossy, glazed, shaded])
 def test_a_drum_stays_closed(paint: Paint):
     drum = mug(hollow_mm=0.0)
     assert opened_from(drum, paint, drum) is None

@@ -12,6 +12,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
 
 RADIUS_MM, HEIGHT_MM, WALL_MM, FLOOR_MM = 40.0, 80.0, 5.0, 8.0
 """It stands on z = -HEIGHT_MM / 2."""
@@ -20,8 +21,9 @@ LIGHT = np.array([0.3, -0.2, 0.93])
 DARKENING_MM = 30.0
 """A hollow is darker by a factor e this far below its rim."""
 
+RED = np.array([200.0, 70.0, 50.0])
 Paint = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""(N,) grey of (N, 3) places with (N, 3) unit normals, seen along (N, 3) unit directions towards the camera."""
+"""(N, 3) sRGB, or (N,) grey, of (N, 3) places with (N, 3) unit normals, seen along (N, 3) unit directions towards the camera."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +63,22 @@ def shaded(places: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> np.n
 
 
 def glossy(places: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """Plain, with the wide highlight of a light above that moves with the camera (Blinn 1977)."""
+    """Plain and grey, with a wide highlight that moves with the camera."""
+    return 90 + 120 * _highlight(normals, towards)
+
+
+def glazed(places: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """Red, shaded as a hollow, with highlights of white light on it."""
+    grey = shaded(places, normals, towards) / 150.0
+    light = srgb_to_linear(np.clip(grey[:, None] * RED / 255.0, 0, 1)) + 0.3 * _highlight(normals, towards)[:, None]
+    return 255.0 * linear_to_srgb(np.clip(light, 0, 1))
+
+
+def _highlight(normals: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """(N,) from 0 to 1, of a light above (Blinn 1977)."""
     halfway = LIGHT + towards
     halfway /= np.linalg.norm(halfway, axis=1, keepdims=True)
-    return 90 + 120 * np.clip(np.einsum("nc,nc->n", halfway, normals), 0, 1) ** 25
+    return np.clip(np.einsum("nc,nc->n", halfway, normals), 0, 1) ** 25
 
 
 def matt(places: np.ndarray, normals: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -87,8 +101,8 @@ def _photograph(renderer: MeshRenderer, camera: Camera, paint: Paint, random: np
     places = camera.centre_in_world + hits.depth[hits.mask][:, None] * (rays @ camera.camera_from_world[:3, :3])
     towards = camera.centre_in_world - places
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    grey = np.full(hits.mask.shape, 30.0)
-    grey[hits.mask] = paint(places, renderer.mesh.face_normals()[hits.face[hits.mask]], towards)
-    grey += random.normal(0, noise, grey.shape)
-    image = np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None] * np.ones(3, np.uint8)
+    image = np.full((*hits.mask.shape, 3), 30.0)
+    painted = paint(places, renderer.mesh.face_normals()[hits.face[hits.mask]], towards)
+    image[hits.mask] = painted if painted.ndim == 2 else painted[:, None]
+    image = np.clip(np.rint(image + random.normal(0, noise, image.shape)), 0, 255).astype(np.uint8)
     return PaintedView(camera, Path(camera.name), None, pixels=image, shown=hits.mask)

@@ -157,9 +157,10 @@ def open_plain_hollow(
     """The closed mesh with its plain hollow opened, where photos tell it; otherwise as it was.
 
     Returns:
-        mesh: the faces of the hollow that photos see come after all others that they see, those that none sees are last.
+        mesh: the faces of the hollow that a photo sees come after all others that are seen; those that none sees are last.
         underside: the record of the faces that none sees.
-        hollow: its wall and floor in the unit of the mesh, how far colours deviate, and its faces; None if none was opened.
+        hollow: its wall and floor in the unit of the mesh, the wall's growth towards the floor, how far colours deviate, and its faces;
+            None if none was opened.
     """
     from zeroshop_steps.finish.hollows import open_hollow
 
@@ -169,12 +170,14 @@ def open_plain_hollow(
         return mesh, underside, None
     of_hollow = opened.origin < 0
     seen = (opened.origin < underside.first_face) | (opened.origin >= underside.first_face + underside.faces)
-    seen[of_hollow] = _is_seen(opened.mesh, opened.mesh.faces[of_hollow], views)
+    # One photo is enough: between surface that two see and surface that one sees, there would be a border that photos see.
+    seen[of_hollow] = _is_seen(opened.mesh, opened.mesh.faces[of_hollow], views, 1)
     order = np.argsort(of_hollow, kind="stable")
     faces = int((seen & of_hollow).sum())
     whole, record = _with_unseen_last(Mesh(opened.mesh.vertices, opened.mesh.faces[order]).with_normals(), seen[order], underside.borders)
-    deviation = {name: round(getattr(opened, name), 3) for name in ("before", "after", "outside")}
-    facts = {"wall": opened.wall, "floor": opened.floor, "deviation": deviation, "first_face": record.first_face - faces, "faces": faces}
+    facts: dict[str, Any] = {name: getattr(opened, name) for name in ("wall", "floor", "taper")}
+    facts["deviation"] = {name: round(getattr(opened, name), 3) for name in ("before", "after", "outside")}
+    facts |= {"first_face": record.first_face - faces, "faces": faces}
     return whole, record, facts
 
 
@@ -216,11 +219,11 @@ def _triangulate(vertices: np.ndarray, border: np.ndarray) -> np.ndarray | None:
     return border[::-1][index]
 
 
-def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View]) -> np.ndarray:
-    """(F,) bool: which of (F, 3) faces of the mesh enough photos see at their middle."""
+def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View], photos: int = SEEN_BY) -> np.ndarray:
+    """(F,) bool: which of (F, 3) faces of the mesh at least so many photos see at their middle."""
     middle = mesh.vertices[faces].mean(1)
     part = Mesh(mesh.vertices, faces)
-    return count_seeing_views(middle, part.face_normals(), mesh, [view.camera for view in views], None) >= SEEN_BY
+    return count_seeing_views(middle, part.face_normals(), mesh, [view.camera for view in views], None) >= photos
 
 
 def _with_unseen_last(mesh: Mesh, seen: np.ndarray, closed_borders: int) -> tuple[Mesh, Underside]:

@@ -2,6 +2,10 @@
 
 A wrong surface mixes places, and their colours differ even where the surface is plain, because of its shading (Kutulakos and Seitz, A
 Theory of Shape by Space Carving, IJCV 2000). The same pixels are asked for every candidate surface, so that their answers compare.
+
+Highlights move with the camera and differ on the right surface, too. They have the colour of the light, about white, and add to the
+colour of the surface. So on a coloured surface what is left of linear light without its grey part is compared, which a highlight does
+not change (Mallick et al., Beyond Lambert: Reconstructing Specular Surfaces Using Color, CVPR 2005). On a grey one all is compared.
 """
 
 from collections.abc import Sequence
@@ -15,6 +19,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import sample_bilinear
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.srgb import srgb_to_linear
 from zeroshop_steps.geometry.surface_distance import sample_surface
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
@@ -32,6 +37,9 @@ BRIGHTEST = 250.0
 """Brighter pixels are saturated, and tell no colour."""
 OTHERS = 2
 """Photos that must show the place of a pixel besides its own."""
+COLOURED, COLOURED_SHARE = 2.0, 0.15
+"""A surface is coloured if, in the middle of its pixels, linear light without its grey part is at least this, of 255, and this share of
+the grey part."""
 GAIN_POINTS = 1500
 """Of the surface, by which the exposures of the photos are compared."""
 
@@ -58,7 +66,12 @@ class Sight:
 
 
 class Photos:
-    """Photos with their masks, blurred, and made equally bright by a mesh that they show."""
+    """Photos with their masks, blurred, and made equally bright by a mesh that they show.
+
+    Attributes:
+        coloured: whether colours are compared without their grey part.
+        gains: (V,) factors that make the photos equally bright.
+    """
 
     def __init__(self, views: Sequence[View], mesh: Mesh) -> None:
         kernel = np.ones((2 * EDGE_PX + 1,) * 2, np.uint8)
@@ -76,7 +89,20 @@ class Photos:
             self.inside.append(cv2.erode((small == 255).astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0)
         self.diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
         self.gains = np.ones(len(views), np.float32)
-        self.gains = self._estimate_gains(mesh)
+        self.coloured = False
+
+    def adapt(self, pixels: Pixels, mesh: Mesh) -> None:
+        """See whether the surface that these pixels show is coloured, and compare the exposures of the photos by a mesh."""
+        light = np.concatenate(
+            [_linear(self._sample(photo, pixels.chosen(pixels.photo == photo).position)[0]) for photo in set(pixels.photo)]
+        )
+        grey = light.mean(1)
+        colour = np.median(np.sqrt(((light - grey[:, None]) ** 2).mean(1)))
+        self.coloured = bool(colour > COLOURED and colour > COLOURED_SHARE * np.median(grey))
+        points, faces = sample_surface(mesh, GAIN_POINTS, np.random.default_rng(0))
+        seen, known = self._observe(ray_caster((mesh.vertices, mesh.faces)), points, mesh.face_normals()[faces])
+        brightness = np.ptp(_linear(seen), axis=2) if self.coloured else seen.mean(2)
+        self.gains = estimate_gains(brightness / 255.0, known.astype(np.float32), known)
 
     def pixels(self, step_share: float) -> Pixels:
         """Pixels inside the masks on a grid, whose step is a share of the square root of the mask's area."""
@@ -106,10 +132,19 @@ class Photos:
         colours, shown = self._observe(scene, sight.place[at], sight.normal[at])
         shown[np.arange(len(at)), pixels.photo[at]] = False
         count = shown.sum(1)
-        mean = (colours * shown[..., None]).sum(1) / np.maximum(count, 1)[:, None]
+        compared = self._compared(colours, self.gains[:, None])
+        mean = (compared * shown[..., None]).sum(1) / np.maximum(count, 1)[:, None]
+        difference = self._compared(own[at], self.gains[pixels.photo[at], None]) - mean
         found = np.full(len(pixels.photo), np.nan)
-        found[at] = np.where(count >= OTHERS, np.sqrt(((own[at] - mean) ** 2).mean(1)), np.nan)
+        found[at] = np.where(count >= OTHERS, np.sqrt((difference**2).mean(1)), np.nan)
         return found
+
+    def _compared(self, colours: np.ndarray, gains: np.ndarray) -> np.ndarray:
+        """What is compared of (..., 3) colours of photos with such gains: without highlights where the surface is coloured."""
+        if not self.coloured:
+            return colours * gains
+        light = _linear(colours) * gains
+        return light - light.mean(-1, keepdims=True)
 
     def _observe(self, scene: o3d.t.geometry.RaycastingScene, points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, V, 3) float32 colours of points of a surface in all photos, and (N, V) bool where they are shown."""
@@ -130,12 +165,12 @@ class Photos:
         """(N, 3) colours at (N, 2) positions in an image, and (N,) bool whether they are the object's and not saturated."""
         column, row = np.floor(position).astype(int).T
         colour = sample_bilinear(self.images[photo], (position - 0.5).astype(np.float32), cv2.BORDER_REPLICATE)
-        return colour * self.gains[photo], self.inside[photo][row, column] & (colour.max(1) < BRIGHTEST)
+        return colour, self.inside[photo][row, column] & (colour.max(1) < BRIGHTEST)
 
-    def _estimate_gains(self, mesh: Mesh) -> np.ndarray:
-        points, faces = sample_surface(mesh, GAIN_POINTS, np.random.default_rng(0))
-        colours, shown = self._observe(ray_caster((mesh.vertices, mesh.faces)), points, mesh.face_normals()[faces])
-        return estimate_gains(colours.mean(2) / 255.0, shown.astype(np.float32), shown)
+
+def _linear(colours: np.ndarray) -> np.ndarray:
+    """Linear light of sRGB colours, both of 255."""
+    return np.asarray(255.0 * srgb_to_linear(colours / np.float32(255.0)), np.float32)
 
 
 def see(scene: o3d.t.geometry.RaycastingScene, cameras: Sequence[Camera], pixels: Pixels) -> Sight:

@@ -2,7 +2,8 @@
 
 Neither stereo nor an outline finds a plain inside, and what the surface method leaves in its place, a lid or a filled part, agrees with
 all masks. But it mixes places of different shading, so that the photos show different colours there (colour_consistency.py). The inside
-is searched among those that the outside allows (vessel.py): first the thickness of the wall, then the height of the floor. Cavities
+is searched among those that the outside allows (vessel.py): the thickness of the wall at the rim, whether it grows thicker towards the
+floor, and the height of the floor. Cavities
 that swallow points which stereo confirmed are left out. Colours alone would allow a plug halfway down, whose middle is plain, too;
 therefore the deepest floor counts that is about as good as the best.
 
@@ -31,6 +32,8 @@ LID_SHARE = 0.15
 UP_COSINE = 0.5
 THINNEST_VOXELS, WALL_STEP, FINE_STEP = 0.75, 1.4, 1.12
 """Walls that are tried: the thinnest, the factor between them, and that of a second search around the best."""
+TAPERS, TAPER_GAIN = (0.05, 0.1, 0.15), 0.05
+"""Growth of the wall per length below the rim that is tried, and the share by which the colours must deviate less for it to count."""
 FLOOR_WALLS = 1.5
 """Thickness of a floor that no photo shows, in walls, from the lowest point: floors are thicker than walls, and often stand on a foot."""
 FLOORS = 5
@@ -48,10 +51,10 @@ PIXELS = 300
 LEAST_PIXELS, LEAST_PHOTOS, LEAST_KNOWN = 200, 3, 0.5
 """Pixels and photos that must look into a cavity, and the share of the pixels whose place other photos must show."""
 BELOW_RIM_VOXELS = 3.0
-"""Whether photos agree is asked of pixels that see the inside this far below the rim: lips shine, and pixels there mix."""
+"""Once the wall at the rim is known, pixels count that see the inside this far below the rim: lips shine, and pixels there mix."""
 CLIP = 12.0
 """Larger deviations count as this one: they are edges and highlights."""
-BETTER, AS_OUTSIDE = 0.6, 1.5
+BETTER, AS_OUTSIDE = 0.5, 1.5
 """The photos agree on a cavity if the mean deviation is at most this share of that before, and this many times that outside."""
 OTHER_WALL, DETERMINED = 1.7, 1.03
 """With a wall thicker or thinner by the first factor, the mean deviation must be larger by the second."""
@@ -64,7 +67,8 @@ class Hollow:
     Attributes:
         mesh: closed, facing outwards.
         origin: (F,) the face of the mesh before that each face is a part of; -1 for those of the hollow.
-        wall, floor: thickness of the wall, and height of the floor above the lowest point, in the unit of the mesh.
+        wall, floor: thickness of the wall at the rim, and height of the floor above the lowest point, in the unit of the mesh.
+        taper: how much thicker the wall is one unit of length below the rim.
         before, after, outside: mean deviation of the colours of pixels that look into the hollow, before and after, and of others.
     """
 
@@ -72,6 +76,7 @@ class Hollow:
     origin: np.ndarray
     wall: float
     floor: float
+    taper: float
     before: float
     after: float
     outside: float
@@ -121,66 +126,81 @@ class _Search:
         vessel = self.vessel
         walls = vessel.side * THINNEST_VOXELS * WALL_STEP ** np.arange(12)
         walls = walls[walls < vessel.thickest]
-        widest = self._open(walls[0], FLOOR_WALLS * walls[0]) if len(walls) else None
+        widest = self._open(walls[0], 0.0, FLOOR_WALLS * walls[0]) if len(walls) else None
         if widest is None:
             return None
         looking, others = self._find_pixels(widest)
         if len(looking.photo) < LEAST_PIXELS or len(np.unique(looking.photo)) < LEAST_PHOTOS:
             return None
         self.looking = looking
-        wall = min(walls, key=self.rate)
-        wall = min(wall * FINE_STEP ** np.array([0.0, -2.0, -1.0, 1.0, 2.0]), key=self.rate)
-        floor = self._find_floor(wall)
-        found = self._open(wall, floor)
-        if found is None or not self._is_determined(wall, floor):
+        self.photos.adapt(looking, vessel.mesh)
+        wall = float(min(walls, key=self.rate))
+        wall = float(min(wall * FINE_STEP ** np.array([0.0, -2.0, -1.0, 1.0, 2.0]), key=self.rate))
+        inner = self._find_inner(wall)
+        if len(inner.photo) < LEAST_PIXELS:
+            return None
+        self.looking, self.rates = inner, {}
+        taper = min(TAPERS, key=lambda taper: self.rate(wall, taper))
+        taper = taper if self.rate(wall, taper) < (1 - TAPER_GAIN) * self.rate(wall) else 0.0
+        floor = self._find_floor(wall, taper)
+        found = self._open(wall, taper, floor)
+        if found is None or not self._is_determined(wall, taper, floor):
             return None
         before, after = self._compare(found)
         outside = _mean(self.photos.deviations(self.surface, others))
         if not (after <= BETTER * before and after <= AS_OUTSIDE * outside):
             return None
-        cavity = vessel.cavity(wall, floor)
+        cavity = vessel.cavity(wall, floor, taper)
         cut = None if cavity is None else vessel.without(vessel.simplified(cavity))
-        return None if cut is None else Hollow(*cut, float(wall), float(floor), before, after, outside)
+        return None if cut is None else Hollow(*cut, wall, floor, taper, before, after, outside)
 
-    def rate(self, wall: float, floor: float | None = None) -> float:
+    def rate(self, wall: float, taper: float = 0.0, floor: float | None = None) -> float:
         """Mean deviation of the pixels that look into the hollow; infinite for a cavity that cannot be."""
-        floor = FLOOR_WALLS * wall if floor is None else floor
-        if (wall, floor) not in self.rates:
-            scene = self._open(wall, floor) if self._swallows_little(wall, floor) else None
-            self.rates[wall, floor] = np.inf if scene is None else _mean(self.photos.deviations(scene, self.looking))
-        return self.rates[wall, floor]
+        wall, floor = float(wall), FLOOR_WALLS * float(wall) if floor is None else floor
+        tried = wall, taper, floor
+        if tried not in self.rates:
+            scene = self._open(*tried) if self._swallows_little(*tried) else None
+            self.rates[tried] = np.inf if scene is None else _mean(self.photos.deviations(scene, self.looking))
+        return self.rates[tried]
 
-    def _open(self, wall: float, floor: float) -> o3d.t.geometry.RaycastingScene | None:
+    def _open(self, wall: float, taper: float, floor: float) -> o3d.t.geometry.RaycastingScene | None:
         """The mesh with a cavity, for rays."""
-        cavity = self.vessel.cavity(wall, floor)
+        cavity = self.vessel.cavity(wall, floor, taper)
         cut = None if cavity is None else self.vessel.without(cavity)
         return None if cut is None else ray_caster((cut[0].vertices, cut[0].faces))
 
-    def _find_floor(self, wall: float) -> float:
+    def _find_floor(self, wall: float, taper: float) -> float:
         """The lowest floor that is about as good as the best."""
         floors = np.linspace(FLOOR_WALLS * wall, self.vessel.rim - self.vessel.bottom, FLOORS + 1)[:-1]
-        rates = np.array([self.rate(wall, floor) for floor in floors])
+        rates = np.array([self.rate(wall, taper, float(floor)) for floor in floors])
         return float(floors[np.flatnonzero(rates <= AS_GOOD * rates.min())[0]])
 
-    def _is_determined(self, wall: float, floor: float) -> bool:
+    def _is_determined(self, wall: float, taper: float, floor: float) -> bool:
         """Whether photos agree less on walls that are far thicker or thinner."""
-        rivals = [self.rate(other, max(floor, FLOOR_WALLS * other)) for other in (OTHER_WALL * wall, wall / OTHER_WALL)]
-        return min(rivals) > DETERMINED * self.rate(wall, floor)
+        rivals = [self.rate(other, taper, max(floor, FLOOR_WALLS * other)) for other in (OTHER_WALL * wall, wall / OTHER_WALL)]
+        return min(rivals) > DETERMINED * self.rate(wall, taper, floor)
 
-    def _compare(self, opened: o3d.t.geometry.RaycastingScene) -> tuple[float, float]:
-        """Mean deviation of pixels that see the inside well below the rim, before and after; both infinite where too few tell."""
+    def _find_inner(self, wall: float) -> Pixels:
+        """Those of the pixels that see the inside well below the rim."""
+        opened = self._open(wall, 0.0, FLOOR_WALLS * wall)
+        if opened is None:
+            return self.looking.chosen(slice(0))
         sight = see(opened, self.photos.cameras, self.looking)
         heights = sight.place @ self.vessel.upright_from_registration[2]
-        inner = self.looking.chosen(sight.hit & (self.vessel.rim - heights > BELOW_RIM_VOXELS * self.vessel.side))
-        before, after = (self.photos.deviations(scene, inner) for scene in (self.surface, opened))
+        return self.looking.chosen(sight.hit & (self.vessel.rim - heights > BELOW_RIM_VOXELS * self.vessel.side))
+
+    def _compare(self, opened: o3d.t.geometry.RaycastingScene) -> tuple[float, float]:
+        """Mean deviation of the inner pixels before and after; both infinite where the photos tell of too few of them."""
+        before, after = (self.photos.deviations(scene, self.looking) for scene in (self.surface, opened))
         known = np.isfinite(before) & np.isfinite(after)
         if known.sum() < max(LEAST_PIXELS, LEAST_KNOWN * len(known)):
             return np.inf, np.inf
         return _mean(before[known]), _mean(after[known])
 
-    def _swallows_little(self, wall: float, floor: float) -> bool:
+    def _swallows_little(self, wall: float, taper: float, floor: float) -> bool:
         """Whether nearly all confirmed points lie outside of a cavity."""
-        inwards = np.minimum(self.point_depths - wall, self.point_heights - floor)
+        below_rim = np.maximum(self.vessel.rim - self.vessel.bottom - self.point_heights, 0.0)
+        inwards = np.minimum(self.point_depths - wall - taper * below_rim, self.point_heights - floor)
         margin = SWALLOWED_DIAGONALS * self.vessel.diagonal
         near = np.count_nonzero(np.abs(inwards) <= margin)
         return np.count_nonzero(inwards > margin) <= SWALLOWED_SHARE * near + STRAY_SHARE * len(inwards)

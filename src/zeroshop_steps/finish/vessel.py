@@ -1,9 +1,9 @@
-"""A closed mesh seen as a vessel: what is empty inside if its wall is equally thick everywhere and it is open above.
+"""A closed mesh seen as a vessel: what is empty inside if its wall is about equally thick everywhere and it is open above.
 
 Stereo and outlines measure the outside of a vessel. If its inside is plain, neither finds the inside, and the mesh has a lid or is
 filled in part. Here, the inside is the outside moved inwards: all places farther from the outside of the wall than the wall is thick,
-above a floor, up to the rim. The outside of the wall is the side of the horizontal sections of the mesh with their holes filled,
-without what is much narrower than the section, such as a handle.
+above a floor, up to the rim. The wall may grow evenly thicker towards the floor. The outside of the wall is the side of the horizontal
+sections of the mesh with their holes filled, without what is much narrower than the section, such as a handle.
 """
 
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ VOXELS = 96
 """Along the longest side. Distances are exact, so the wall may be thinner than a few voxels."""
 RIM_VOXELS = 2
 """The highest section that is used lies this far below the top: rims are rounded."""
-NARROW_SHARE = 0.25
+NARROW_SHARE = 0.4
 """Parts of a section narrower than this share of its widest part are no part of the body: handles, ears."""
 CLOSED_VOXELS = 2
 """Gaps in a section's outline up to twice this wide are closed."""
-OUTSIDE_VOXELS = 1.75
-"""A face of the mesh within this distance of the side of the sections, and facing it, belongs to the outside of the wall."""
-FACING_COSINE = 0.05
-ATTACHED_VOXELS = 0.7
+OUTSIDE_VOXELS, FACING_COSINE = 1.75, 0.7
+"""A face of the mesh within this distance of the side of the sections belongs to the outside of the wall, if it faces away from the
+inside within 45 degrees: the lip does not."""
+ATTACHED_VOXELS = 0.5
 """Where a handle covers the outside of the wall, the side of the sections counts, which is right to about this."""
 WIDEST_WALL = 0.35
 """Of the largest distance from the outside: thicker walls leave no vessel."""
@@ -76,15 +76,17 @@ class Vessel:
         number = manifold3d.Manifold.reserve_ids(2)
         return number, _to_manifold(self.mesh, number)
 
-    def cavity(self, wall: float, floor: float) -> Mesh | None:
+    def cavity(self, wall: float, floor: float, taper: float = 0.0) -> Mesh | None:
         """The closed surface of what is empty, a little higher than the rim, facing outwards; None if there is nothing.
 
         Args:
-            wall: thickness of the wall, in the unit of the mesh.
+            wall: thickness of the wall at the rim, in the unit of the mesh.
             floor: height of the floor above the lowest point of the mesh.
+            taper: how much thicker the wall is one unit of length below the rim.
         """
-        heights = self.first[2] + self.side * np.arange(self.depth.shape[2]) - self.bottom
-        field = np.minimum(self.depth - np.float32(wall), (heights - floor).astype(np.float32))
+        heights = self.first[2] + self.side * np.arange(self.depth.shape[2])
+        thickness = wall + taper * np.maximum(self.rim - heights, 0.0)
+        field = np.minimum(self.depth - thickness.astype(np.float32), (heights - self.bottom - floor).astype(np.float32))
         for axis in range(3):
             np.moveaxis(field, axis, 0)[[0, -1]] = -self.side
         parts, count = ndimage.label(field > 0)
@@ -185,6 +187,7 @@ def _measure_depth(body: np.ndarray, mesh: Mesh, first: np.ndarray, side: float)
     middle, normals = mesh.vertices[mesh.faces].mean(1), mesh.face_normals()
     cell = tuple(np.clip(np.rint((middle - first) / side).astype(int), 0, np.array(body.shape) - 1).T)
     inwards = np.stack([ndimage.uniform_filter(slope, 3)[cell] for slope in np.gradient(depth, side)], 1)
+    inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), 1e-12)
     outside = (depth[cell] < OUTSIDE_VOXELS * side) & (np.einsum("fc,fc->f", normals, inwards) < -FACING_COSINE)
     outside &= (middle[:, 2] > mesh.vertices[:, 2].min() + 2 * side) | (normals[:, 2] > -UNDERSIDE_COSINE)
     if outside.any():
