@@ -1,11 +1,11 @@
-"""Open a vessel whose inside is plain, where photos agree on a wall of one thickness and disagree on what is there.
+"""Open a vessel whose inside is plain, where photos agree on a wall of about one thickness and disagree on what is there.
 
 Neither stereo nor an outline finds a plain inside, and what the surface method leaves in its place, a lid or a filled part, agrees with
 all masks. But it mixes places of different shading, so that the photos show different colours there (colour_consistency.py). The inside
 is searched among those that the outside allows (vessel.py): the thickness of the wall at the rim, whether it grows thicker towards the
-floor, and the height of the floor. Cavities
-that swallow points which stereo confirmed are left out. Colours alone would allow a plug halfway down, whose middle is plain, too;
-therefore the deepest floor counts that is about as good as the best.
+floor, and the height of the floor. Cavities that swallow points which stereo confirmed are left out. Colours alone might allow a plug
+halfway down, whose middle is plain, too (the photo hull is the largest shape that agrees with the photos); therefore the lowest floor
+counts that is about as good as the best.
 
 The mesh is only changed where the photos then agree clearly better than before, about as well as on the outside, and worse with other
 walls. The new surface is inferred: `classify_surface_support` calls it measured only where stereo confirmed it.
@@ -116,7 +116,7 @@ class _Search:
         self.surface = ray_caster((vessel.mesh.vertices, vessel.mesh.faces))
         self.photos = Photos(views, vessel.mesh)
         self.looking: Pixels
-        self.rates: dict[tuple[float, float], float] = {}
+        self.rates: dict[tuple[float, float, float], float] = {}
         place = confirmed @ vessel.upright_from_registration.T
         self.point_heights = place[:, 2] - vessel.bottom
         self.point_depths = map_coordinates(vessel.depth, ((place - vessel.first) / vessel.side).T, order=1, mode="nearest")
@@ -184,7 +184,7 @@ class _Search:
         """Those of the pixels that see the inside well below the rim."""
         opened = self._open(wall, 0.0, FLOOR_WALLS * wall)
         if opened is None:
-            return self.looking.chosen(slice(0))
+            return self.looking.chosen(np.zeros(0, int))
         sight = see(opened, self.photos.cameras, self.looking)
         heights = sight.place @ self.vessel.upright_from_registration[2]
         return self.looking.chosen(sight.hit & (self.vessel.rim - heights > BELOW_RIM_VOXELS * self.vessel.side))
@@ -203,7 +203,7 @@ class _Search:
         inwards = np.minimum(self.point_depths - wall - taper * below_rim, self.point_heights - floor)
         margin = SWALLOWED_DIAGONALS * self.vessel.diagonal
         near = np.count_nonzero(np.abs(inwards) <= margin)
-        return np.count_nonzero(inwards > margin) <= SWALLOWED_SHARE * near + STRAY_SHARE * len(inwards)
+        return bool(np.count_nonzero(inwards > margin) <= SWALLOWED_SHARE * near + STRAY_SHARE * len(inwards))
 
     def _find_pixels(self, widest: o3d.t.geometry.RaycastingScene) -> tuple[Pixels, Pixels]:
         """Pixels that look into the widest cavity, and others, to compare with."""
