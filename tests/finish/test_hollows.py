@@ -29,7 +29,7 @@ NOTHING = np.zeros((0, 3))
 
 
 def opened_from(truth: Mesh, paint: Paint, mesh: Mesh, confirmed: np.ndarray = NOTHING) -> Hollow | None:
-    return open_hollow(mesh, photograph(truth, paint), lambda: confirmed, UP)
+    return open_hollow(mesh, photograph(truth, paint), confirmed, UP)
 
 
 @pytest.fixture(scope="module")

@@ -163,9 +163,12 @@ def open_plain_hollow(
             None if none was opened.
     """
     from zeroshop_steps.finish.hollows import open_hollow
+    from zeroshop_steps.finish.vessel import has_room_for_mouth
 
+    if not has_room_for_mouth(mesh, up):
+        return mesh, underside, None
     views, _ = read_views(cameras)
-    opened = open_hollow(mesh, views, lambda: read_confirmed_points(stereo, views) if stereo else np.zeros((0, 3)), up)
+    opened = open_hollow(mesh, views, read_confirmed_points(stereo, views) if stereo else np.zeros((0, 3)), up)
     if opened is None:
         return mesh, underside, None
     of_hollow = opened.origin < 0

@@ -11,7 +11,7 @@ The mesh is only changed where the photos then agree clearly better than before,
 walls. The new surface is inferred: `classify_surface_support` calls it measured only where stereo confirmed it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.finish.colour_consistency import Photos, Pixels, see
-from zeroshop_steps.finish.vessel import Vessel, has_room_for_mouth, measure_vessel
+from zeroshop_steps.finish.vessel import Vessel, measure_vessel
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
@@ -82,18 +82,15 @@ class Hollow:
     outside: float
 
 
-def open_hollow(mesh: Mesh, views: Sequence[View], read_confirmed: Callable[[], np.ndarray], up: np.ndarray) -> Hollow | None:
+def open_hollow(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray, up: np.ndarray) -> Hollow | None:
     """Open the plain hollow of a vessel; None where there is none, or photos do not tell it clearly.
 
     Args:
-        mesh: closed, facing outwards, in the frame of the views' cameras.
+        mesh: closed, facing outwards, with room for a mouth (`has_room_for_mouth`), in the frame of the views' cameras.
         views: registered photos with masks.
-        read_confirmed: gives the (N, 3) points that stereo confirmed; asked for only where there is room for a hollow.
+        confirmed: (N, 3) points that stereo confirmed.
         up: (3,) unit vector.
     """
-    if not has_room_for_mouth(mesh, up):
-        return None
-    confirmed = read_confirmed()
     return _Search(measure_vessel(mesh, up), views, confirmed).run() if _may_have_lid(mesh, confirmed, up) else None
 
 

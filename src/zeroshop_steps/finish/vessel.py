@@ -35,7 +35,7 @@ ATTACHED_VOXELS = 0.5
 """Where a handle covers the outside of the wall, the side of the sections counts, which is right to about this."""
 WIDEST_WALL = 0.35
 """Of the largest distance from the outside: thicker walls leave no vessel."""
-LEAST_MOUTH = 0.08
+LEAST_MOUTH = 0.12
 """Radius of the largest circle in the section at the rim, in diagonals of the mesh; below, nothing could be seen inside."""
 UNDERSIDE_COSINE = 0.7
 """Faces near the lowest point that face down by this are the underside, which is no wall."""
