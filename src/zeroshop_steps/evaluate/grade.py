@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
     if args.evidence:
         supported = drop_underside(with_surface_support(mesh, args.evidence), metadata)
         values["assumed_share"] = compute_area_shares(supported)["assumed"]
-        values["guessed_share"] = round(measure_guessed_share(supported, views), 5)
+        values["guessed_share"] = round(measure_guessed_share(supported, views, find_inferred(metadata)), 5)
     true_values = None
     if args.quality:
         quality = read_json(args.quality)
@@ -81,6 +81,12 @@ def run(args: argparse.Namespace) -> None:
     content = make_grade_record(values, true_values, limits)
     write_grade(args.out, content | {"seconds": round(time.monotonic() - start_s, 2)})
     print(f"grade: {content['grade']} {'; '.join(content['reasons'])}", file=sys.stderr)
+
+
+def find_inferred(metadata: dict) -> slice:
+    """The faces of a hollow that was opened, by the content of mesh.json."""
+    hollow = metadata.get("hollow") or {"first_face": 0, "faces": 0}
+    return slice(hollow["first_face"], hollow["first_face"] + hollow["faces"])
 
 
 def measure_mesh(mesh: Mesh, views: list[View], photos: int, support_z: float) -> dict[str, float]:

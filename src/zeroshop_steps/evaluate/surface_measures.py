@@ -52,19 +52,22 @@ def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: floa
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[counts].sum() / diameter)
 
 
-def measure_guessed_share(mesh: Mesh, views: Sequence[View]) -> float:
+def measure_guessed_share(mesh: Mesh, views: Sequence[View], inferred: slice = slice(0)) -> float:
     """Share of the surface that nothing holds where it is: neither stereo nor an outline measured it, and the masks leave room.
 
     Where only masks limit a surface, it should lie on their visual hull. If it lies deeper, such as the floor of a dark hollow or a dent
-    in a plain wall, it may as well lie elsewhere.
+    in a plain wall, it may as well lie elsewhere. The inside of a hollow is no guess if it was opened because the photos agree on its
+    colours (finish/hollows.py).
 
     Args:
         mesh: with the classes of its surface support (geometry/support_classes.py) as its quality.
         views: the photos with masks, their cameras in the frame of the mesh.
+        inferred: the faces of such a hollow.
     """
     room = measure_hull_depth(mesh.vertices, [view.camera for view in views], [view.mask() for view in views])
     assumed = np.isclose(mesh.require_quality() * MEASURED, ASSUMED)
     guessed = (assumed & (room > GUESSED_DIAMETERS * diameter_of(mesh)))[mesh.faces].mean(1)
+    guessed[inferred] = 0.0
     return float(mesh.face_areas() @ guessed / max(mesh.face_areas().sum(), 1e-30))
 
 

@@ -4,6 +4,9 @@ The underside is closed flat (underside.py). A few small holes besides are fille
 borders, and the rest of the mesh stays as it is. Where more is open, or a strip of ground lies around the foot, the whole surface
 is closed in space (watertight.py) and simplified again. A generated mesh, if there is one, proposes all of that (generated.py). The
 faces that were added and that fewer than two photos see come last: neither quality nor grade counts them.
+
+A closed vessel whose inside is plain still has a lid, or is filled in part. It is opened where the colours of the photos tell its
+inside (hollows.py).
 """
 
 import argparse
@@ -37,6 +40,8 @@ UPRIGHT_SHARE = 0.9
 """A filled hole is accepted where its border, seen along its normal, hardly overlaps itself: by area."""
 UPRIGHT_CERTAINTY, FLOOR_DIAGONALS = 0.9, 0.005
 """Where cameras were held as upright as this (1: all agree), nothing is closed farther below the mesh than this."""
+HOLLOWS = ("opened", "kept")
+"""What is done with lids over plain hollows."""
 SMOOTHING_STEPS = 5
 """Taubin steps that take the steps of the voxels away from the closed surface."""
 ADDED_DIAGONALS = 0.005
@@ -51,6 +56,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--underside", choices=STATES, default="closed", help="close it, or leave it open (default: %(default)s)")
     parser.add_argument(
         "--holes", choices=STATES, default="closed", help="close all other holes, where the underside is closed (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--hollows",
+        choices=HOLLOWS,
+        default="opened",
+        help="lids over plain hollows of a mesh that was closed: open them where photos tell the inside (default: %(default)s)",
     )
     parser.add_argument(
         "--generated",
@@ -87,13 +98,26 @@ def run(args: argparse.Namespace) -> None:
         filled = None if ground_share > GROUND_SHARE else fill_small_holes(closed, underside, views)
         closed, underside = filled or close_in_space(mesh, views, floor, args.max_faces)
         method = "holes" if filled else "volume"
+    hollow = None
+    if args.hollows == "opened" and args.underside == args.holes == "closed" and method != "generated" and floor and underside.watertight:
+        closed, underside, hollow = open_plain_hollow(closed, underside, args.cameras, args.stereo, floor.normal)
     write_ply(args.out, closed)
     facts = {
         "underside": underside.as_record(),
         "closing": {"method": method, "ground_share": round(ground_share, 5), "watertight": underside.watertight, **proposed},
-        "parameters": {"underside": args.underside, "holes": args.holes, "unseen": "generated" if args.generated else "smooth"},
+        "hollow": hollow,
+        "parameters": {
+            "underside": args.underside,
+            "holes": args.holes,
+            "hollows": args.hollows,
+            "unseen": "generated" if args.generated else "smooth",
+        },
     }
     write_json(args.out.with_suffix(".json"), facts | {"seconds": round(time.monotonic() - start_s, 2)})
+    if hollow:
+        unit, per_unit = ("mm", 1000 * height["metres_per_unit"]) if height["metres_per_unit"] else ("of the registration", 1.0)
+        wall, bottom = (f"{hollow[name] * per_unit:.2g}" for name in ("wall", "floor"))
+        print(f"close: hollow opened: wall {wall}, floor {bottom} {unit}", file=sys.stderr)
     print(f"close: {method}, {underside.faces} unseen faces added, watertight: {underside.watertight}", file=sys.stderr)
 
 
@@ -125,6 +149,39 @@ def close_by_generated(
     kept = measure_distances(proposal.measured, closed.vertices[closed.faces].mean(1)) <= ADDED_DIAGONALS * diagonal
     whole, underside = _with_unseen_last(closed, kept, len(find_open_borders(proposal.measured.faces)))
     return whole, underside, {"fit_diagonals": round(proposal.distance / diagonal, 5), "lids_share": round(proposal.lids, 5)}
+
+
+def open_plain_hollow(
+    mesh: Mesh, underside: Underside, cameras: Path, stereo: Path | None, up: np.ndarray
+) -> tuple[Mesh, Underside, dict[str, Any] | None]:
+    """The closed mesh with its plain hollow opened, where photos tell it; otherwise as it was.
+
+    Returns:
+        mesh: the faces of the hollow that a photo sees come after all others that are seen; those that none sees are last.
+        underside: the record of the faces that none sees.
+        hollow: its wall and floor in the unit of the mesh, the wall's growth towards the floor, how far colours deviate, and its faces;
+            None if none was opened.
+    """
+    from zeroshop_steps.finish.hollows import open_hollow
+    from zeroshop_steps.finish.vessel import has_room_for_mouth
+
+    if not has_room_for_mouth(mesh, up):
+        return mesh, underside, None
+    views, _ = read_views(cameras)
+    opened = open_hollow(mesh, views, read_confirmed_points(stereo, views) if stereo else np.zeros((0, 3)), up)
+    if opened is None:
+        return mesh, underside, None
+    of_hollow = opened.origin < 0
+    seen = (opened.origin < underside.first_face) | (opened.origin >= underside.first_face + underside.faces)
+    # One photo is enough: between surface that two see and surface that one sees, there would be a border that photos see.
+    seen[of_hollow] = _is_seen(opened.mesh, opened.mesh.faces[of_hollow], views, 1)
+    order = np.argsort(of_hollow, kind="stable")
+    faces = int((seen & of_hollow).sum())
+    whole, record = _with_unseen_last(Mesh(opened.mesh.vertices, opened.mesh.faces[order]).with_normals(), seen[order], underside.borders)
+    facts: dict[str, Any] = {name: getattr(opened, name) for name in ("wall", "floor", "taper")}
+    facts["deviation"] = {name: round(getattr(opened, name), 3) for name in ("before", "after", "outside")}
+    facts |= {"first_face": record.first_face - faces, "faces": faces}
+    return whole, record, facts
 
 
 def fill_small_holes(mesh: Mesh, underside: Underside, views: Sequence[View]) -> tuple[Mesh, Underside] | None:
@@ -165,11 +222,11 @@ def _triangulate(vertices: np.ndarray, border: np.ndarray) -> np.ndarray | None:
     return border[::-1][index]
 
 
-def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View]) -> np.ndarray:
-    """(F,) bool: which of (F, 3) faces of the mesh enough photos see at their middle."""
+def _is_seen(mesh: Mesh, faces: np.ndarray, views: Sequence[View], photos: int = SEEN_BY) -> np.ndarray:
+    """(F,) bool: which of (F, 3) faces of the mesh at least so many photos see at their middle."""
     middle = mesh.vertices[faces].mean(1)
     part = Mesh(mesh.vertices, faces)
-    return count_seeing_views(middle, part.face_normals(), mesh, [view.camera for view in views], None) >= SEEN_BY
+    return count_seeing_views(middle, part.face_normals(), mesh, [view.camera for view in views], None) >= photos
 
 
 def _with_unseen_last(mesh: Mesh, seen: np.ndarray, closed_borders: int) -> tuple[Mesh, Underside]:

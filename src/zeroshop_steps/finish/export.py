@@ -72,6 +72,7 @@ def make_metadata(mesh: Mesh, frame: dict, stages: Mapping[str, dict]) -> dict:
         "frame": FRAME_TEXT,
         "underside": stages.get("closed", {}).get("underside"),
         "closing": stages.get("closed", {}).get("closing"),
+        "hollow": stages.get("closed", {}).get("hollow"),
         "frame_facts": {key: value for key, value in frame.items() if key != "seconds"},
         "extents": [round(float(extent), 4) for extent in np.ptp(mesh.vertices, axis=0)],
         "faces": len(mesh.faces),
