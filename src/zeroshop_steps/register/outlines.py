@@ -47,6 +47,8 @@ searched faster and fit by chance less often."""
 LIKELY_PX = 2.0  # of a way that is adjusted: how far rays miss in the mean, coarsely
 FINE_MISS_PX, WRONG_MISS_PX = 0.3, 0.6
 """After adjusting, in the mean of all rays, and of those of any view, per 1000 px of the image. Right cameras with exact masks: 0.05."""
+STANDS_OUT, STANDS_OUT_PX = 2.0, 0.15
+"""A view that misses by so many times what the median view does, and by more than this, stands a few degrees off, and is left out."""
 ELSEWHERE_PX = 1.5
 """A view that misses by less elsewhere could stand there, too."""
 FEW_MATCHES, MOST_CONTRADICTING = 60, 0.5
@@ -139,7 +141,14 @@ def _find_cameras(
         if misses > FINE_MISS_PX or by_view.max() > WRONG_MISS_PX:
             continue
         needed = max(options.min_images, math.ceil(options.min_share * len(adjusted)))
-        kept = _keep_placed(image_set, outlines, read_way(adjusted, outlines, focal_px), elevations_deg, needed, figures)
+        fitting = by_view <= max(STANDS_OUT * float(np.median(by_view)), STANDS_OUT_PX)
+        if fitting.sum() < needed:
+            continue
+        figures["outlines"]["stand_out_px"] = {
+            name: round(float(px), 3) for name, px, fits in zip(image_set.names, by_view, fitting, strict=True) if not fits
+        }
+        way_found = read_way(adjusted, outlines, focal_px)
+        kept = _keep_placed(image_set, outlines, way_found, np.flatnonzero(fitting), elevations_deg, needed, figures)
         _require_one_way(way.take(kept), [other.take(kept) for other in others], figures)
         if len(kept) < len(adjusted):
             adjusted, _, _ = _adjust([adjusted[number] for number in kept], masks)
@@ -172,13 +181,19 @@ def _adjust(cameras: list[Camera], masks: dict[str, np.ndarray]) -> tuple[list[C
 
 
 def _keep_placed(
-    image_set: ImageSet, outlines: Outlines, way: Way, elevations_deg: tuple[int, int], needed: int, figures: dict[str, Any]
+    image_set: ImageSet,
+    outlines: Outlines,
+    way: Way,
+    kept: np.ndarray,
+    elevations_deg: tuple[int, int],
+    needed: int,
+    figures: dict[str, Any],
 ) -> np.ndarray:
-    """(K,) numbers of the views that fit nowhere else. Raises RegistrationFailed where fewer than `needed` are left.
+    """(K,) numbers of the views that fit nowhere else, of those in `kept`. Raises RegistrationFailed where fewer than `needed` are left.
 
     What held the others may go with a view that is left out, so all are asked again.
     """
-    kept, left_out = np.arange(len(image_set.images)), dict[str, float]()
+    left_out = dict[str, float]()
     while True:
         elsewhere = find_alternatives(way.take(kept), take_outlines(outlines, kept), elevations_deg)
         names = [image_set.names[number] for number in kept]
