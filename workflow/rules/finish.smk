@@ -113,7 +113,8 @@ rule close:
         runtime=per_attempt(10),
     params:
         options=step_options(
-            {name: config["finish"][name] for name in ("underside", "holes", "hollows")} | {"max_faces": config["finish"]["clean"]["max_faces"]}
+            {name: config["finish"][name] for name in ("underside", "holes", "hollows")}
+            | {"max_faces": config["finish"]["clean"]["max_faces"]}
         ),
     message:
         "Closing the surface of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
