@@ -19,7 +19,7 @@ from zeroshop_steps.register.bundle_adjustment import adjust_robustly
 from zeroshop_steps.register.camera_covariance import estimate_deviations
 from zeroshop_steps.register.camera_deviation import measure_deviations, write_deviations
 from zeroshop_steps.register.model_outlines import read_tracks
-from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import NO_TRACKS, OutlineAdjustment, Tracks
 from zeroshop_steps.register.record import write_registration
 from zeroshop_steps.runtime.files import read_json
 
@@ -148,7 +148,7 @@ def test_outlines_hold_groups_that_share_no_points(scene):
     for camera in cameras:
         outline = cv2.convexHull(np.rint(camera.project(corners)[0]).astype(np.int32))
         masks[camera.name] = cv2.fillConvexPoly(np.zeros(SIZE_PX[::-1], np.uint8), outline, 1) > 0
-    adjustment = OutlineAdjustment(cameras, masks, Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2))))
+    adjustment = OutlineAdjustment(cameras, masks, NO_TRACKS)
     given = cameras, apart, points, adjustment.centre, adjustment.radius
     alone, held = (estimate_deviations(*given, told).object_px.mean() for told in (None, adjustment.measure_information()))
     assert held < 1.5 < 5.0 < alone

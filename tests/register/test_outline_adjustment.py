@@ -13,7 +13,7 @@ from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import to_rigid
 from zeroshop_steps.register.model_outlines import adjust_model_by_masks
-from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import NO_TRACKS, OutlineAdjustment, Tracks
 from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
 
 SIZE_MM = (73.0, 28.0, 85.0)
@@ -54,9 +54,6 @@ def tracks_of(cameras, count, noise_px):
     view = (rng.integers(0, VIEWS, count)[:, None] + np.arange(3)) % VIEWS
     pixels = np.stack([cameras[index].project(points[number][None])[0][0] for number, row in enumerate(view) for index in row])
     return Tracks(view.ravel(), np.repeat(np.arange(count), 3), pixels + rng.normal(scale=noise_px, size=pixels.shape))
-
-
-NO_TRACKS = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
 
 
 def test_true_cameras_miss_almost_nothing(views):

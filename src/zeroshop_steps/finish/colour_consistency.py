@@ -21,6 +21,7 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.srgb import srgb_to_linear
 from zeroshop_steps.geometry.surface_distance import sample_surface
+from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 LONGEST_PX, MARGIN_PX = 480, 8
@@ -195,9 +196,5 @@ def _crop(camera: Camera, mask: np.ndarray) -> tuple[Camera, tuple[slice, slice]
         rows, columns = np.array([0]), np.array([0])
     top, left = max(int(rows[0]) - MARGIN_PX, 0), max(int(columns[0]) - MARGIN_PX, 0)
     bottom, right = min(int(rows[-1]) + MARGIN_PX + 1, camera.height_px), min(int(columns[-1]) + MARGIN_PX + 1, camera.width_px)
-    intrinsics = camera.intrinsics.copy()
-    intrinsics[:2, 2] -= (left, top)
-    part = Camera(camera.name, right - left, bottom - top, intrinsics, camera.camera_from_world)
-    scale = min(1.0, LONGEST_PX / max(part.width_px, part.height_px))
-    size = (max(1, round(part.width_px * scale)), max(1, round(part.height_px * scale)))
-    return part.resized(*size), (slice(top, bottom), slice(left, right))
+    part = camera.cropped(left, top, right - left, bottom - top)
+    return shrink_camera(part, LONGEST_PX), (slice(top, bottom), slice(left, right))

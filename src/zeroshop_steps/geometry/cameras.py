@@ -83,6 +83,12 @@ class Camera:
         scale = np.diag([width_px / self.width_px, height_px / self.height_px, 1.0])
         return Camera(self.name, width_px, height_px, scale @ self.intrinsics, self.camera_from_world)
 
+    def cropped(self, left: int, top: int, width_px: int, height_px: int) -> "Camera":
+        """The same camera for a part of its image that begins at pixel (left, top), which may lie outside."""
+        intrinsics = self.intrinsics.copy()
+        intrinsics[:2, 2] -= (left, top)
+        return Camera(self.name, width_px, height_px, intrinsics, self.camera_from_world)
+
 
 @dataclass(frozen=True)
 class SparseModel:

@@ -96,10 +96,8 @@ def crop(camera: Camera, possible: np.ndarray, sphere: ObjectSphere, image_width
     active = cv2.dilate(covered.astype(np.uint8), reach).astype(bool)
     ys, xs = np.nonzero(active)
     x0, x1, y0, y1 = xs.min(), xs.max() + 1, ys.min(), ys.max() + 1
-    resized = sphere.normalized(camera).resized(width_px, height_px)
-    intrinsics = resized.intrinsics - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
     window = (slice(y0, y1), slice(x0, x1))
-    small = Camera(camera.name, int(x1 - x0), int(y1 - y0), intrinsics, resized.camera_from_world)
+    small = sphere.normalized(camera).resized(width_px, height_px).cropped(x0, y0, int(x1 - x0), int(y1 - y0))
     return Crop(small, (width_px, height_px), window, active[window])
 
 

@@ -64,6 +64,4 @@ def crop_to_mask(camera: Camera, mask: np.ndarray) -> tuple[Camera, int, int]:
         rows, columns = np.arange(mask.shape[0]), np.arange(mask.shape[1])
     side = int(np.ceil(CROP_MARGIN * max(np.ptp(rows), np.ptp(columns)))) + 1
     left, top = int(columns[0] + columns[-1] - side) // 2, int(rows[0] + rows[-1] - side) // 2
-    intrinsics = camera.intrinsics.copy()
-    intrinsics[:2, 2] -= (left, top)
-    return Camera(camera.name, side, side, intrinsics, camera.camera_from_world), left, top
+    return camera.cropped(left, top, side, side), left, top

@@ -11,12 +11,11 @@ from zeroshop_steps.geometry.scene_support import find_focus
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.register.camera_covariance import CameraDeviations, estimate_deviations
 from zeroshop_steps.register.model_outlines import read_tracks
-from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import NO_TRACKS, OutlineAdjustment, Tracks
 from zeroshop_steps.register.silhouette_coherence import bound_object
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 
-NO_TRACKS = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
 USUAL_SHARE = 0.25  # of an image's shorter side that an object's radius has, where no mask shows it
 
 

@@ -47,6 +47,10 @@ class Tracks:
         return int(self.point.max()) + 1 if len(self.point) else 0
 
 
+NO_TRACKS = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
+"""Where cameras are adjusted by outlines alone."""
+
+
 @dataclass(frozen=True)
 class State:
     """What is adjusted, in a world whose origin is the object's centre and whose unit is its radius.

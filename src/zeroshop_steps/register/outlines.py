@@ -20,7 +20,7 @@ from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
-from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import NO_TRACKS, OutlineAdjustment
 from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
 from zeroshop_steps.register.outline_search import (
     ABOVE_DEG,
@@ -173,7 +173,7 @@ def _mend_ways(way: Way, others: list[Way], outlines: Outlines) -> list[Way]:
 
 def _adjust(cameras: list[Camera], masks: dict[str, np.ndarray]) -> tuple[list[Camera], float, np.ndarray]:
     """Cameras adjusted by their outlines, and by how much rays then miss: in the mean, and (N,) in the mean of each view."""
-    adjustment = OutlineAdjustment(cameras, masks, Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2))))
+    adjustment = OutlineAdjustment(cameras, masks, NO_TRACKS)
     adjustment.adjust()
     misses = adjustment.measure_misses_px()
     by_view = np.array([misses[adjustment.rays.view == number].mean() for number in range(len(cameras))])

@@ -64,9 +64,7 @@ def cut_views(views: Sequence[View], windows: Sequence[Window], width_px: int) -
     cameras, images = [], []
     for view, window in zip(views, windows, strict=True):
         width, height = window.right - window.left, window.bottom - window.top
-        intrinsics = view.camera.intrinsics.copy()
-        intrinsics[:2, 2] -= window.left, window.top
-        part = Camera(view.camera.name, width, height, intrinsics, view.camera.camera_from_world)
+        part = view.camera.cropped(window.left, window.top, width, height)
         size = min(width_px, width)
         cameras.append(part.resized(size, round(height * size / width)))
         size_px = (cameras[-1].width_px, cameras[-1].height_px)
