@@ -25,13 +25,14 @@ from zeroshop_steps.register.da3.guided_matches import RoughScene, find_near
 from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import gather_tracks, measure_share, start_from_cameras
-from zeroshop_steps.register.da3.solve import CHUNK, register
+from zeroshop_steps.register.da3.solve import register
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.match_database import write_matches
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.sift import SiftOptions
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import Frames, fit_size, read_frames
+from zeroshop_steps.register.vggt.memory import CHUNK
 from zeroshop_steps.runtime.cli import stage_main
 
 PX = (SMALL.image_px, SMALL.patch_px)

@@ -20,10 +20,10 @@ from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import fit_size, read_frames
-from zeroshop_steps.register.vggt.memory import check_fits, predict_peak_bytes
+from zeroshop_steps.register.vggt.memory import CHUNK, check_fits, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import VggtNetwork, memory_errors
 from zeroshop_steps.register.vggt.options import VggtOptions
-from zeroshop_steps.register.vggt.solve import CHUNK, register
+from zeroshop_steps.register.vggt.solve import register
 from zeroshop_steps.register.vggt.tracks import choose_query_views
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError

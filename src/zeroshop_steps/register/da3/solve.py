@@ -1,7 +1,6 @@
 """From images to a registration: predict; refine by matches, or take what confident depths confirm; check; undistort."""
 
 import argparse
-import os
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,6 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.networks.da3.settings import Da3Settings
-from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
 from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
 from zeroshop_steps.register.da3.guided_matches import RoughScene
@@ -28,10 +26,9 @@ from zeroshop_steps.register.undistort import undistort
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
-from zeroshop_steps.register.vggt.memory import check_fits
+from zeroshop_steps.register.vggt.memory import load_network
 from zeroshop_steps.register.vggt.network import SIZES, VggtOutput, read_settings
 
-CHUNK = {"cpu": 1, "cuda": 8}  # images at a time in the head: on the processor more only costs memory
 REMEDY = "take more pictures in between, or put the object on a strongly textured surface"
 REFINE = "refine by matches (register.da3.refine), or "
 
@@ -44,7 +41,6 @@ class CameraPredictor(Protocol):
 
 def solve(args: argparse.Namespace, published: str, size: Da3Settings) -> None:
     """Write the cameras folder of the command line's arguments."""
-    device = choose_device(args.device)
     sift = SiftOptions(max_features=args.max_features, seed=args.seed, threads=args.threads)
     options = Da3Options(refine=args.refine, precision=args.precision, colmap=ColmapOptions(sift, read_structure_options(args)))
     image_set = read_image_set(args.capture)
@@ -52,15 +48,11 @@ def solve(args: argparse.Namespace, published: str, size: Da3Settings) -> None:
     settings = read_settings(weights, size)
     size_px, _ = fit_size(image_set.size_px, settings.image_px, settings.patch_px, upright=True)
 
-    def predict(count: int) -> int:
-        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, CHUNK[device])
+    def predict(count: int, chunk: int) -> int:
+        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, chunk)
 
-    free = measure_free_bytes(device)
-    needed = check_fits("Depth Anything 3", predict, len(image_set.images), size_px, free, f"the {device}")
-    torch.set_num_threads(max(1, min(args.threads, os.cpu_count() or 1)))
+    network, figures = load_network("Depth Anything 3", partial(Da3Network, weights, settings), predict, image_set, size_px, args)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    network = Da3Network(weights, settings, device, choose_precision(args.precision, device), CHUNK[device])
-    figures = {"device": device, "precision": str(network.precision).removeprefix("torch."), "predicted_peak_gb": round(needed / 1e9, 2)}
     write_registration(
         args.out,
         lambda folder: register(image_set, folder, options, network, settings.image_px, settings.patch_px, figures),

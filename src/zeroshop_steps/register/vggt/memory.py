@@ -1,11 +1,19 @@
-"""How much memory a run will need, said before it starts."""
+"""Networks that see all images at once: how much memory a run will need, said before they are loaded."""
 
+import argparse
+import os
 from collections.abc import Callable
+from typing import Any, Protocol, TypeVar
 
+import torch
+
+from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.track_head import STRIDE, VOLUME_VALUES
+from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
 
+CHUNK = {"cpu": 1, "cuda": 8}  # images at a time in the dense heads: on the processor more only costs memory
 VALUE_BYTES = 4  # of a float32
 BASE_BYTES = 600_000_000  # Python and PyTorch themselves
 TOKEN_WIDTHS = 18  # values of a token that are alive at once in a block, as a multiple of the token's width; measured
@@ -57,3 +65,43 @@ def check_fits(name: str, predict: Callable[[int], int], frames: int, size_px: t
         f"{name} needs about {needed / 1e9:.1f} GB for {frames} images of {size_px[0]} x {size_px[1]} px, {where} has"
         f" {available_bytes / 1e9:.1f} GB free; {remedy}. Take fewer images, or the registration colmap"
     ) from MemoryError()
+
+
+class Loaded(Protocol):
+    """A network that is ready."""
+
+    precision: torch.dtype
+
+
+Network = TypeVar("Network", bound=Loaded)
+
+
+def load_network(
+    name: str,
+    build: Callable[[str, torch.dtype, int], Network],
+    predict: Callable[[int, int], int],
+    image_set: ImageSet,
+    size_px: tuple[int, int],
+    args: argparse.Namespace,
+) -> tuple[Network, dict[str, Any]]:
+    """The network on the device of the command line, once a run is known to fit there, and figures of that for the record.
+
+    Args:
+        name: of the network, for the user.
+        build: makes it on a device, in a precision, with so many images at a time in its heads.
+        predict: the most memory that a run over so many images takes, with so many at a time in the heads.
+        image_set: what to register.
+        size_px: (width, height) of what the network sees.
+        args: of the command line: `device`, `precision` and `threads`.
+
+    Raises:
+        StepError: it does not fit.
+    """
+    device = choose_device(args.device)
+    chunk = CHUNK[device]
+    available = measure_free_bytes(device)
+    needed = check_fits(name, lambda count: predict(count, chunk), len(image_set.images), size_px, available, f"the {device}")
+    torch.set_num_threads(max(1, min(args.threads, os.cpu_count() or 1)))
+    network = build(device, choose_precision(args.precision, device), chunk)
+    precision = str(network.precision).removeprefix("torch.")
+    return network, {"device": device, "precision": precision, "predicted_peak_gb": round(needed / 1e9, 2)}

@@ -2,9 +2,9 @@
 
 import argparse
 import math
-import os
 import time
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,7 +13,6 @@ import pycolmap
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.consistency import check_consistency
@@ -25,13 +24,12 @@ from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
-from zeroshop_steps.register.vggt.memory import check_fits, predict_peak_bytes
+from zeroshop_steps.register.vggt.memory import load_network, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import SIZES, VggtNetwork, VggtOutput, read_settings
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.tracks import choose_query_points, choose_query_views, gather_observations
 from zeroshop_steps.runtime.files import scratch_directory
 
-CHUNK = {"cpu": 1, "cuda": 8}  # frames at a time in the dense heads: on the processor more only costs memory
 REMEDY = "refine by tracks (register.vggt.refine), take more pictures in between, or use the registration colmap"
 
 
@@ -54,7 +52,6 @@ class Solution:
 
 def solve(args: argparse.Namespace, published: str) -> None:
     """Write the cameras folder of the command line's arguments."""
-    device = choose_device(args.device)
     options = VggtOptions(
         refine=args.refine,
         tracked_points=args.tracked_points,
@@ -72,16 +69,13 @@ def solve(args: argparse.Namespace, published: str) -> None:
     settings = read_settings(weights, VggtSettings())
     (width, height), left = fit_size(image_set.size_px, settings.image_px, settings.patch_px)
     points = options.tracked_points if options.refine == "tracks" else 0
-    size_px, free = (width + 2 * left, height), measure_free_bytes(device)
+    size_px = (width + 2 * left, height)
 
-    def predict(count: int) -> int:
-        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, points, CHUNK[device])
+    def predict(count: int, chunk: int) -> int:
+        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, points, chunk)
 
-    needed = check_fits("VGGT", predict, len(image_set.images), size_px, free, f"the {device}")
-    torch.set_num_threads(max(1, min(args.threads, os.cpu_count() or 1)))
+    network, figures = load_network("VGGT", partial(VggtNetwork, weights, settings), predict, image_set, size_px, args)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
-    network = VggtNetwork(weights, settings, device, choose_precision(args.precision, device), CHUNK[device])
-    figures = {"device": device, "precision": str(network.precision).removeprefix("torch."), "predicted_peak_gb": round(needed / 1e9, 2)}
     write_registration(
         args.out,
         lambda folder: register(image_set, folder, options, network, settings.image_px, settings.patch_px, figures),
