@@ -6,6 +6,7 @@ held upright has another size than one that was not, so it gets a lens of its ow
 EXIF states the focal length on 35 mm film, which is that of the whole picture. Photos that were cropped keep it.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from zeroshop_steps.register.image_set import ImageSet
 MAKE, MODEL, EXIF_FOLDER, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
 PIXELS_X, PIXELS_Y = 0xA002, 0xA003
 FILM_SIDES_MM = (36.0, 24.0)
-OTHER_SHAPE, SQUARE = 1.02, 1.02  # ratios of sides: beyond the first, two pictures differ in shape; up to the second, one is square
+SAME_SHAPE = 1.02  # up to this factor between the ratios of their sides, two pictures have one shape
 FARTHEST, RADII = 3.0, 600  # of the pinhole picture, in half diagonals, up to which the distortion is followed, and in how many steps
 FOCAL_STEP = 1.02  # focal lengths of one zoom setting differ by less than this factor
 
@@ -93,14 +94,14 @@ def read_cropped_focal_px(path: Path, size_px: tuple[int, int]) -> float | None:
     short, long = sorted(size_px)
     if focal_mm <= 0:
         return None
-    if whole[0] > 0 and max(whole[1] / whole[0] * short / long, whole[0] / whole[1] * long / short) > OTHER_SHAPE:
+    if whole[0] > 0 and max(whole[1] / whole[0] * short / long, whole[0] / whole[1] * long / short) > SAME_SHAPE:
         scale = max(short / whole[0], long / whole[1])
-        diagonal_px = float(np.hypot(*whole)) * scale
-    elif long <= SQUARE * short:
-        diagonal_px = short * float(np.hypot(*FILM_SIDES_MM)) / min(FILM_SIDES_MM)
+        diagonal_px = math.hypot(*whole) * scale
+    elif long <= SAME_SHAPE * short:
+        diagonal_px = short * math.hypot(*FILM_SIDES_MM) / min(FILM_SIDES_MM)
     else:
         return None
-    return focal_mm * diagonal_px / float(np.hypot(*FILM_SIDES_MM))
+    return focal_mm * diagonal_px / math.hypot(*FILM_SIDES_MM)
 
 
 def _read_camera(path: Path) -> tuple[str, str, float]:
