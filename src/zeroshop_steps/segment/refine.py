@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground import build_ground_picture
@@ -207,14 +208,25 @@ def _extend_to_ground(occupied: np.ndarray) -> np.ndarray:
 
 
 def _learn_colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: list[np.ndarray]) -> ColorModel:
-    """Learn colours inside the hull and around it, without pixels whose evidence says otherwise."""
+    """Learn colours inside the hull and around it, without pixels whose evidence says otherwise.
+
+    Raises:
+        StepError: nothing is left on one side.
+    """
     inside, outside = [], []
     for image, hull, odds in zip(images, hulls, evidence, strict=True):
         within = (cv2.erode(hull.astype(np.uint8), np.ones((5, 5))) > 0) & (odds >= 0.0)
         around = _grow(hull, RING) & ~_grow(hull, HULL_MARGIN) & (odds <= 0.0)
         inside.append(image[within][::2])
         outside.append(image[around][::4])
-    return ColorModel(np.concatenate(inside), np.concatenate(outside))
+    samples = np.concatenate(inside), np.concatenate(outside)
+    if not len(samples[0]) or not len(samples[1]):
+        missing = "object" if not len(samples[0]) else "background"
+        raise StepError(
+            f"the photos do not tell the object from what is around it: no place is surely {missing}; keep the whole object in the middle "
+            "of the photos, on a ground of other colours, or draw masks and name their folder in objects.tsv"
+        )
+    return ColorModel(*samples)
 
 
 def _grow(mask: np.ndarray, share: float) -> np.ndarray:
