@@ -26,6 +26,7 @@ around a thing at rest 0."""
 APART_FIT = 0.5  # of the matches of one motion at most fit to the other one
 MOST_TESTED = 120  # pairs that are looked at for two motions, evenly among all: each costs some hundredths of a second
 STILL_REMEDY = "move the camera instead, hang a plain cloth behind the object, or give masks and take the scene video_segmented"
+FITS, LEAST_FITTED = 4, 8  # rounds of fitting a similarity to what moves alike, and matches that hold it
 LEAST_MATCHES = 30  # of a pair that tells anything, and of a motion
 
 
@@ -73,33 +74,45 @@ def measure_still(database: Path, image_set: ImageSet, seed: int = 0) -> StillMa
 
 
 def verify_without_still(database: Path, image_set: ImageSet, seed: int) -> None:
-    """Verify the matches of all pairs anew, without those that stand still or move as most do; changes the database in place."""
+    """Verify the matches of all pairs anew, without those that stand still or move as one picture; changes the database in place."""
     kept, names = {}, []
     with pycolmap.Database.open(database) as opened:
         images = {image.image_id: image.name for image in opened.read_all_images()}
-        points = {image_id: opened.read_keypoints(image_id)[:, :2] for image_id in images}
+        points = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in images}
         sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
         for pair_id, matches in zip(*opened.read_all_matches(), strict=True):
             first, second = pair = pycolmap.pair_id_to_image_pair(pair_id)
             names.append((images[first], images[second]))
             if len(matches) and sizes[images[first]] == sizes[images[second]]:
-                moves_px = points[second][matches[:, 1]] - points[first][matches[:, 0]]
+                one, other = points[first][matches[:, 0]], points[second][matches[:, 1]]
                 limit_px = _limit_px(image_set, names[-1])
-                matches = matches[~find_alike(moves_px, limit_px) & (np.linalg.norm(moves_px, axis=1) >= limit_px)]
+                matches = matches[~find_alike(one, other, limit_px) & (np.linalg.norm(other - one, axis=1) >= limit_px)]
             kept[pair] = matches
         opened.clear_two_view_geometries()
         opened.clear_matches()
         for (first, second), matches in kept.items():
             opened.write_matches(first, second, matches)
-    pycolmap.verify_matches(database, write_pairs(database, names), make_verification_options(seed))
+    options = make_verification_options(seed)
+    options.min_num_inliers = LEAST_MATCHES  # pairs from other sides matched by the background alone, and fewer fit by chance
+    pycolmap.verify_matches(database, write_pairs(database, names), options)
 
 
-def find_alike(moves_px: np.ndarray, limit_px: float) -> np.ndarray:
-    """(M,) bool: the most of (M, 2) moves, M > 0, that differ by less than a limit from the one in their middle."""
-    tree = cKDTree(moves_px)
-    densest = int(np.argmax(tree.query_ball_point(moves_px, limit_px, return_length=True)))
-    middle = np.median(moves_px[tree.query_ball_point(moves_px[densest], limit_px)], axis=0)
-    alike: np.ndarray = np.linalg.norm(moves_px - middle, axis=1) < limit_px
+def find_alike(first: np.ndarray, second: np.ndarray, limit_px: float) -> np.ndarray:
+    """(M,) bool: the most of (M, 2) matches, M > 0, that move as one picture does when it is shifted, and a little turned and scaled.
+
+    They are those whose moves are densest, and what a similarity of them, fitted `FITS` times, misses by less than the limit.
+    """
+    moves = second - first
+    tree = cKDTree(moves)
+    densest = int(np.argmax(tree.query_ball_point(moves, limit_px, return_length=True)))
+    middle = np.median(moves[tree.query_ball_point(moves[densest], limit_px)], axis=0)
+    alike: np.ndarray = np.linalg.norm(moves - middle, axis=1) < limit_px
+    for _ in range(FITS):
+        if alike.sum() < LEAST_FITTED:
+            break
+        one, other = ((places - places[alike].mean(0)) @ [1, 1j] for places in (first, second))
+        turned = (one[alike].conj() @ other[alike]) / max(float((abs(one[alike]) ** 2).sum()), 1e-12)  # least squares
+        alike = abs(turned * one - other) < limit_px
     return alike
 
 
@@ -125,7 +138,7 @@ def _has_two_motions(first: np.ndarray, second: np.ndarray, limit_px: float, see
     One camera before things at rest has one epipolar geometry for all matches. The one of few matches may be uncertain, so a common one
     must miss one of both, too.
     """
-    alike = find_alike(second - first, limit_px)
+    alike = find_alike(first, second, limit_px)
     if min(alike.sum(), (~alike).sum()) < LEAST_MATCHES:
         return None
     options = pycolmap.RANSACOptions(max_error=limit_px, random_seed=seed)

@@ -8,11 +8,10 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground import build_ground_picture
-from zeroshop_steps.segment.object_selection import ObjectSelection
+from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection
 from zeroshop_steps.segment.plain_ground import join_odds
 from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, mark_points, render_silhouette, splat_voxels
 
@@ -211,7 +210,7 @@ def _learn_colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: l
     """Learn colours inside the hull and around it, without pixels whose evidence says otherwise.
 
     Raises:
-        StepError: nothing is left on one side.
+        NothingFound: nothing is left on one side.
     """
     inside, outside = [], []
     for image, hull, odds in zip(images, hulls, evidence, strict=True):
@@ -222,7 +221,7 @@ def _learn_colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: l
     samples = np.concatenate(inside), np.concatenate(outside)
     if not len(samples[0]) or not len(samples[1]):
         missing = "object" if not len(samples[0]) else "background"
-        raise StepError(
+        raise NothingFound(
             f"the photos do not tell the object from what is around it: no place is surely {missing}; keep the whole object in the middle "
             "of the photos, on a ground of other colours, or draw masks and name their folder in objects.tsv"
         )
