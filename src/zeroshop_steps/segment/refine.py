@@ -27,7 +27,7 @@ DEEP_ODDS = 0.5  # log odds there, at least, of what the hull and the colour say
 FORBIDDEN_ODDS = -6.0  # of pixels that cannot be the object: no colour outweighs it
 HULL_MARGIN = 0.01  # width of the margin around the silhouette
 RING = 0.6  # width of the surroundings whose colours are learned
-MISSES_SHARE = 0.1  # of the masks that a voxel of the hull may miss
+MISSES_SHARE = 0.1  # of the masks of views that see a voxel of the hull, which may lack it
 FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
 """Columns no higher than this share of the hull's height, or than so many voxels, are print or shadows on the ground."""
 CONTACT_SHARE = 0.1
@@ -160,11 +160,11 @@ def _close_holes(mask: np.ndarray, color: np.ndarray) -> np.ndarray:
 
 
 def _carve_common(selection: ObjectSelection, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
-    """The allowed voxels that lie in nearly all masks."""
+    """The allowed voxels that lie in nearly all masks of the views that see them."""
     index = np.argwhere(selection.allowed)
-    _, empty = count_votes(selection.grid, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
+    full, empty = count_votes(selection.grid, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
     occupied = np.zeros(selection.allowed.shape, bool)
-    occupied[tuple(index[empty <= MISSES_SHARE * len(cameras)].T)] = True
+    occupied[tuple(index[empty <= MISSES_SHARE * (full + empty)].T)] = True
     return _extend_to_ground(_drop_floating(_drop_flat_columns(occupied, selection.ground_voxel), selection.ground_voxel))
 
 
