@@ -152,6 +152,7 @@ def match_images(
     found = measure_still(database, image_set, options.sift.seed)
     figures |= {f"still_{name}": share for name, share in asdict(found).items()}
     still = _read_still(figures, options)
+    figures["still_background"] = still is not None
     if still is not None:
         verify_without_still(database, image_set, options.sift.seed)
         figures["warnings"] = [f"{still.describe()}: the cameras are found from what turns; {STILL_REMEDY}"]
