@@ -8,7 +8,7 @@ from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.point_silhouettes import draw_silhouette, find_point_silhouettes
+from zeroshop_steps.segment.point_silhouettes import draw_silhouette, drop_flat_columns, find_point_silhouettes
 from zeroshop_steps.segment.prior_maps import find_without_ground
 
 COUNT, DISTANCE, RADIUS, SIZE_PX = 12, 2.5, 0.6, (160, 120)
@@ -71,3 +71,9 @@ def test_points_beyond_the_border_close_the_silhouette_there(scene):
     drawn, true = draw_silhouette(ball, camera, 12.0), draw_ball(camera)
     assert (drawn & true).sum() / (drawn | true).sum() > 0.95
     assert (drawn == true)[:, [0, -1]].mean() > 0.9 and (drawn == true)[[0, -1]].mean() > 0.9
+
+
+def test_labels_beside_the_thing_are_dropped(scene):
+    ball, label = scene[1], np.random.default_rng(1).uniform([0.7, -0.3, -0.6], [1.2, 0.3, -0.55], (200, 3))
+    kept = drop_flat_columns(np.concatenate([ball, label]), np.array([0.0, 0.0, 1.0]), 0.15)
+    assert np.array_equal(kept, ball[np.isin(ball[:, 0], kept[:, 0])]) and len(kept) > 0.98 * len(ball)

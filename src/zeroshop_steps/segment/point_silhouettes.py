@@ -13,15 +13,17 @@ from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import find_scene_focus
+from zeroshop_steps.geometry.support_plane import MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.register.ground_contrast import cut_outline
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.plane_search import find_thing
+from zeroshop_steps.segment.plane_search import LOWEST_PERCENTILE, find_thing
 
 WIDTH_PX = 320  # of the photos that are cut; time grows with its square
 # Lengths are shares of the cameras' distance. Set on the photos of a marble head (docs/results.md).
 LINK_DISTANCES = 0.06  # points this close to each other are of one thing: smooth parts have few
 MOST_RADIUS = 0.35  # of a thing that fits into the photos
 LEAST_SHARE = 0.5  # of the points around what the cameras look at; with fewer, they show several things, or the ground
+FLAT_SHARE = 0.15  # of the thing's height: columns that rise less are on what it stands on
 BAND_SHARE = 0.07  # of the square root of its area: half the width of the band in which the outline is looked for
 
 
@@ -40,6 +42,9 @@ def find_point_silhouettes(views: list[View], model: SparseModel) -> list[np.nda
     radius, share = float(np.percentile(np.linalg.norm(thing - middle, axis=1), 90)) / distance, len(thing) / near_count
     if radius > MOST_RADIUS or share < LEAST_SHARE:
         raise StepError(f"the points that the cameras look at are no single thing: {share:.0%} of them are in a cluster of {radius:.2f}")
+    up, certainty = estimate_up_from_roll(views)
+    if certainty >= MIN_CERTAINTY:
+        thing = drop_flat_columns(thing, up, LINK_DISTANCES * distance)
     maps = []
     for view in views:
         image = read_image(view.image_path)
@@ -52,6 +57,19 @@ def find_point_silhouettes(views: list[View], model: SparseModel) -> list[np.nda
         band_px = BAND_SHARE * float(np.sqrt(silhouette.sum()))
         maps.append(cut_outline(small, silhouette, band_px, band_px).astype(np.float32))
     return maps
+
+
+def drop_flat_columns(points: np.ndarray, up: np.ndarray, width: float) -> np.ndarray:
+    """Those of (P, 3) points that stand in columns, as wide as `width`, that rise: labels and print beside the thing are flat."""
+    heights = points @ up
+    lowest, highest = np.percentile(heights, [LOWEST_PERCENTILE, 100 - LOWEST_PERCENTILE])
+    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    level = np.stack([first / np.linalg.norm(first), np.cross(up, first / np.linalg.norm(first))])
+    _, column = np.unique(np.floor(points @ level.T / width).astype(int), axis=0, return_inverse=True)
+    tops = np.full(column.max() + 1, -np.inf)
+    np.maximum.at(tops, column.ravel(), heights)
+    kept: np.ndarray = points[tops[column.ravel()] > lowest + FLAT_SHARE * (highest - lowest)]
+    return kept
 
 
 def draw_silhouette(points: np.ndarray, camera: Camera, gap_px: float) -> np.ndarray:
