@@ -4,10 +4,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
-from zeroshop_steps.capture.photo_files import read_photo
+from zeroshop_steps.capture.photo_files import read_photo, write_upright
 from zeroshop_steps.capture.photos import import_photos
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
@@ -238,6 +240,24 @@ def test_turned_photos_are_turned_upright_and_keep_their_focal_length(shoot):
         assert image.size == (HEIGHT, WIDTH)
         assert image.getexif().get(0x0112, 1) == 1
         assert image.getexif().get_ifd(0x8769)[0xA405] == 28
+
+
+def test_tags_that_count_pixels_follow_a_photo_that_is_reduced(shoot):
+    """Cameras that name no focal length of 35 mm film say how many pixels lie on a unit of their sensor."""
+    with Image.open(shoot.image(0)) as image:
+        exif = image.getexif()
+        tags = {0x920A: IFDRational(10), 0xA002: 2 * WIDTH, 0xA003: HEIGHT, 0xA20E: IFDRational(1270), 0xA20F: IFDRational(1270), 0xA210: 2}
+        exif.get_ifd(0x8769).update(tags)
+        image.save(shoot.image(0), exif=exif)
+    assert pycolmap.infer_camera_from_image(shoot.image(0)).mean_focal_length() == pytest.approx(500)
+    path = shoot.out.with_suffix(".jpg")
+    write_upright(shoot.image(0), path, WIDTH // 2)
+    reduced = pycolmap.infer_camera_from_image(path)
+    assert (reduced.width, reduced.has_prior_focal_length) == (WIDTH // 2, True)
+    assert reduced.mean_focal_length() == pytest.approx(250)
+    with Image.open(path) as image:
+        details = image.getexif().get_ifd(0x8769)
+    assert (details[0xA002], details[0xA003]) == (WIDTH, HEIGHT // 2)
 
 
 def test_heic_photos_are_converted_upright_with_their_exif(shoot):

@@ -12,8 +12,8 @@ from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, rea
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.register.consistency import ConsistencyLimits, find_first_fault
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.lenses import group_by_lens, import_images
+from zeroshop_steps.register.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.lenses import group_by_lens, import_images, read_cropped_focal_px
 from zeroshop_steps.register.pair_support import PairSupport
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
@@ -60,6 +60,35 @@ def test_each_camera_and_zoom_has_a_lens(tmp_path):
     for number, (focal, model) in enumerate(((26, "A"), (26, "A"), (52, "A"), (26, "B"))):
         write_photo(tmp_path / f"images/{number:06d}.jpg", (640, 480), focal, model)
     assert group_by_lens(read_image_set(tmp_path)) == [["000000.jpg", "000001.jpg"], ["000002.jpg"], ["000003.jpg"]]
+
+
+@pytest.mark.parametrize(
+    ("size", "whole", "focal_px"),
+    [
+        ((600, 400), (600, 400), None),  # whole
+        ((400, 600), (6000, 4000), None),  # whole, held upright and reduced
+        ((400, 400), (600, 400), 1000.0),  # cropped: 60 mm on film of 36 x 24 mm, of which it has 24 x 24
+        ((200, 200), (600, 400), 500.0),  # cropped and reduced
+        ((400, 400), (400, 400), 1000.0),  # cropped by a program that changed the size in EXIF
+        ((400, 400), None, 1000.0),
+        ((600, 300), (600, 400), 1000.0),
+    ],
+)
+def test_cropped_photos_have_the_focal_length_of_the_whole_ones(tmp_path, size, whole, focal_px):
+    path = tmp_path / "images/000000.jpg"
+    path.parent.mkdir()
+    write_photo(path, size, 60)
+    with Image.open(path) as photo:
+        exif = photo.getexif()
+        if whole:
+            exif.get_ifd(0x8769).update(dict(zip((0xA002, 0xA003), whole, strict=True)))
+        photo.save(path, exif=exif)
+    assert read_cropped_focal_px(path, size) == (None if focal_px is None else pytest.approx(focal_px))
+    import_images(tmp_path / "database.db", ImageSet((path,), None, (size,)))
+    with pycolmap.Database.open(tmp_path / "database.db") as opened:
+        (camera,) = opened.read_all_cameras()
+    expected_px = focal_px or 60 * np.hypot(*size) / np.hypot(36, 24)
+    assert camera.has_prior_focal_length and camera.mean_focal_length() == pytest.approx(expected_px, rel=1e-3)
 
 
 def test_a_network_that_takes_one_size_says_so(sizes_capture):

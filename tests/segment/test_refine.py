@@ -1,8 +1,10 @@
 """What the masks share is carved to one standing thing."""
 
 import numpy as np
+import pytest
 
-from zeroshop_steps.segment.refine import _close_holes, _drop_floating, _restore_lost_foot
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.refine import _close_holes, _drop_floating, _learn_colors, _restore_lost_foot
 
 
 def block(*boxes):
@@ -47,3 +49,10 @@ def test_a_hole_in_the_objects_own_colours_is_none():
     assert np.array_equal(found, expected)
     assert np.array_equal(_close_holes(np.zeros((5, 6), np.float32), np.ones((5, 6))), np.zeros((5, 6)))
     assert np.array_equal(_close_holes(np.ones((5, 6), np.float32), np.ones((5, 6))), np.ones((5, 6)))
+
+
+@pytest.mark.parametrize(("share", "missing"), [(0.0, "object"), (1.0, "background")])
+def test_what_fills_the_photos_or_is_nowhere_is_told(share, missing):
+    hull = np.full((40, 60), bool(share))
+    with pytest.raises(StepError, match=f"no place is surely {missing}; keep the whole object in the middle"):
+        _learn_colors([np.full((40, 60, 3), 90.0, np.float32)], [hull], [np.zeros((40, 60), np.float32)])

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from pi_heif import register_heif_opener
 from PIL import Image, ImageOps
+from PIL.TiffImagePlugin import IFDRational
 
 from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size, list_folder
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
@@ -21,6 +22,8 @@ MOST_PIXELS = 250_000_000
 """Phones take up to 200 megapixels. More is a panorama or a damaged header, and would need more than 1 GB of memory."""
 ORIENTATION_TAG, UPRIGHT = 0x0112, 1
 TRANSPOSED = (5, 6, 7, 8)  # orientations in which width and height change places
+EXIF_FOLDER, PIXEL_COUNTS, PIXEL_DENSITIES = 0x8769, (0xA002, 0xA003), (0xA20E, 0xA20F)
+"""EXIF tags that count a photo's pixels, and those on a unit of the sensor: they say where the focal length lies in pixels."""
 JPEG_QUALITY = 97
 LEVELS_OF_16_BITS = 257  # per level of 8 bits
 
@@ -34,7 +37,7 @@ class PhotoPixels:
         stored_px: (width, height) in the file, before it is turned or reduced.
         stored_as: its format, as Pillow calls it.
         orientation: how it is stored, as EXIF counts (1 is upright).
-        exif: its tags, without the orientation.
+        exif: its tags, without the orientation, for its size as it is used.
     """
 
     pixels: np.ndarray
@@ -101,6 +104,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
                 image.thumbnail((max_side_px, max_side_px), Image.Resampling.LANCZOS, reducing_gap=2.0)
             upright = ImageOps.exif_transpose(image)
             exif = upright.getexif()
+            _scale_pixel_tags(exif, max(upright.size) / max(stored_px))
             return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif)
     except PermissionError as error:
         raise StepError(f"image {path} cannot be read: {error.strerror}. {remedy_for(error)}") from None
@@ -129,6 +133,17 @@ def turn_upright(mask: np.ndarray, orientation: int) -> np.ndarray:
     image = Image.fromarray(mask.astype(np.uint8) * 255)
     image.getexif()[ORIENTATION_TAG] = orientation
     return np.asarray(ImageOps.exif_transpose(image)) > 0
+
+
+def _scale_pixel_tags(exif: Image.Exif, scale: float) -> None:
+    """Change the tags that count pixels in place, for a photo that was reduced to `scale` of its size."""
+    details = exif.get_ifd(EXIF_FOLDER)
+    for tag in {*PIXEL_COUNTS, *PIXEL_DENSITIES} & set(details):
+        try:
+            value = float(details[tag]) * scale
+        except (TypeError, ValueError, ZeroDivisionError):
+            continue
+        details[tag] = round(value) if tag in PIXEL_COUNTS else IFDRational(value)
 
 
 def _to_rgb(image: Image.Image) -> np.ndarray:

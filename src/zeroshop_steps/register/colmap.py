@@ -6,7 +6,7 @@ undistorted. Too few registered images, or cameras that the images contradict, a
 
 import argparse
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -149,9 +149,10 @@ def match_images(
     stopwatch.lap("choose")
     match_features(database, options.sift, pairs)
     figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
-    found = measure_still(database, image_set)
-    figures["still_share"], figures["still_pairs"] = found.share, found.pairs
+    found = measure_still(database, image_set, options.sift.seed)
+    figures |= {f"still_{name}": share for name, share in asdict(found).items()}
     still = _read_still(figures, options)
+    figures["still_background"] = still is not None
     if still is not None:
         verify_without_still(database, image_set, options.sift.seed)
         figures["warnings"] = [f"{still.describe()}: the cameras are found from what turns; {STILL_REMEDY}"]
@@ -172,5 +173,5 @@ def match_images(
 
 def _read_still(figures: dict[str, Any], options: ColmapOptions) -> StillMatches | None:
     """The matches that stand still, where that is the background of a whole scene; else None."""
-    found = StillMatches(figures["still_share"], figures["still_pairs"])
+    found = StillMatches(*(figures[f"still_{field.name}"] for field in fields(StillMatches)))
     return found if found.are_background and not options.structure.object_only else None

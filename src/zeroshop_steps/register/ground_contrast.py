@@ -62,7 +62,7 @@ def find_contrasting_thing(image: np.ndarray) -> np.ndarray:
     thing = ndimage.binary_fill_holes(cv2.morphologyEx(thing.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)), np.ones((3, 3)))
     if not thing.any():
         return thing
-    thing = _cut_outline(small, thing)
+    thing = cut_outline(small, thing, SURE_PX, FAR_PX)
     lit = thing & ~_find_soft_shadow(resized, thing, offset)
     return keep_main_thing(lit.astype(np.float32)) > 0.5 if lit.any() else thing
 
@@ -115,12 +115,15 @@ def _keep_inner_thing(different: np.ndarray) -> np.ndarray:
     return keep_main_thing((inner if inner.any() else different).astype(np.float32)) > 0.5
 
 
-def _cut_outline(image: np.ndarray, thing: np.ndarray) -> np.ndarray:
-    """The thing, (h, w) bool, cut along colours and edges of the (h, w, 3) RGB photo."""
+def cut_outline(image: np.ndarray, thing: np.ndarray, sure_px: float, far_px: float) -> np.ndarray:
+    """The thing, (h, w) bool, cut along colours and edges of the (h, w, 3) RGB photo (GrabCut, Rother et al. 2004).
+
+    What lies more than `sure_px` inside stays the thing, what lies more than `far_px` outside does not become it.
+    """
     labels = np.where(thing, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     inside = cv2.distanceTransform(thing.astype(np.uint8), cv2.DIST_L2, 3)
     outside = cv2.distanceTransform((~thing).astype(np.uint8), cv2.DIST_L2, 3)
-    labels[inside > SURE_PX], labels[outside > FAR_PX] = cv2.GC_FGD, cv2.GC_BGD
+    labels[inside > sure_px], labels[outside > far_px] = cv2.GC_FGD, cv2.GC_BGD
     if not ((labels == cv2.GC_FGD).any() and (labels == cv2.GC_BGD).any()):
         return thing
     cv2.setRNGSeed(0)  # GrabCut starts from k-means

@@ -2,9 +2,13 @@
 
 Images share a lens where they have one size and, as far as EXIF says, were taken by one camera at one focal length. A photo that was
 held upright has another size than one that was not, so it gets a lens of its own: nothing tells which way its sensor was turned.
+
+EXIF states the focal length on 35 mm film, which is that of the whole picture. Photos that were cropped keep it.
 """
 
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -14,6 +18,9 @@ from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.image_set import ImageSet
 
 MAKE, MODEL, EXIF_FOLDER, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
+PIXELS_X, PIXELS_Y = 0xA002, 0xA003
+FILM_SIDES_MM = (36.0, 24.0)
+SAME_SHAPE = 1.02  # up to this factor between the ratios of their sides, two pictures have one shape
 FARTHEST, RADII = 3.0, 600  # of the pinhole picture, in half diagonals, up to which the distortion is followed, and in how many steps
 FOCAL_STEP = 1.02  # focal lengths of one zoom setting differ by less than this factor
 
@@ -41,14 +48,19 @@ def import_images(database: Path, image_set: ImageSet, focal_px: float | None = 
         distorted: whether lenses may be distorted; points of an object in the middle of the images do not tell.
     """
     sizes = dict(zip(image_set.names, image_set.sizes_px, strict=True))
+    paths = dict(zip(image_set.names, image_set.images, strict=True))
     longest_px = max(map(max, image_set.sizes_px))
     create_database(database, len(image_set.images))
     for names in group_by_lens(image_set):
         reader = pycolmap.ImageReaderOptions()
         reader.camera_model = "SIMPLE_RADIAL" if distorted else "SIMPLE_PINHOLE"
+        width, height = sizes[names[0]]
         if focal_px is not None:
-            width, height = sizes[names[0]]
-            reader.camera_params = f"{focal_px * max(width, height) / longest_px},{width / 2},{height / 2}" + (",0" if distorted else "")
+            lens_focal_px: float | None = focal_px * max(width, height) / longest_px
+        else:
+            lens_focal_px = read_cropped_focal_px(paths[names[0]], (width, height))
+        if lens_focal_px is not None:
+            reader.camera_params = f"{lens_focal_px},{width / 2},{height / 2}" + (",0" if distorted else "")
         pycolmap.import_images(database, image_set.images[0].parent, pycolmap.CameraMode.SINGLE, names, reader)
 
 
@@ -67,16 +79,51 @@ def folds(lens: pycolmap.Camera) -> bool:
     return len(turns) > 0 and bool(radii[turns[0]] < np.linalg.norm(corner))
 
 
+def read_cropped_focal_px(path: Path, size_px: tuple[int, int]) -> float | None:
+    """The focal length in pixels of a photo that was cropped, by its EXIF; None where it is whole, or EXIF does not tell.
+
+    A crop is taken to reach across the whole picture one way. The picture's size is in EXIF where editors left it; a square photo without
+    it is a crop of 3:2. The focal length is that on film of the same diagonal, as COLMAP reads those of whole photos.
+
+    Args:
+        path: the photo.
+        size_px: its (width, height).
+    """
+    details = _read_exif(path)[1]
+    focal_mm, whole = _read_number(details, FOCAL_35MM), sorted((_read_number(details, PIXELS_X), _read_number(details, PIXELS_Y)))
+    short, long = sorted(size_px)
+    if focal_mm <= 0:
+        return None
+    if whole[0] > 0 and max(whole[1] / whole[0] * short / long, whole[0] / whole[1] * long / short) > SAME_SHAPE:
+        scale = max(short / whole[0], long / whole[1])
+        diagonal_px = math.hypot(*whole) * scale
+    elif long <= SAME_SHAPE * short:
+        diagonal_px = short * math.hypot(*FILM_SIDES_MM) / min(FILM_SIDES_MM)
+    else:
+        return None
+    return focal_mm * diagonal_px / math.hypot(*FILM_SIDES_MM)
+
+
 def _read_camera(path: Path) -> tuple[str, str, float]:
     """Make and model of the camera, and its focal length in mm (0 if unknown), of the 35 mm film if that is known."""
+    exif, details = _read_exif(path)
+    focal_mm = _read_number(details, FOCAL_35MM) or _read_number(details, FOCAL_MM)
+    return str(exif.get(MAKE, "")), str(exif.get(MODEL, "")), focal_mm
+
+
+def _read_exif(path: Path) -> tuple[Image.Exif, dict[int, Any]]:
+    """A photo's EXIF tags, and those about how it was taken."""
     with Image.open(path) as image:
         exif = image.getexif()
-        details = exif.get_ifd(EXIF_FOLDER)
+        return exif, exif.get_ifd(EXIF_FOLDER)
+
+
+def _read_number(details: dict[int, Any], tag: int) -> float:
+    """A tag's number; 0 where there is none."""
     try:
-        focal_mm = float(details.get(FOCAL_35MM) or details.get(FOCAL_MM) or 0.0)
+        return float(details.get(tag) or 0.0)
     except (TypeError, ValueError, ZeroDivisionError):
-        focal_mm = 0.0
-    return str(exif.get(MAKE, "")), str(exif.get(MODEL, "")), focal_mm
+        return 0.0
 
 
 def _is_one_lens(one: tuple, other: tuple) -> bool:

@@ -15,8 +15,8 @@ from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_
 
 ROOM = 1.5  # half the edge of the voxel grid, in radii of the object
 ROUNDS = ((0.34, 48), (0.2, 48), (0.1, 72), (0.05, 72))
-"""Rounds of carving: the share of the masks that a voxel may miss, many while masks of other things are included, and the number of
-voxels along the grid's edge."""
+"""Rounds of carving: the share of the views that see a voxel whose masks it may miss, many while masks of other things are included, and
+the number of voxels along the grid's edge."""
 LEAST_OVERLAP, LEAST_COVER = 0.5, 0.75
 """A mask is left out of the next round if its overlap with the silhouette is below this share of the median mask's, because it shows
 another thing; and from the second round on, if what it covers of the silhouette is below this share of the median, because it lacks a
@@ -93,7 +93,10 @@ def find_corners(mask: np.ndarray) -> tuple[float, float, float, float] | None:
 
 
 def _carve_hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, voxels: int) -> tuple[VoxelGrid, np.ndarray]:
-    """A block of voxels around what the masks look at, and (N, N, N) bool: those in all masks but a share of `misses`."""
+    """A block of voxels around what the masks look at, and (N, N, N) bool: those in the masks of all views that see them.
+
+    A share of `misses` of these masks may lack a voxel. Views that the object is cut off in do not see all of it.
+    """
     centre, radius = _find_looked_at(cameras, masks)
     side = 2 * ROOM * radius / voxels
     grid = VoxelGrid(np.eye(3), centre - ROOM * radius, side, (voxels,) * 3)
@@ -101,7 +104,7 @@ def _carve_hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, v
     evidence = [np.where(mask, 1.0, -1.0).astype(np.float32) for mask in masks]
     full, empty = count_votes(grid, index, cameras, evidence, 0.0)
     occupied = np.zeros(grid.shape, bool)
-    kept = (empty <= misses * len(masks)) & (full >= min(3, len(masks)))
+    kept = (empty <= misses * (full + empty)) & (full >= min(3, len(masks)))
     occupied[tuple(index[kept].T)] = True
     return grid, occupied
 

@@ -30,6 +30,10 @@ FINE_VOXELS = 96  # along the longest edge of the block around the selected obje
 MARGIN = 0.12  # of that block around the cluster, as a share of the cluster's size
 
 
+class NothingFound(StepError):
+    """The photos do not tell an object from the ground where the cameras look."""
+
+
 @dataclass(frozen=True)
 class ObjectSelection:
     """The selected object.
@@ -71,7 +75,8 @@ def select_object(
             On a plain ground, clusters that nearly touch are one object: its parts that have the ground's colours are missing in between.
 
     Raises:
-        StepError: nothing stands there, or two objects are equally near to the focus.
+        NothingFound: nothing stands there.
+        StepError: two objects are equally near to the focus.
     """
     side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
     axes = np.vstack([support.axes(), support.normal])
@@ -92,7 +97,7 @@ def select_object(
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     names = np.flatnonzero(sizes >= LEAST_VOXELS) + 1
     if not len(names):
-        raise StepError(
+        raise NothingFound(
             "nothing stands on the ground where the cameras look: put the object there, keep it in the middle of the picture, "
             "see that it differs in colour from the ground, and that it is not moved between the first picture and the last"
         )

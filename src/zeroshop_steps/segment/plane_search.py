@@ -101,27 +101,44 @@ def guess_below_thing(model: SparseModel, views: list[View]) -> SceneSupport | N
     """
     focus, distance = find_scene_focus(model)
     up, certainty = estimate_up_from_roll(views)
-    points = model.points[np.linalg.norm(model.points - focus, axis=1) < REACH_DISTANCES * distance]
-    if certainty < MIN_CERTAINTY or len(points) < MIN_POINTS:
+    found = find_thing(model.points, focus, distance, LINK_DISTANCES) if certainty >= MIN_CERTAINTY else None
+    if found is None:
         return None
-    pairs = cKDTree(points).query_pairs(LINK_DISTANCES * distance, output_type="ndarray")
-    dense = np.bincount(pairs.ravel(), minlength=len(points)) >= LINKS
+    thing = found[0]
+    middle = thing.mean(0)
+    centres = np.array([camera.centre_in_world for camera in model.cameras])
+    distance = float(np.median(np.linalg.norm(centres - middle, axis=1)))
+    lowest = float(np.percentile(thing @ up, LOWEST_PERCENTILE))
+    return SceneSupport(up, lowest - BELOW_DISTANCES * distance, middle, distance, 0)
+
+
+def find_thing(points: np.ndarray, focus: np.ndarray, distance: float, link_distances: float) -> tuple[np.ndarray, int] | None:
+    """The dense cluster of (P, 3) sparse points that is nearest to what the cameras look at, and how many points are around that.
+
+    Args:
+        points: all of them.
+        focus, distance: what the cameras look at, (3,), and how far they are from it.
+        link_distances: points so close to each other, as a share of the distance, are of one cluster.
+
+    Returns:
+        The cluster's points, (N, 3), and their number with those around; None where there is no cluster.
+    """
+    near = points[np.linalg.norm(points - focus, axis=1) < REACH_DISTANCES * distance]
+    if len(near) < MIN_POINTS:
+        return None
+    pairs = cKDTree(near).query_pairs(link_distances * distance, output_type="ndarray")
+    dense = np.bincount(pairs.ravel(), minlength=len(near)) >= LINKS
     linked = pairs[dense[pairs].all(1)]
-    graph = sparse.coo_array((np.ones(len(linked), bool), (linked[:, 0], linked[:, 1])), shape=(len(points),) * 2)
+    graph = sparse.coo_array((np.ones(len(linked), bool), (linked[:, 0], linked[:, 1])), shape=(len(near),) * 2)
     _, labels = csgraph.connected_components(graph, directed=False)
-    clusters = [points[labels == label] for label in np.flatnonzero(np.bincount(labels) >= MIN_POINTS)]
+    clusters = [near[labels == label] for label in np.flatnonzero(np.bincount(labels) >= MIN_POINTS)]
     if not clusters:
         return None
 
     def measure_distance(cluster: np.ndarray) -> float:
         return float(np.linalg.norm(cluster - focus, axis=1).min() + 0.5 * np.linalg.norm(cluster.mean(0) - focus))
 
-    thing = min(clusters, key=measure_distance)
-    middle = thing.mean(0)
-    centres = np.array([camera.centre_in_world for camera in model.cameras])
-    distance = float(np.median(np.linalg.norm(centres - middle, axis=1)))
-    lowest = float(np.percentile(thing @ up, LOWEST_PERCENTILE))
-    return SceneSupport(up, lowest - BELOW_DISTANCES * distance, middle, distance, 0)
+    return min(clusters, key=measure_distance), len(near)
 
 
 def settle_support(

@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground import build_ground_picture
-from zeroshop_steps.segment.object_selection import ObjectSelection
+from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection
 from zeroshop_steps.segment.plain_ground import join_odds
 from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, mark_points, render_silhouette, splat_voxels
 
@@ -27,7 +27,7 @@ DEEP_ODDS = 0.5  # log odds there, at least, of what the hull and the colour say
 FORBIDDEN_ODDS = -6.0  # of pixels that cannot be the object: no colour outweighs it
 HULL_MARGIN = 0.01  # width of the margin around the silhouette
 RING = 0.6  # width of the surroundings whose colours are learned
-MISSES_SHARE = 0.1  # of the masks that a voxel of the hull may miss
+MISSES_SHARE = 0.1  # of the masks of views that see a voxel of the hull, which may lack it
 FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
 """Columns no higher than this share of the hull's height, or than so many voxels, are print or shadows on the ground."""
 CONTACT_SHARE = 0.1
@@ -160,11 +160,11 @@ def _close_holes(mask: np.ndarray, color: np.ndarray) -> np.ndarray:
 
 
 def _carve_common(selection: ObjectSelection, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
-    """The allowed voxels that lie in nearly all masks."""
+    """The allowed voxels that lie in nearly all masks of the views that see them."""
     index = np.argwhere(selection.allowed)
-    _, empty = count_votes(selection.grid, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
+    full, empty = count_votes(selection.grid, index, cameras, [2 * mask - 1 for mask in masks], 0.0)
     occupied = np.zeros(selection.allowed.shape, bool)
-    occupied[tuple(index[empty <= MISSES_SHARE * len(cameras)].T)] = True
+    occupied[tuple(index[empty <= MISSES_SHARE * (full + empty)].T)] = True
     return _extend_to_ground(_drop_floating(_drop_flat_columns(occupied, selection.ground_voxel), selection.ground_voxel))
 
 
@@ -207,14 +207,25 @@ def _extend_to_ground(occupied: np.ndarray) -> np.ndarray:
 
 
 def _learn_colors(images: list[np.ndarray], hulls: list[np.ndarray], evidence: list[np.ndarray]) -> ColorModel:
-    """Learn colours inside the hull and around it, without pixels whose evidence says otherwise."""
+    """Learn colours inside the hull and around it, without pixels whose evidence says otherwise.
+
+    Raises:
+        NothingFound: nothing is left on one side.
+    """
     inside, outside = [], []
     for image, hull, odds in zip(images, hulls, evidence, strict=True):
         within = (cv2.erode(hull.astype(np.uint8), np.ones((5, 5))) > 0) & (odds >= 0.0)
         around = _grow(hull, RING) & ~_grow(hull, HULL_MARGIN) & (odds <= 0.0)
         inside.append(image[within][::2])
         outside.append(image[around][::4])
-    return ColorModel(np.concatenate(inside), np.concatenate(outside))
+    samples = np.concatenate(inside), np.concatenate(outside)
+    if not len(samples[0]) or not len(samples[1]):
+        missing = "object" if not len(samples[0]) else "background"
+        raise NothingFound(
+            f"the photos do not tell the object from what is around it: no place is surely {missing}; keep the whole object in the middle "
+            "of the photos, on a ground of other colours, or draw masks and name their folder in objects.tsv"
+        )
+    return ColorModel(*samples)
 
 
 def _grow(mask: np.ndarray, share: float) -> np.ndarray:

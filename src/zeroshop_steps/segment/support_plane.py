@@ -20,13 +20,15 @@ from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast, find_contrasting_thing
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
-from zeroshop_steps.segment.mask_quality import check_enough_good, check_points_covered, compare_with_hull, describe_quality
+from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
-from zeroshop_steps.segment.object_selection import ObjectSelection, select_object
+from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection, select_object
 from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
 from zeroshop_steps.segment.plane_search import has_settled, propose_supports, settle_support
-from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, weigh_maps
+from zeroshop_steps.segment.point_silhouettes import find_point_silhouettes
+from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, find_without_ground, weigh_maps
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
 from zeroshop_steps.segment.tidy_mask import tidy_mask
@@ -57,9 +59,13 @@ def run(args: argparse.Namespace) -> None:
     with show_rejected_masks(images, args.rejected):
         # Where the object was registered alone, there are no points of the ground, but there are masks of each photo alone.
         alone = read_maps(args.scene, GroundContrast(), MAPS_WIDTH_PX)
-        masks, record = find_by_maps([alone[path.stem] for path in images], views, find_on_ground) if alone else find_on_ground()
-    if alone:
-        record["prior"] = GroundContrast.name
+        maps, prior = [alone[path.stem] for path in images] if alone else None, GroundContrast.name
+        if maps is None and read_json(args.scene / "registration.json").get("still_background"):
+            # Beyond the turntable, the photos see no ground that all agree on.
+            maps, prior = _try_point_silhouettes(views, model), "sparse_points"
+        masks, record = find_on_ground() if maps is None else find_by_maps(maps, views, find_on_ground)
+    if maps is not None:
+        record["prior"] = prior
     record |= {"method": "support_plane", "seconds": round(time.monotonic() - start_s, 2)}
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
@@ -83,16 +89,39 @@ def find_masks(
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
     failure: StepError | None = None
+    guessed = True
     for support, fitted in propose_supports(model, views, seed):
         try:
             found = _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, prior)
         except StepError as error:
-            failure = failure or error
+            failure, guessed = failure or error, guessed and not fitted
             continue
         found = _look_closer(found, views, model, image_width_px, prior)
         return found.masks, found.record
     assert failure is not None  # there is one support at least
+    if prior is None and guessed and isinstance(failure, MasksRejected | NothingFound):
+        return _find_by_points(views, model, failure)
     raise failure
+
+
+def _try_point_silhouettes(views: list[View], model: SparseModel) -> list[np.ndarray] | None:
+    """Maps of the thing that the cameras look at, by its sparse points; None where these do not tell it."""
+    try:
+        return find_point_silhouettes(views, model)
+    except StepError as error:
+        print(f"the thing's own points do not tell it: {error}")
+        return None
+
+
+def _find_by_points(views: list[View], model: SparseModel, failure: StepError) -> Masks:
+    """Masks by the sparse points of the thing that the cameras look at, where no ground told them; raises that failure where they fail."""
+    print(f"no ground that helps: {failure}")
+    try:
+        masks, record = find_without_ground(find_point_silhouettes(views, model), views)
+    except StepError as error:
+        print(f"the thing's own points do not tell it either: {error}")
+        raise failure from None
+    return masks, record | {"method": "support_plane", "by_points": True, "without_ground": str(failure)}
 
 
 @dataclass(frozen=True)
