@@ -75,3 +75,13 @@ def test_another_thing_is_left_out_though_all_but_its_place_says_that_it_is_the_
     found = refine_masks(support, selection, cameras, images, odds, none, [2.5 / 1.5 * part for part in odds], np.zeros((0, 3)))
     overlaps = [((found > 0.5) & mask).sum() / ((found > 0.5) | mask).sum() for found, mask in zip(found.masks, masks, strict=True)]
     assert min(overlaps) > 0.9
+
+
+def test_windows_keep_the_other_things_of_the_whole_images():
+    grid = VoxelGrid(np.eye(3), np.zeros(3), 0.1, (10, 10, 10))
+    own = np.zeros(grid.shape, bool)
+    own[2:5, 2:5, 2:5] = True
+    closer = ObjectSelection(grid, own, own, 0.0, np.zeros((0, 3)), 0.1, 1)
+    points = np.array([[0.35, 0.35, 0.35], [0.75, 0.35, 0.35], [3.0, 0.0, 0.2]])  # now a part of the object; in the windows; outside
+    found = closer.with_others_of(ObjectSelection(grid, own, own, 0.0, points, 0.4, 3))
+    assert np.array_equal(found.other_points, points[1:]) and found.other_side == 0.4 and found.cluster is own
