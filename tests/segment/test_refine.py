@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
+from helpers.camera_ring import ring_camera
+from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.refine import _close_holes, _drop_floating, _learn_colors, _restore_lost_foot
+from zeroshop_steps.segment.object_selection import ObjectSelection
+from zeroshop_steps.segment.refine import _close_holes, _drop_floating, _learn_colors, _restore_lost_foot, refine_masks
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouette
 
 
 def block(*boxes):
@@ -56,3 +60,37 @@ def test_what_fills_the_photos_or_is_nowhere_is_told(share, missing):
     hull = np.full((40, 60), bool(share))
     with pytest.raises(StepError, match=f"no place is surely {missing}; keep the whole object in the middle"):
         _learn_colors([np.full((40, 60, 3), 90.0, np.float32)], [hull], [np.zeros((40, 60), np.float32)])
+
+
+def test_another_thing_is_left_out_though_all_but_its_place_says_that_it_is_the_object():
+    """It differs from the ground, and a network takes it along in all photos; photos show it behind the object or beside it."""
+    cameras = [ring_camera(index, 10, 4.0, (25, 45), (0.0, 0.0, 0.3), 260.0, (160, 120)) for index in range(10)]
+    grid = VoxelGrid(np.eye(3), np.array([-1.0, -1.0, 0.0]), 0.05, (40, 40, 20))
+    own, other, near = (np.zeros(grid.shape, bool) for _ in range(3))
+    own[14:26, 14:26, :16] = other[31:36, 16:24, :12] = near[10:30, 10:30, :18] = True
+    points = grid.centres(np.argwhere(other))
+    masks, behind = ([render_silhouette(grid, part, camera) for camera in cameras] for part in (own, other))
+    rng = np.random.default_rng(0)
+    images = []
+    for mask, thing in zip(masks, behind, strict=True):
+        image = rng.normal(120, 2, (*mask.shape, 3)).astype(np.float32)
+        image[thing] += (60, -50, 40)
+        image[mask] = rng.normal((220, 190, 60), 2, (mask.sum(), 3))
+        images.append(image)
+    odds = [1.5 * (2.0 * (mask | thing).astype(np.float32) - 1.0) for mask, thing in zip(masks, behind, strict=True)]
+    support = SceneSupport(np.array([0.0, 0.0, 1.0]), 0.0, np.array([0.0, 0.0, 0.3]), 4.0, 0)
+    selection = ObjectSelection(grid, near, own, 0.0, points, grid.side, 2)
+    none = [np.zeros_like(part) for part in odds]
+    found = refine_masks(support, selection, cameras, images, odds, none, [2.5 / 1.5 * part for part in odds], np.zeros((0, 3)))
+    overlaps = [((found > 0.5) & mask).sum() / ((found > 0.5) | mask).sum() for found, mask in zip(found.masks, masks, strict=True)]
+    assert min(overlaps) > 0.9
+
+
+def test_windows_keep_the_other_things_of_the_whole_images():
+    grid = VoxelGrid(np.eye(3), np.zeros(3), 0.1, (10, 10, 10))
+    own = np.zeros(grid.shape, bool)
+    own[2:5, 2:5, 2:5] = True
+    closer = ObjectSelection(grid, own, own, 0.0, np.zeros((0, 3)), 0.1, 1)
+    points = np.array([[0.35, 0.35, 0.35], [0.75, 0.35, 0.35], [3.0, 0.0, 0.2]])  # now a part of the object; in the windows; outside
+    found = closer.with_others_of(ObjectSelection(grid, own, own, 0.0, points, 0.4, 3))
+    assert np.array_equal(found.other_points, points[1:]) and found.other_side == 0.4 and found.cluster is own

@@ -1,6 +1,6 @@
 """Select the object among all objects on the ground: the one nearest to the point that all cameras look at."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -60,6 +60,12 @@ class ObjectSelection:
         index, inside = self.grid.locate(points)
         inside[inside] = self.allowed[tuple(index[inside].T)]
         return points[inside]
+
+    def with_others_of(self, before: "ObjectSelection") -> "ObjectSelection":
+        """The same with the other things of a selection that saw more of the scene, but for what is now part of the object."""
+        index, inside = self.grid.locate(before.other_points)
+        inside[inside] = self.cluster[tuple(index[inside].T)]
+        return replace(self, other_points=before.other_points[~inside], other_side=before.other_side)
 
 
 def select_object(

@@ -8,7 +8,6 @@ object.
 from collections.abc import Callable
 from typing import Any
 
-import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
@@ -16,6 +15,7 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, describe_quality, find_rim_px, move_rim
+from zeroshop_steps.segment.outline import follow_edges
 from zeroshop_steps.segment.tidy_mask import tidy_mask
 
 PRIOR_ODDS = 2.5
@@ -73,8 +73,7 @@ def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list
     _, qualities = assess_masks([mask > 0.5 for mask in tidied], cameras)
     names = [view.camera.name for view in views]
     check_enough_good(qualities, names, tidied)
-    sizes_px = [(view.camera.width_px, view.camera.height_px) for view in views]
-    return [cv2.resize(mask, size) > 0.5 for mask, size in zip(tidied, sizes_px, strict=True)], describe_quality(qualities, names)
+    return [follow_edges(mask, view.image()) for mask, view in zip(tidied, views, strict=True)], describe_quality(qualities, names)
 
 
 def _resize_cameras(cameras: list[Camera], maps: list[np.ndarray]) -> list[Camera]:

@@ -100,19 +100,29 @@ def refine_masks(
         ]
         colors = _learn_colors(images, hulls, [odds + prior for odds, prior in zip(evidence, priors, strict=True)])
         masks = []
-        for image, odds, agree, table, prior, seed, hull, foot, room in zip(
-            images, evidence, agreed, by_table, priors, seeds, hulls, feet, rooms, strict=True
+        for image, odds, agree, table, prior, seed, hull, foot, room, other in zip(
+            images, evidence, agreed, by_table, priors, seeds, hulls, feet, rooms, others, strict=True
         ):
+            deep = _grow(hull, -DEEP)
+            odds, prior = (_discount(part, other & ~deep) for part in (odds, prior))
             color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
             # A shadow that the first masks took along has taught the colours that it is the object.
             color = np.where(table < 0, np.minimum(color, 0.0), color)
             total = np.where(odds == 0.0, agree, odds) + color + prior
             total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
             if ground.printed:  # a colour alone is no sign of ground in the midst of what nearly all masks share
-                total += ground.printed * np.where(_grow(hull, -DEEP), np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
+                total += ground.printed * np.where(deep, np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
             masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, [render_silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)
+
+
+def _discount(odds: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(H, W) log odds without what speaks for the object where another thing stands behind its rim, (H, W) bool, or beside it.
+
+    The other thing differs from the ground as well, and a salient-object network may take it along in most photos.
+    """
+    return np.where(other, np.minimum(odds, 0.0), odds)
 
 
 def _restore_lost_foot(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:

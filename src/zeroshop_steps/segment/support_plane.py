@@ -126,12 +126,13 @@ def _find_by_points(views: list[View], model: SparseModel, failure: StepError) -
 
 @dataclass(frozen=True)
 class _Found:
-    """Masks of all views, (H, W) bool of the images' sizes, their record, and the plane and the middle of the object that they show."""
+    """Masks of all views, (H, W) bool of the images' sizes, their record, and the plane, the middle and the place of what they show."""
 
     masks: list[np.ndarray]
     record: dict[str, Any]
     support: SceneSupport
     middle: np.ndarray
+    selection: ObjectSelection
 
 
 def _look_closer(found: _Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None) -> _Found:
@@ -142,7 +143,7 @@ def _look_closer(found: _Found, views: list[View], model: SparseModel, image_wid
     # All lengths are shares of the cameras' distance: seen through windows, the cameras are as near as these are narrow.
     support = replace(found.support, distance=closer * found.support.distance, focus=found.middle)
     try:
-        again = _find_in_windows(views, model, windows, image_width_px, support, True, prior)
+        again = _find_in_windows(views, model, windows, image_width_px, support, True, prior, found.selection)
     except StepError as error:
         print(f"looking closer did not help: {error}")
         return found
@@ -162,6 +163,7 @@ def _find_in_windows(
     support: SceneSupport,
     fitted: bool,
     prior: list[np.ndarray] | None,
+    before: ObjectSelection | None = None,
 ) -> _Found:
     """Masks by what windows of the images show. Arguments as in `find_masks` and `_Scene`; raises StepError as `find_masks` does."""
     cameras, images = cut_views(views, windows, image_width_px)
@@ -171,7 +173,7 @@ def _find_in_windows(
     priors = [np.zeros((camera.height_px, camera.width_px), np.float32) for camera in cameras]
     if prior is not None:
         priors = [cut_map(*parts) for parts in zip(prior, windows, views, cameras, strict=True)]
-    scene = _Scene(views, model, windows, image_width_px, cameras, images, support, fitted, ground, plain)
+    scene = _Scene(views, model, windows, image_width_px, cameras, images, support, fitted, ground, plain, before)
     try:
         return _find_on_scene(scene, _weigh_contrast(images, cameras) if plain and prior is None else priors)
     except StepError as error:
@@ -198,6 +200,7 @@ class _Scene:
         fitted: whether points gave it.
         ground: what all views see of it.
         plain: its colour, if it has but one.
+        before: what the whole images showed, if these windows are closer: other things may lie outside of them.
     """
 
     views: list[View]
@@ -210,6 +213,7 @@ class _Scene:
     fitted: bool
     ground: GroundPicture
     plain: PlainGround | None
+    before: ObjectSelection | None
 
 
 def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = True) -> _Found:
@@ -236,7 +240,7 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
     }
     masks = [lay_back(*parts) for parts in zip(tidied, scene.windows, scene.views, strict=True)]
     middle = selection.grid.centres(np.argwhere(refined.occupied)).mean(0)
-    return _Found(masks, record, support, middle)
+    return _Found(masks, record, support, middle, selection)
 
 
 def _find_on_plane(
@@ -256,6 +260,8 @@ def _find_on_plane(
     ]
     check_not_moved(support, cameras, evidence, risen if plain else None)
     selection = select_object(support, cameras, evidence, risen if plain else None)
+    if scene.before:
+        selection = selection.with_others_of(scene.before)
     own = selection.own_points(risen) if risen is not None else np.zeros((0, 3))
     return selection, refine_masks(support, selection, cameras, images, by_place, by_table, priors, own if plain else own[:0]), own
 

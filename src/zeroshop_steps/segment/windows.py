@@ -8,6 +8,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.segment.outline import follow_edges
 
 SIDE_SIZES = 2.2  # side of a window, in sizes of the mask: the colours around the object are learned there, too
 CLOSER = 0.65
@@ -82,8 +83,7 @@ def cut_map(values: np.ndarray, window: Window, view: View, camera: Camera) -> n
 
 
 def lay_back(mask: np.ndarray, window: Window, view: View) -> np.ndarray:
-    """The (H, W) bool mask of a whole image from that of its window, (h, w) float32, above 1/2 on the object."""
+    """The (H, W) bool mask of a whole image from that of its window, (h, w) float32, above 1/2 on the object; its outline follows edges."""
     whole = np.zeros((view.camera.height_px, view.camera.width_px), bool)
-    size = (window.right - window.left, window.bottom - window.top)
-    whole[window.slices] = cv2.resize(mask, size, interpolation=cv2.INTER_LINEAR) > 0.5
+    whole[window.slices] = follow_edges(mask, view.image()[window.slices])
     return whole
