@@ -53,10 +53,10 @@ class StillMatches:
         """What was found, for the user."""
         if self.share > STILL_SHARE:
             how = f"{self.share:.0%} of what matches does not move"
-        elif self.pairs > STILL_PAIRS:
-            how = f"in {self.pairs:.0%} of the pairs, what matches does not move"
-        else:
+        elif self.apart > APART_SHARE:
             how = f"in {self.apart:.0%} of the pairs, a part of what matches moves otherwise than the rest"
+        else:
+            how = f"in {self.pairs:.0%} of the pairs, what matches does not move"
         return f"the background stands still in the photos while the object turns ({how})"
 
 
