@@ -73,3 +73,19 @@ def test_rough_masks_are_not_used(improver, monkeypatch):
     improver = improver(2)
     model, _ = improver.adjust_by_outlines(Model(), report())
     assert model == Model() and not improver.figures["outlines"]["adjusted"]
+
+
+def test_aligned_points_count_by_their_noise_where_the_result_passes(improver, monkeypatch):
+    improver, asked = improver(4), []
+
+    def adjust(model, _images, _wrong, aligned):
+        asked.append(aligned)
+        return replace(model, changes=("sharpened",) if aligned else ()), [0.4, 0.1]
+
+    monkeypatch.setattr(improvement, "adjust_model_by_outlines", adjust)
+    improver.figures["sharpened"] = {"points": 100}
+    before = Model()
+    model, _ = improver.adjust_by_outlines(before, report())
+    assert model == before and model is not before and asked == [True, False]
+    model, _ = improver.adjust_by_outlines(Model(("a", "b", "c", "f")), report())
+    assert model.changes == ("sharpened",) and asked == [True, False, True]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pycolmap
@@ -46,14 +47,18 @@ class Improver:
     def adjust_by_outlines(
         self, model: pycolmap.Reconstruction, report: ConsistencyReport
     ) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
-        """Adjust the cameras by the masks' rims, unless these are rough."""
+        """Adjust the cameras by the masks' rims, unless these are rough; points that the pictures aligned count by their noise."""
 
-        def change(model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
-            adjusted, misses = adjust_model_by_outlines(model, self.image_set, report.wrong_masks)
+        def change(model: pycolmap.Reconstruction, aligned: bool) -> pycolmap.Reconstruction:
+            adjusted, misses = adjust_model_by_outlines(model, self.image_set, report.wrong_masks, aligned)
             self.figures["outlines"] = {"miss_px": misses}
             return adjusted if misses[1] <= ROUGH_MISS_PX else model
 
-        changed, again = self._try(change, model, report)
+        ways = [True, False] if self.figures.get("sharpened", {}).get("points") else [False]
+        for aligned in ways:  # where what fits better lets one image stand out, all count alike
+            changed, again = self._try(partial(change, aligned=aligned), model, report)
+            if changed is not model:
+                break
         self.figures["outlines"]["adjusted"] = changed is not model
         return changed, again
 

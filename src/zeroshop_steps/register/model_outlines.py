@@ -30,30 +30,36 @@ class AdjustedModel:
 
 
 def adjust_model_by_outlines(
-    model: pycolmap.Reconstruction, image_set: ImageSet, wrong_masks: Collection[str] = ()
+    model: pycolmap.Reconstruction, image_set: ImageSet, wrong_masks: Collection[str] = (), aligned: bool = False
 ) -> tuple[pycolmap.Reconstruction, list[float]]:
     """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims, but for those of wrong masks.
+
+    Args:
+        aligned: whether the pictures aligned the tracks.
 
     Returns:
         An adjusted copy, and by how much the rays of the rims missed the other masks before and after: the mean, px per 1000 px.
     """
     cameras, masks = undistort_masks(model, image_set)
-    adjusted = adjust_model_by_masks(model, cameras, {name: mask for name, mask in masks.items() if name not in wrong_masks})
+    adjusted = adjust_model_by_masks(model, cameras, {name: mask for name, mask in masks.items() if name not in wrong_masks}, aligned)
     return adjusted.model, [round(missed_px, 3) for missed_px in adjusted.missed_px]
 
 
-def adjust_model_by_masks(model: pycolmap.Reconstruction, cameras: list[Camera], masks: dict[str, np.ndarray]) -> AdjustedModel:
+def adjust_model_by_masks(
+    model: pycolmap.Reconstruction, cameras: list[Camera], masks: dict[str, np.ndarray], aligned: bool = False
+) -> AdjustedModel:
     """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims.
 
     Args:
         model: whose images with a pose are adjusted.
         cameras: their pinhole cameras.
         masks: {image name: (height, width) bool}, of the pinhole cameras' sizes; other images are held by their tracks alone.
+        aligned: whether the pictures aligned the tracks.
     """
     point_ids, tracks = read_tracks(model, cameras)
     adjustment = OutlineAdjustment(cameras, masks, tracks)
     before_px, error_before_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
-    adjustment.adjust()
+    adjustment.adjust(aligned)
     after_px, error_after_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
     copy = pycolmap.Reconstruction(model)
     for lens in copy.cameras.values():

@@ -16,6 +16,14 @@ USUAL_DEPTH = 0.1  # by which a touched point moves along its ray, in radii of t
 
 
 @dataclass(frozen=True)
+class Noise:
+    """Usual errors, px per 1000 px of the image, that errors are divided by: much larger ones hardly count."""
+
+    rims: float = 1.0
+    tracks: float = 1.0
+
+
+@dataclass(frozen=True)
 class OutlineRows:
     """Signed distances of touched rays in other views, px per 1000 px, linearized. K of them; S unknowns of the cameras.
 
@@ -30,6 +38,10 @@ class OutlineRows:
     jacobian: csr_matrix
     by_depth: np.ndarray
     ray: np.ndarray
+
+    def divided(self, unit_px: float) -> "OutlineRows":
+        """The same in another unit than a pixel."""
+        return OutlineRows(self.value / unit_px, self.jacobian / unit_px, self.by_depth / unit_px, self.ray)
 
 
 @dataclass(frozen=True)
