@@ -33,8 +33,8 @@ class SiftOptions:
         max_side_px: larger images are reduced to it for the features alone.
         many_max_features, many_max_side_px: instead of these, where there are more than `all_pairs` images: they overlap more, so
             that fewer features of each do (60 images of 1920 x 1440 px: 153 s instead of 224 s, centres within 0.09 mm in both).
-        all_pairs, all_photo_pairs: up to so many frames of a film, or photos, all pairs are matched. Photos overlap less: of a head from all
-            around, in 57, what is most alike left the focal length 2.6 % off, all pairs 0.02 %.
+        all_pairs, all_photo_pairs: up to so many frames of a film, or photos, all pairs are matched. Photos overlap less: of a head in 57
+            photos, what is most alike left the focal length 2.6 % off, all pairs 0.02 %.
         neighbours: of more images, each is matched with so many that are most like it.
         threads: worker threads of the extraction.
         seed: of RANSAC.
