@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from pi_heif import register_heif_opener
-from PIL import Image, ImageOps
+from PIL import ExifTags, Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational
 
 from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size, list_folder
@@ -20,9 +20,10 @@ LOSSLESS_SUFFIXES = (".png", ".bmp")
 MAX_SIDE_PX = 3072  # finer photos do not make a finer surface, which is estimated from images of 1000 px, and hardly a finer texture
 MOST_PIXELS = 250_000_000
 """Phones take up to 200 megapixels. More is a panorama or a damaged header, and would need more than 1 GB of memory."""
-ORIENTATION_TAG, UPRIGHT = 0x0112, 1
+UPRIGHT = 1
 TRANSPOSED = (5, 6, 7, 8)  # orientations in which width and height change places
-EXIF_FOLDER, PIXEL_COUNTS, PIXEL_DENSITIES = 0x8769, (0xA002, 0xA003), (0xA20E, 0xA20F)
+PIXEL_COUNTS = ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight
+PIXEL_DENSITIES = ExifTags.Base.FocalPlaneXResolution, ExifTags.Base.FocalPlaneYResolution
 """EXIF tags that count a photo's pixels, and those on a unit of the sensor: they say where the focal length lies in pixels."""
 JPEG_QUALITY = 97
 LEVELS_OF_16_BITS = 257  # per level of 8 bits
@@ -98,7 +99,7 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
                 raise StepError(
                     f"image {path} has {stored_px[0]} x {stored_px[1]} px, more than {MOST_PIXELS // 10**6} megapixels; reduce it first"
                 )
-            orientation = int(image.getexif().get(ORIENTATION_TAG, UPRIGHT))
+            orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
             if max(stored_px) > max_side_px:
                 image.draft("RGB", (max_side_px, max_side_px))
                 image.thumbnail((max_side_px, max_side_px), Image.Resampling.LANCZOS, reducing_gap=2.0)
@@ -131,13 +132,13 @@ def write_upright(source: Path, target: Path, max_side_px: int) -> None:
 def turn_upright(mask: np.ndarray, orientation: int) -> np.ndarray:
     """An (H, W) mask of a photo's stored pixels, turned as the photo is."""
     image = Image.fromarray(mask.astype(np.uint8) * 255)
-    image.getexif()[ORIENTATION_TAG] = orientation
+    image.getexif()[ExifTags.Base.Orientation] = orientation
     return np.asarray(ImageOps.exif_transpose(image)) > 0
 
 
 def _scale_pixel_tags(exif: Image.Exif, scale: float) -> None:
     """Change the tags that count pixels in place, for a photo that was reduced to `scale` of its size."""
-    details = exif.get_ifd(EXIF_FOLDER)
+    details = exif.get_ifd(ExifTags.IFD.Exif)
     for tag in {*PIXEL_COUNTS, *PIXEL_DENSITIES} & set(details):
         try:
             value = float(details[tag]) * scale

@@ -46,9 +46,14 @@ class SceneSupport(Plane):
 
     def axes(self) -> np.ndarray:
         """(2, 3) two unit vectors along the plane, orthogonal to each other."""
-        first = np.cross(self.normal, np.eye(3)[np.abs(self.normal).argmin()])
-        first /= np.linalg.norm(first)
-        return np.stack([first, np.cross(self.normal, first)])
+        return find_plane_axes(self.normal)
+
+
+def find_plane_axes(normal: np.ndarray) -> np.ndarray:
+    """(2, 3) two unit vectors along the plane with this (3,) unit normal, orthogonal to each other."""
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first)])
 
 
 def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> SceneSupport:

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import pycolmap
 from PIL import Image
+from PIL.ExifTags import IFD, Base
 
 from zeroshop_steps.register.database import create_database
 from zeroshop_steps.register.image_set import ImageSet
 
-MAKE, MODEL, EXIF_FOLDER, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
-PIXELS_X, PIXELS_Y = 0xA002, 0xA003
 FILM_SIDES_MM = (36.0, 24.0)
 SAME_SHAPE = 1.02  # up to this factor between the ratios of their sides, two pictures have one shape
 FARTHEST, RADII = 3.0, 600  # of the pinhole picture, in half diagonals, up to which the distortion is followed, and in how many steps
@@ -90,7 +89,8 @@ def read_cropped_focal_px(path: Path, size_px: tuple[int, int]) -> float | None:
         size_px: its (width, height).
     """
     details = _read_exif(path)[1]
-    focal_mm, whole = _read_number(details, FOCAL_35MM), sorted((_read_number(details, PIXELS_X), _read_number(details, PIXELS_Y)))
+    focal_mm = _read_number(details, Base.FocalLengthIn35mmFilm)
+    whole = sorted(_read_number(details, tag) for tag in (Base.ExifImageWidth, Base.ExifImageHeight))
     short, long = sorted(size_px)
     if focal_mm <= 0:
         return None
@@ -107,15 +107,15 @@ def read_cropped_focal_px(path: Path, size_px: tuple[int, int]) -> float | None:
 def _read_camera(path: Path) -> tuple[str, str, float]:
     """Make and model of the camera, and its focal length in mm (0 if unknown), of the 35 mm film if that is known."""
     exif, details = _read_exif(path)
-    focal_mm = _read_number(details, FOCAL_35MM) or _read_number(details, FOCAL_MM)
-    return str(exif.get(MAKE, "")), str(exif.get(MODEL, "")), focal_mm
+    focal_mm = _read_number(details, Base.FocalLengthIn35mmFilm) or _read_number(details, Base.FocalLength)
+    return str(exif.get(Base.Make, "")), str(exif.get(Base.Model, "")), focal_mm
 
 
 def _read_exif(path: Path) -> tuple[Image.Exif, dict[int, Any]]:
     """A photo's EXIF tags, and those about how it was taken."""
     with Image.open(path) as image:
         exif = image.getexif()
-        return exif, exif.get_ifd(EXIF_FOLDER)
+        return exif, exif.get_ifd(IFD.Exif)
 
 
 def _read_number(details: dict[int, Any], tag: int) -> float:

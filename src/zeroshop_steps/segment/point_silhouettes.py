@@ -10,13 +10,13 @@ import numpy as np
 from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
-from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import find_scene_focus
+from zeroshop_steps.geometry.scene_support import find_plane_axes, find_scene_focus
 from zeroshop_steps.geometry.support_plane import MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.register.ground_contrast import cut_outline
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.plane_search import LOWEST_PERCENTILE, find_thing
+from zeroshop_steps.segment.windows import cut_views, take_whole
 
 WIDTH_PX = 320  # of the photos that are cut; time grows with its square
 # Lengths are shares of the cameras' distance. Set on the photos of a marble head (docs/results.md).
@@ -46,16 +46,12 @@ def find_point_silhouettes(views: list[View], model: SparseModel) -> list[np.nda
     if certainty >= MIN_CERTAINTY:
         thing = drop_flat_columns(thing, up, LINK_DISTANCES * distance)
     maps = []
-    for view in views:
-        image = read_image(view.image_path)
-        width = min(WIDTH_PX, image.shape[1])
-        small = cv2.resize(image, (width, round(image.shape[0] * width / image.shape[1])), interpolation=cv2.INTER_AREA)
-        camera = view.camera.resized(small.shape[1], small.shape[0])
+    for camera, image in zip(*cut_views(views, take_whole(views), WIDTH_PX), strict=True):
         depth = float((camera.camera_from_world[:3, :3] @ middle + camera.camera_from_world[:3, 3])[2])
         gap_px = LINK_DISTANCES * distance * camera.intrinsics[0, 0] / max(depth, 1e-9)
         silhouette = draw_silhouette(thing, camera, gap_px)
         band_px = BAND_SHARE * float(np.sqrt(silhouette.sum()))
-        maps.append(cut_outline(small, silhouette, band_px, band_px).astype(np.float32))
+        maps.append(cut_outline(image.astype(np.uint8), silhouette, band_px, band_px).astype(np.float32))
     return maps
 
 
@@ -63,9 +59,7 @@ def drop_flat_columns(points: np.ndarray, up: np.ndarray, width: float) -> np.nd
     """Those of (P, 3) points that stand in columns, as wide as `width`, that rise: labels and print beside the thing are flat."""
     heights = points @ up
     lowest, highest = np.percentile(heights, [LOWEST_PERCENTILE, 100 - LOWEST_PERCENTILE])
-    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
-    level = np.stack([first / np.linalg.norm(first), np.cross(up, first / np.linalg.norm(first))])
-    _, column = np.unique(np.floor(points @ level.T / width).astype(int), axis=0, return_inverse=True)
+    _, column = np.unique(np.floor(points @ find_plane_axes(up).T / width).astype(int), axis=0, return_inverse=True)
     tops = np.full(column.max() + 1, -np.inf)
     np.maximum.at(tops, column.ravel(), heights)
     kept: np.ndarray = points[tops[column.ravel()] > lowest + FLAT_SHARE * (highest - lowest)]
