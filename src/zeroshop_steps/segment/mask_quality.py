@@ -97,16 +97,21 @@ def check_enough_good(qualities: list[MaskQuality], names: list[str], masks: lis
         )
 
 
-def check_points_covered(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> None:
-    """Raise MasksRejected where too many of the object's sparse points, (P, 3), lie outside the masks, (H, W), above 1/2 on the object."""
-    if len(points) < MIN_POINTS:
-        return
+def measure_missed_share(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> float:
+    """Share of an object's sparse points, (P, 3), that lie outside the masks, (H, W), above 1/2 on the object: of the median view."""
     shares = []
     for camera, mask in zip(cameras, masks, strict=True):
         rows, columns, _, inside = camera.find_pixels(points)
         near = cv2.dilate((mask > 0.5).astype(np.uint8), np.ones((POINT_RIM_PX,) * 2))
         shares.append(1 - near[rows[inside], columns[inside]].mean() if inside.any() else 0.0)
-    missed = float(np.median(shares))
+    return float(np.median(shares))
+
+
+def check_points_covered(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> None:
+    """Raise MasksRejected where too many of the object's sparse points, (P, 3), lie outside the masks, (H, W), above 1/2 on the object."""
+    if len(points) < MIN_POINTS:
+        return
+    missed = measure_missed_share(points, cameras, masks)
     if missed > MOST_MISSED_POINTS:
         raise MasksRejected(
             f"the masks miss a part of the object: {missed:.0%} of the points that were found on it lie outside them. That part has the "

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.beyond_ground import grow_beyond_ground
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, fill_down_to_ground, label_clusters
 
 # Set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
@@ -69,7 +70,11 @@ class ObjectSelection:
 
 
 def select_object(
-    support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray], risen: np.ndarray | None = None
+    support: SceneSupport,
+    cameras: list[Camera],
+    evidence: list[np.ndarray],
+    risen: np.ndarray | None = None,
+    images: list[np.ndarray] | None = None,
 ) -> ObjectSelection:
     """Carve a block above the plane by the evidence of all views, and select one of the remaining clusters.
 
@@ -79,6 +84,8 @@ def select_object(
         evidence: (H, W) log odds of an object in every view.
         risen: (P, 3) sparse points above a plain ground, which belong to objects whatever their colours; None where the ground is printed.
             On a plain ground, clusters that nearly touch are one object: its parts that have the ground's colours are missing in between.
+        images: (H, W, 3) float32 RGB, 0 to 255, of the cameras' sizes: their colours tell the object where it stands before no ground. None
+            where that part does not matter.
 
     Raises:
         NothingFound: nothing stands there.
@@ -113,7 +120,11 @@ def select_object(
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
     chosen = min(names.tolist(), key=lambda name: (away[name], name))
     parts = _join_near(chosen, places) if risen is not None else _join_parts(chosen, names, places, away, sizes)
-    return _cut_fine_grid(grid, np.where(np.isin(labels, parts), chosen, labels), chosen, count)
+    own = np.isin(labels, parts)
+    others = (labels > 0) & ~own
+    if images is not None:
+        own = grow_beyond_ground(grid, own, others, BELOW_VOXELS, cameras, images, evidence, SURE_ODDS)
+    return _cut_fine_grid(grid, own, others & ~own, count)
 
 
 def _join_parts(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray) -> list[int]:
@@ -147,8 +158,7 @@ def _join_near(chosen: int, places: dict[int, np.ndarray]) -> list[int]:
     return parts
 
 
-def _cut_fine_grid(grid: VoxelGrid, labels: np.ndarray, chosen: int, count: int) -> ObjectSelection:
-    own = labels == chosen
+def _cut_fine_grid(grid: VoxelGrid, own: np.ndarray, others: np.ndarray, count: int) -> ObjectSelection:
     index = np.argwhere(own)
     low, high = index.min(0), index.max(0) + 1
     margin = max(2, int(np.ceil(MARGIN * (high - low).max())))
@@ -157,7 +167,6 @@ def _cut_fine_grid(grid: VoxelGrid, labels: np.ndarray, chosen: int, count: int)
     ground = (BELOW_VOXELS - float(low[2])) * grid.side / side
     shape = tuple(np.ceil((high - low) * grid.side / side - 1e-6).astype(int).tolist())
     fine = VoxelGrid(grid.axes, grid.origin + low * grid.side @ grid.axes, side, shape)
-    others = (labels > 0) & ~own
     # The object reaches the ground, even where its foot was carved off.
     nearest = ndimage.distance_transform_edt(~fill_down_to_ground(own))
     rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(grid.shape, np.inf)

@@ -8,10 +8,12 @@ object.
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.register.ground_contrast import find_contrasting_thing
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, describe_quality, find_rim_px, move_rim
@@ -20,6 +22,8 @@ from zeroshop_steps.segment.tidy_mask import tidy_mask
 
 PRIOR_ODDS = 2.5
 """Log odds where the finder is sure and the photos agree: more than the ground or colours can say, less than both."""
+
+CONTRAST_ODDS = 1.0  # log odds by the contrast to a plain table in single images: less than what the table's colour or all views say
 
 Masks = tuple[list[np.ndarray], dict[str, Any]]
 
@@ -59,6 +63,14 @@ def weigh_maps(maps: list[np.ndarray], cameras: list[Camera], most_odds: float =
         contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
         weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))
     return weighed
+
+
+def weigh_contrast(images: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
+    """Log odds, (H, W), of the object by what differs from the plain ground in each image alone, once the images have voted."""
+    sizes = [(camera.width_px, camera.height_px) for camera in cameras]
+    found = [find_contrasting_thing(image.clip(0, 255).astype(np.uint8)).astype(np.float32) for image in images]
+    maps = [cv2.resize(thing, size, interpolation=cv2.INTER_LINEAR) for thing, size in zip(found, sizes, strict=True)]
+    return weigh_maps(maps, cameras, CONTRAST_ODDS)
 
 
 def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list[np.ndarray], dict[str, Any]]:

@@ -7,10 +7,10 @@ are left out. Where the object is small in the images, all of that is done again
 
 import argparse
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
-from zeroshop_steps.register.ground_contrast import GroundContrast, find_contrasting_thing
+from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
@@ -28,15 +28,15 @@ from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelectio
 from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
 from zeroshop_steps.segment.plane_search import has_settled, propose_supports, settle_support
 from zeroshop_steps.segment.point_silhouettes import find_point_silhouettes
-from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, find_without_ground, weigh_maps
+from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, find_without_ground, weigh_contrast
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
+from zeroshop_steps.segment.risen_points import RisenPoints, find_cluster
 from zeroshop_steps.segment.tidy_mask import tidy_mask
 from zeroshop_steps.segment.windows import CLOSER, Window, choose_windows, cut_map, cut_views, lay_back, take_whole
 
 WIDTH_PX = 480  # images are cut at this width at most; time grows with its square
 LEAST_OVERLAP = 0.5  # of masks from windows and those before: others show something else
-CONTRAST_ODDS = 1.0  # log odds by the contrast to a plain table in single images: less than what the table's colour or all views say
 
 METHOD = {"rank": 2, "in_scene": True, "runtime_min": 60}
 
@@ -91,17 +91,51 @@ def find_masks(
     failure: StepError | None = None
     guessed = True
     for support, fitted in propose_supports(model, views, seed):
+
+        def find(odds: list[np.ndarray] | None, support: SceneSupport = support, fitted: bool = fitted) -> _Found:
+            return _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, odds)
+
         try:
-            found = _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, prior)
+            found, weighed = _find_with_points(views, find_cluster(model, support), find) if prior is None else (find(prior), prior)
         except StepError as error:
             failure, guessed = failure or error, guessed and not fitted
             continue
-        found = _look_closer(found, views, model, image_width_px, prior)
+        found = _look_closer(found, views, model, image_width_px, weighed)
         return found.masks, found.record
     assert failure is not None  # there is one support at least
     if prior is None and guessed and isinstance(failure, MasksRejected | NothingFound):
         return _find_by_points(views, model, failure)
     raise failure
+
+
+def _find_with_points(
+    views: list[View], cluster: RisenPoints | None, find: Callable[[list[np.ndarray] | None], "_Found"]
+) -> tuple["_Found", list[np.ndarray] | None]:
+    """Masks by the ground's colours; where they fail or lack most of the points above the ground, led by these. And the prior, if any.
+
+    Args:
+        cluster: the points.
+        find: the masks on a ground with a prior, (h, w) log odds of each view, or none.
+    """
+    found, failure = None, None
+    try:
+        found = find(None)
+    except StepError as error:
+        failure = error
+    if cluster is not None and (found is None or cluster.are_missed_by(found.masks, views)):
+        print(f"the ground's colours tell too little of the object: {failure or 'most of its points lie outside the masks'}")
+        prior = cluster.weigh(views)
+        try:
+            again = find(prior)
+        except StepError as error:
+            print(f"the object's points did not help: {error}")
+        else:
+            if cluster.are_covered_by(again.masks, views):
+                return replace(again, record=again.record | {"led_by_points": len(cluster.points)}), prior
+    if found is None:
+        assert failure is not None
+        raise failure
+    return found, None
 
 
 def _try_point_silhouettes(views: list[View], model: SparseModel) -> list[np.ndarray] | None:
@@ -175,7 +209,7 @@ def _find_in_windows(
         priors = [cut_map(*parts) for parts in zip(prior, windows, views, cameras, strict=True)]
     scene = _Scene(views, model, windows, image_width_px, cameras, images, support, fitted, ground, plain, before)
     try:
-        return _find_on_scene(scene, _weigh_contrast(images, cameras) if plain and prior is None else priors)
+        return _find_on_scene(scene, weigh_contrast(images, cameras) if plain and prior is None else priors)
     except StepError as error:
         if plain is None:
             raise
@@ -259,16 +293,8 @@ def _find_on_plane(
         for odds, table, prior in zip(by_place, by_table, priors, strict=True)
     ]
     check_not_moved(support, cameras, evidence, risen if plain else None)
-    selection = select_object(support, cameras, evidence, risen if plain else None)
+    selection = select_object(support, cameras, evidence, risen if plain else None, images)
     if scene.before:
         selection = selection.with_others_of(scene.before)
     own = selection.own_points(risen) if risen is not None else np.zeros((0, 3))
     return selection, refine_masks(support, selection, cameras, images, by_place, by_table, priors, own if plain else own[:0]), own
-
-
-def _weigh_contrast(images: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
-    """Log odds, (H, W), of the object by what differs from the plain ground in each image alone, once the images have voted."""
-    sizes = [(camera.width_px, camera.height_px) for camera in cameras]
-    found = [find_contrasting_thing(image.clip(0, 255).astype(np.uint8)).astype(np.float32) for image in images]
-    maps = [cv2.resize(thing, size, interpolation=cv2.INTER_LINEAR) for thing, size in zip(found, sizes, strict=True)]
-    return weigh_maps(maps, cameras, CONTRAST_ODDS)
