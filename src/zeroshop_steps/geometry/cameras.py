@@ -119,22 +119,31 @@ def read_sparse_model(folder: Path) -> SparseModel:
         if failure := read_failure(folder.parent):
             raise StepError(f"{folder.parent}: the images could not be registered: {failure.reason}") from None
         raise
-    cameras = []
-    for image in sorted(reconstruction.images.values(), key=lambda image: image.name):
-        if not image.has_pose:
-            continue
-        camera = reconstruction.cameras[image.camera_id]
-        if camera.model.name not in ("PINHOLE", "SIMPLE_PINHOLE"):
-            raise StepError(f"{folder}: camera model {camera.model.name} has distortion; undistort first (the register stage does)")
-        camera_from_world = to_matrix(image.cam_from_world())
-        cameras.append(Camera(image.name, camera.width, camera.height, np.array(camera.calibration_matrix()), camera_from_world))
+    try:
+        cameras = take_cameras(reconstruction)
+    except StepError as error:
+        raise StepError(f"{folder}: {error}") from None
     points = list(reconstruction.points3D.values())
     return SparseModel(
-        tuple(cameras),
+        cameras,
         np.array([point.xyz for point in points]).reshape(-1, 3),
         np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
         np.array([point.track.length() for point in points], dtype=int),
     )
+
+
+def take_cameras(model: pycolmap.Reconstruction) -> tuple[Camera, ...]:
+    """The registered cameras of a model of PINHOLE or SIMPLE_PINHOLE cameras, by image name. Raises StepError where there are others."""
+    cameras = []
+    for image in sorted(model.images.values(), key=lambda image: image.name):
+        if not image.has_pose:
+            continue
+        camera = model.cameras[image.camera_id]
+        if camera.model.name not in ("PINHOLE", "SIMPLE_PINHOLE"):
+            raise StepError(f"camera model {camera.model.name} has distortion; undistort first (the register stage does)")
+        camera_from_world = to_matrix(image.cam_from_world())
+        cameras.append(Camera(image.name, camera.width, camera.height, np.array(camera.calibration_matrix()), camera_from_world))
+    return tuple(cameras)
 
 
 def write_cameras(folder: Path, cameras: tuple[Camera, ...] | list[Camera]) -> None:

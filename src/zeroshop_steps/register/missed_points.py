@@ -39,14 +39,9 @@ class MissedPoints:
 
 def count_missed_points(model: pycolmap.Reconstruction) -> MissedPoints:
     """Project the points of every image into its neighbours, of all registered images."""
-    images = sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name)
+    images = _sort_images(model)
     poses = [image.cam_from_world().matrix() for image in images]
-    centres = np.array([-pose[:, :3].T @ pose[:, 3] for pose in poses])
-    looks = centres - find_nearest_point(centres, np.array([pose[2, :3] for pose in poses]))
-    distances = np.linalg.norm(looks, axis=1)
-    looks /= distances[:, None]
-    near = looks @ looks.T >= np.cos(np.radians(NEAR_DEG))
-    near &= np.abs(np.log(distances[:, None] / distances[None])) <= np.log(NEAR_SCALE)
+    near = find_near(model)[1]
     seen = [np.unique([point.point3D_id for point in image.points2D if point.has_point3D()]) for image in images]
     places = {point_id: point.xyz for point_id, point in model.points3D.items()}
     expected, shared = np.zeros((2, len(images), len(images)), np.int64)
@@ -57,6 +52,23 @@ def count_missed_points(model: pycolmap.Reconstruction) -> MissedPoints:
         expected[one, other] = inside.sum()
         shared[one, other] = np.isin(seen[one][inside], seen[other]).sum()
     return MissedPoints(tuple(image.name for image in images), expected + expected.T, shared + shared.T)
+
+
+def find_near(model: pycolmap.Reconstruction) -> tuple[list[str], np.ndarray]:
+    """The names of the N registered images, in order, and (N, N) bool: which of them look at the scene from about the same place."""
+    images = _sort_images(model)
+    poses = [image.cam_from_world().matrix() for image in images]
+    centres = np.array([-pose[:, :3].T @ pose[:, 3] for pose in poses])
+    looks = centres - find_nearest_point(centres, np.array([pose[2, :3] for pose in poses]))
+    distances = np.linalg.norm(looks, axis=1)
+    looks /= distances[:, None]
+    near = looks @ looks.T >= np.cos(np.radians(NEAR_DEG))
+    near &= np.abs(np.log(distances[:, None] / distances[None])) <= np.log(NEAR_SCALE)
+    return [image.name for image in images], near
+
+
+def _sort_images(model: pycolmap.Reconstruction) -> list[pycolmap.Image]:
+    return sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name)
 
 
 def _find_inside(camera: pycolmap.Camera, camera_from_world: np.ndarray, points: np.ndarray) -> np.ndarray:

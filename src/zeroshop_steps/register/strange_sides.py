@@ -9,6 +9,7 @@ import pycolmap
 
 from zeroshop_steps.register.missed_points import MissedPoints, count_missed_points
 from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.unmatched_points import find_unlike
 
 SHARED_POINTS = 0.22
 """Neighbours are strangers where they share less than this share of what both should see: up to 0.21 where one of two images belongs to
@@ -19,12 +20,22 @@ FEW_NEIGHBOURS = 5
 """Of fewer pairs, none may be where the object alone gave the matches: three folded models of a tube in ten views had one of three or four,
 and 1 of 44 right ones."""
 
+DOUBTFUL_SHARE = 0.1
+"""From this share of strangers on, the pictures of a whole scene are asked: below, print holds the photos to each other."""
+UNLIKE_SHARE, LEAST_COMPARED = 0.22, 5
+"""Pictures of neighbours may differ in this share of the pairs, and speak only where so many could be compared: 0 to 0.12 in right models,
+0.33 to 0.52 in wrong ones."""
+
 LookAgain = Callable[[str, str], bool]
 """Whether two images, by name, may show the same after all: they match, or were never matched."""
 
 
 def check_sides(
-    model: pycolmap.Reconstruction, figures: dict[str, Any], look_again: LookAgain | None = None, by_object: bool = False
+    model: pycolmap.Reconstruction,
+    figures: dict[str, Any],
+    look_again: LookAgain | None = None,
+    by_object: bool = False,
+    images: Path | None = None,
 ) -> dict[str, Any]:
     """The record of a registration, with how many neighbouring images there are and which of them are strangers.
 
@@ -33,12 +44,20 @@ def check_sides(
         figures: the record so far; completed in place.
         look_again: is asked about neighbours that share almost no points of the model, by the stems of their names.
         by_object: whether the object alone gave the matches; no ground tells its sides apart then.
+        images: the folder of the model's images, where the whole scene gave the matches: these decide where many neighbours are strangers.
 
     Raises:
-        RegistrationFailed: too many neighbours are strangers.
+        RegistrationFailed: too many neighbours are strangers, or do not show the same.
     """
     neighbours, strangers = find_strangers(count_missed_points(model), look_again)
     figures |= {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
+    if images is not None and len(strangers) > max(STRANGER_PAIRS, DOUBTFUL_SHARE * neighbours):
+        compared, unlike = find_unlike(model, images)
+        figures |= {"compared_pictures": compared, "unlike": [list(pair) for pair in unlike]}
+        if compared >= LEAST_COMPARED:
+            if len(unlike) > UNLIKE_SHARE * compared:
+                raise make_refusal(unlike, compared, "show different things where they should show the same", figures, model)
+            return figures
     excused = 0.0 if by_object and neighbours < FEW_NEIGHBOURS else max(STRANGER_PAIRS, STRANGER_SHARE * neighbours)
     if len(strangers) > excused:
         raise make_refusal(strangers, neighbours, "share almost nothing", figures, model)

@@ -180,7 +180,7 @@ def reconstruct(
     stopwatch.stop()
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
-    record = figures if joined else check_sides(pinhole_model, figures, look_again, by_object)
+    record = figures if joined else check_sides(pinhole_model, figures, look_again, by_object, None if by_object else out / "images")
     if by_object:
         views = read_views(out)[0]
         check_neighbours(views, record, pinhole_model)

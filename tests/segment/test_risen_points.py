@@ -1,0 +1,82 @@
+"""Masks that lack most of the object's own points are found again, led by these."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from helpers.table_scene import table_views
+from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.risen_points import find_cluster
+from zeroshop_steps.segment.support_plane import _find_with_points
+
+SUPPORT = SceneSupport(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 0.3]), 4.0, 600)
+
+
+@dataclass(frozen=True)
+class Masks:
+    masks: list[np.ndarray]
+    record: dict
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return table_views(tmp_path_factory.mktemp("ball"), [[(0.0, 0.0, 0.45)]] * 8)
+
+
+@pytest.fixture(scope="module")
+def cluster(scene):
+    return find_cluster(scene[1], SUPPORT)
+
+
+def whole_masks(cluster, views):
+    return [odds > 0 for odds in cluster.weigh(views)]
+
+
+def test_the_points_of_the_ball_are_one_cluster_and_those_of_the_table_are_not(scene, cluster):
+    views, model = scene
+    assert len(cluster.points) > 0.8 * 8 * 30 and cluster.points[:, 2].min() > 0.04
+    flat = model.points[model.points[:, 2] < 0.01]
+    assert find_cluster(type(model)(model.cameras, flat, np.zeros((len(flat), 3), np.uint8), np.full(len(flat), 3)), SUPPORT) is None
+
+
+def test_they_speak_for_the_ball_and_against_what_is_far_from_it(scene, cluster):
+    views, _ = scene
+    for odds, view in zip(cluster.weigh(views), views, strict=True):
+        camera = view.camera.resized(odds.shape[1], odds.shape[0])
+        rows, columns, _, inside = camera.find_pixels(cluster.points)
+        assert inside.all() and (odds[rows, columns] > 0).mean() > 0.9
+        assert odds[0, 0] < 0 and odds[-1, -1] < 0
+
+
+def test_masks_of_a_part_are_found_again(scene, cluster):
+    views, _ = scene
+    whole = whole_masks(cluster, views)
+    part = [mask & (np.indices(mask.shape)[1] < np.flatnonzero(mask.any(0))[3]) for mask in whole]
+    assert cluster.are_missed_by(part, views) and cluster.are_covered_by(whole, views)
+
+    found, prior = _find_with_points(views, cluster, lambda odds: Masks(part if odds is None else whole, {}))
+    assert found.masks is whole and found.record == {"led_by_points": len(cluster.points)} and prior is not None
+
+
+def test_masks_that_show_it_stay_and_so_do_those_that_points_do_not_mend(scene, cluster):
+    views, _ = scene
+    whole = whole_masks(cluster, views)
+    part = [mask & (np.indices(mask.shape)[1] < np.flatnonzero(mask.any(0))[3]) for mask in whole]
+    assert _find_with_points(views, cluster, lambda odds: Masks(whole, {}))[1] is None
+    assert _find_with_points(views, cluster, lambda odds: Masks(part, {}))[0].masks is part
+    assert _find_with_points(views, None, lambda odds: Masks(part, {}))[0].masks is part
+
+
+def test_where_nothing_was_found_points_may_still_tell_it(scene, cluster):
+    views, _ = scene
+
+    def find(odds):
+        if odds is None:
+            raise StepError("nothing stands on the ground")
+        return Masks(whole_masks(cluster, views), {})
+
+    assert "led_by_points" in _find_with_points(views, cluster, find)[0].record
+    with pytest.raises(StepError, match="nothing stands"):
+        _find_with_points(views, None, find)
