@@ -3,7 +3,8 @@
 That two images share few points may have two reasons. Sides that look alike were laid onto each other: then the images show different
 things. Or features were missed, as in blurred frames, near a floor, or where glass mirrors: then the images show the same. So the patch
 around each unmatched point is carried into the other image, and compared there by normalized cross-correlation, in its place and at the
-places of other points of that image. In its place it must fit better than elsewhere. How well is no matter: blur and light differ.
+places of other points of that image. In its place it must fit better than elsewhere. How well is no matter: blur and light differ. It is
+carried as a plane that faces both cameras and as one that its neighbouring points span, such as a table's, and counts by the better one.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pycolmap
+from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera, take_cameras
 from zeroshop_steps.geometry.images import read_image
@@ -29,9 +31,14 @@ MOST_POINTS, LEAST_POINTS = 40, 10  # of a pair, in either direction: that are c
 OTHER_PLACES, LEAST_PLACES = 10, 3
 AWAY_PX = 45.0  # other places are so far from the point's own
 LEAST_CONTRAST = 5.0  # standard deviation of a patch's grey, of 255
+PLANE_POINTS = 12  # nearest points, which span the plane around a point
+LEAST_SLOPE = 0.1  # cosine between a plane's normal and the ray to a camera; flatter planes are seen too obliquely to be carried
 MOST_PAIRS = 150  # that are compared, drawn at random
 LIKE_SHARE = 0.7
 """Two images are unlike where their patches fit fewer of the other places worse than their own: by chance it is a half."""
+
+Places = dict[int, tuple[np.ndarray, np.ndarray]]
+"""Position and normal, (3,) each, of the points by their ids."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ def find_unlike(model: pycolmap.Reconstruction, folder: Path, seed: int = 0) -> 
     cameras = {camera.name: camera for camera in take_cameras(model)}
     seen = {image.name: np.array(sorted({p.point3D_id for p in image.points2D if p.has_point3D()}), int) for image in model.images.values()}
     small = {index: _shrink(cameras[names[index]], folder, seen[names[index]]) for index in np.unique(pairs).tolist()}
-    places = {point_id: point.xyz for point_id, point in model.points3D.items()}
+    places = {point_id: (point.xyz, normal) for (point_id, point), normal in zip(model.points3D.items(), _span_planes(model), strict=True)}
     judged, unlike = 0, []
     for one, other in pairs.tolist():
         won = [*_compare(small[one], small[other], places, rng), *_compare(small[other], small[one], places, rng)]
@@ -77,24 +84,34 @@ def _shrink(camera: Camera, folder: Path, seen: np.ndarray) -> _Image:
     return _Image(camera, cv2.resize(grey, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32), seen)
 
 
-def _compare(one: _Image, other: _Image, places: dict[int, np.ndarray], rng: np.random.Generator) -> list[float]:
+def _span_planes(model: pycolmap.Reconstruction) -> np.ndarray:
+    """(P, 3) unit normals of the planes that the nearest points of each point span."""
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    if len(points) < PLANE_POINTS:
+        return np.zeros_like(points)
+    near = points[cKDTree(points).query(points, PLANE_POINTS)[1]]
+    away = near - near.mean(1, keepdims=True)
+    return np.asarray(np.linalg.eigh(np.einsum("pki,pkj->pij", away, away))[1][:, :, 0])
+
+
+def _compare(one: _Image, other: _Image, places: Places, rng: np.random.Generator) -> list[float]:
     """For unmatched points of one image, the share of other places in the other image that their patches fit worse than their own."""
     unmatched = one.seen[~np.isin(one.seen, other.seen)]
     if not len(unmatched) or not len(other.seen):
         return []
-    points = np.array([places[index] for index in unmatched.tolist()])
-    points = points[other.camera.find_pixels(points)[3] & _look_alike(points, one.camera, other.camera)]
-    points = points[rng.permutation(len(points))[:MOST_POINTS]]
-    elsewhere = other.camera.project(np.array([places[index] for index in other.seen.tolist()]))[0]
+    points, normals = (np.array(part) for part in zip(*(places[index] for index in unmatched.tolist()), strict=True))
+    chosen = np.flatnonzero(other.camera.find_pixels(points)[3] & _look_alike(points, one.camera, other.camera))
+    chosen = chosen[rng.permutation(len(chosen))[:MOST_POINTS]]
+    elsewhere = other.camera.project(np.array([places[index][0] for index in other.seen.tolist()]))[0]
     shares = []
-    for point in points:
-        patch = _carry_patch(point, one, other.camera)
+    for point, normal in zip(points[chosen], normals[chosen], strict=True):
+        patches = [patch for patch in _carry_patches(point, normal, one, other.camera) if patch.std() >= LEAST_CONTRAST]
         own = other.camera.project(point[None])[0][0]
-        score = None if patch.std() < LEAST_CONTRAST else _match(patch, other.grey, own)
+        score = _match(patches, other.grey, own)
         if score is None:
             continue
         away = elsewhere[np.linalg.norm(elsewhere - own, axis=1) > AWAY_PX]
-        scores = [_match(patch, other.grey, place) for place in away[rng.permutation(len(away))[:OTHER_PLACES]]]
+        scores = [_match(patches, other.grey, place) for place in away[rng.permutation(len(away))[:OTHER_PLACES]]]
         found = [value for value in scores if value is not None]
         if len(found) >= LEAST_PLACES:
             shares.append(float(np.mean([value < score for value in found])))
@@ -110,27 +127,33 @@ def _look_alike(points: np.ndarray, one: Camera, other: Camera) -> np.ndarray:
     return alike
 
 
-def _carry_patch(point: np.ndarray, one: _Image, other: Camera) -> np.ndarray:
-    """(PATCH_PX, PATCH_PX) what one image shows around a point, as the other would see a plane there that faces both."""
+def _carry_patches(point: np.ndarray, normal: np.ndarray, one: _Image, other: Camera) -> list[np.ndarray]:
+    """What one image shows around a point, as the other would see it: (PATCH_PX, PATCH_PX) each, of a plane that faces both and its own."""
     looks = [point - camera.centre_in_world for camera in (one.camera, other)]
-    ahead = sum(look / np.linalg.norm(look) for look in looks)
-    right = np.cross(other.camera_from_world[1, :3], ahead)
-    right /= np.linalg.norm(right)
-    down = np.cross(ahead, right)
-    down /= np.linalg.norm(down)
-    step = other.project(point[None])[1][0] / other.intrinsics[0, 0]
-    centre, *ends = one.camera.project(point + np.array([np.zeros(3), right, down]) * step)[0]
-    axes = np.stack([end - centre for end in ends], axis=1)
-    corner = centre - 0.5 - axes @ np.full(2, PATCH_PX // 2)
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(one.grey, np.c_[axes, corner], (PATCH_PX,) * 2, flags=flags, borderMode=cv2.BORDER_REPLICATE))
+    looks = [look / np.linalg.norm(look) for look in looks]
+    planes = [sum(looks)]
+    if min(abs(float(look @ normal)) for look in looks) >= LEAST_SLOPE:
+        planes.append(normal)
+    corners = other.project(point[None])[0][0] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    rays = np.c_[corners, np.ones(3)] @ np.linalg.inv(other.intrinsics).T @ other.camera_from_world[:3, :3]
+    patches = []
+    for plane in planes:
+        # Where the rays through the point's pixel and its neighbours meet the plane.
+        reached = other.centre_in_world + rays * (((point - other.centre_in_world) @ plane) / (rays @ plane))[:, None]
+        centre, *ends = one.camera.project(reached)[0]
+        axes = np.stack([end - centre for end in ends], axis=1)
+        corner = centre - 0.5 - axes @ np.full(2, PATCH_PX // 2)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        carried = cv2.warpAffine(one.grey, np.c_[axes, corner], (PATCH_PX,) * 2, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        patches.append(np.asarray(carried))
+    return patches
 
 
-def _match(patch: np.ndarray, grey: np.ndarray, place: Sequence[float] | np.ndarray) -> float | None:
-    """The best normalized cross-correlation of a patch near a place, (x, y); None where the image ends there."""
+def _match(patches: Sequence[np.ndarray], grey: np.ndarray, place: np.ndarray) -> float | None:
+    """The best normalized cross-correlation of one of the patches near a place, (x, y); None without any, or where the image ends there."""
     column, row = np.floor(place).astype(int)
     reach = PATCH_PX // 2 + PLAY_PX
-    if min(column, row) < reach or column + reach >= grey.shape[1] or row + reach >= grey.shape[0]:
+    if not patches or min(column, row) < reach or column + reach >= grey.shape[1] or row + reach >= grey.shape[0]:
         return None
     window = grey[row - reach : row + reach + 1, column - reach : column + reach + 1]
-    return float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max())
+    return max(float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max()) for patch in patches)
