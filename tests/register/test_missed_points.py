@@ -4,6 +4,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from helpers.side_points import add_side_points
 from zeroshop_steps.register.missed_points import count_missed_points
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.strange_sides import SHARED_POINTS, check_sides
@@ -31,14 +32,7 @@ def model_of(azimuths_deg: list[float], sides: list[int], share: float = 0.6) ->
         model.add_image_with_trivial_frame(
             pycolmap.Image(name=f"{number}.png", keypoints=keypoints, camera_id=1, image_id=number + 1), pose
         )
-    for side, points in enumerate(places):
-        for index, place in enumerate(points):
-            track = pycolmap.Track()
-            for number, own in enumerate(sides):
-                if own == side and seen[number][index]:
-                    track.add_element(number + 1, index)
-            if track.length() >= 2:
-                model.add_point3D(place, track, np.zeros(3, np.uint8))
+    add_side_points(model, places, sides, seen)
     return model
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from helpers.side_points import add_side_points
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.strange_sides import check_sides
@@ -40,14 +41,7 @@ def make_scene(folder: Path, sides: list[int], share: float) -> pycolmap.Reconst
         image_from_plane = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]) @ np.c_[rotation[:, :2], -rotation @ centre]
         picture = cv2.warpPerspective(print_of(side), image_from_plane @ plane_from_print, (WIDTH, HEIGHT))
         write_image(folder / f"{number}.png", np.repeat(picture[..., None], 3, 2).clip(0, 255).astype(np.uint8))
-    for side, points in enumerate(places):
-        for index, place in enumerate(points):
-            track = pycolmap.Track()
-            for number, own in enumerate(sides):
-                if own == side and seen[number][index]:
-                    track.add_element(number + 1, index)
-            if track.length() >= 2:
-                model.add_point3D(place, track, np.zeros(3, np.uint8))
+    add_side_points(model, places, sides, seen)
     return model
 
 

@@ -23,10 +23,8 @@ from zeroshop_steps.register.missed_points import find_near
 # Set on whole scenes of photos and film frames, right ones and wrong ones (docs/results.md).
 WIDTH_PX = 640  # longer side of the small copies that are compared: blurred images agree there
 PATCH_PX, PLAY_PX = 15, 5  # what is compared, and how far it may lie beside its place
-MOST_ANGLE_DEG, MOST_SCALE = (
-    20.0,
-    1.4,
-)  # between the rays to a point, and between its distances: farther apart, even a plane looks different
+MOST_ANGLE_DEG, MOST_SCALE = 20.0, 1.4
+"""Between the rays to a point, and between its distances: farther apart, even a plane looks different."""
 MOST_POINTS, LEAST_POINTS = 40, 10  # of a pair, in either direction: that are compared, and that tell something
 OTHER_PLACES, LEAST_PLACES = 10, 3
 AWAY_PX = 45.0  # other places are so far from the point's own
