@@ -41,8 +41,8 @@ TRIED = {
     "displaced_share": ((0.035, 0.05), (0.2, 0.3, 0.4)),
     "back_share": ((0.01, 0.02), (0.15, 0.25)),
 }
-"""Limits of good and of sparse that are fitted; the others stay. Masks are exact here, and those of real photos are not: so what silhouettes
-must have to be good was set on these. And assumed surface that is too much for a plain cube may be right on other things."""
+"""Limits of good and of sparse that are fitted; the others stay. Masks are exact here, and those of real photos are not: so the limit of
+good for silhouettes was set on these. And assumed surface that is too much for a plain cube may be right on other things."""
 LEAST_GAIN = 2
 """A limit moves only where so many more grades agree: one grade is chance."""
 
