@@ -23,7 +23,7 @@ and 1 of 44 right ones."""
 DOUBTFUL_SHARE = 0.1
 """From this share of strangers on, the pictures of a whole scene are asked: below, print holds the photos to each other."""
 UNLIKE_SHARE, LEAST_COMPARED = 0.26, 5
-"""Pictures of neighbours may differ in this share of the pairs, and speak only where so many could be compared: 0 to 0.2 in right models,
+"""Pictures of neighbours may differ in this share of the pairs, and speak only where so many could be compared: 0 to 0.22 in right models,
 0.33 to 0.5 in wrong ones."""
 
 LookAgain = Callable[[str, str], bool]
