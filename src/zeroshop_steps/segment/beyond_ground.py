@@ -21,7 +21,7 @@ FULL_SHARE = 0.5  # of the views that see a voxel must show the object's colours
 EMPTY_SHARE = 0.2  # of the votes; more than for the ground's, since a label or a highlight has other colours than what is known
 ROUNDS = 6  # each learns the colours of what the last one added
 RIM_PX, AROUND_PX = 2, 4  # of the silhouette: its colours are learned this far inside and outside of it
-MOST_GROWTH = 8.0  # times the volume: what grows more has the room's colours
+LEAST_GROWTH, MOST_GROWTH = 1.1, 8.0  # times the volume: less is the slack of the hull, and what grows more has the room's colours
 COLOR_MOST = 1.5  # log odds of a colour, at most
 
 
@@ -45,7 +45,7 @@ def grow_beyond_ground(
         evidence: (H, W) log odds of an object in every view; none where their size is below `sure`.
 
     Returns:
-        (X, Y, Z) bool, with all of `own`; `own` itself where nothing is added, or what grows has the room's colours.
+        (X, Y, Z) bool, with all of `own`; `own` itself where hardly anything is added, or what grows has the room's colours.
     """
     chosen = np.unique(np.linspace(0, len(cameras) - 1, MOST_VIEWS).round().astype(int))
     cameras, images, evidence = ([part[index] for index in chosen] for part in (cameras, images, evidence))
@@ -77,7 +77,7 @@ def grow_beyond_ground(
         if larger.sum() == grown.sum():
             break
         grown = larger
-    return grown
+    return grown if grown.sum() > LEAST_GROWTH * own.sum() else own
 
 
 def _find_unbacked(

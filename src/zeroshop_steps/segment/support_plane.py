@@ -111,31 +111,27 @@ def find_masks(
 def _find_with_points(
     views: list[View], cluster: RisenPoints | None, find: Callable[[list[np.ndarray] | None], "_Found"]
 ) -> tuple["_Found", list[np.ndarray] | None]:
-    """Masks by the ground's colours; where they fail or lack most of the points above the ground, led by these. And the prior, if any.
+    """Masks by the ground's colours; where they lack most of the points above the ground, led by these. And the prior, if any.
+
+    Where the colours give no masks, there is a reason that points do not take away: things that moved, or two of them.
 
     Args:
         cluster: the points.
         find: the masks on a ground with a prior, (h, w) log odds of each view, or none.
     """
-    found, failure = None, None
+    found = find(None)
+    if cluster is None or not cluster.are_missed_by(found.masks, views):
+        return found, None
+    print("the ground's colours tell too little of the object: most of its points lie outside the masks")
+    prior = cluster.weigh(views)
     try:
-        found = find(None)
+        again = find(prior)
     except StepError as error:
-        failure = error
-    if cluster is not None and (found is None or cluster.are_missed_by(found.masks, views)):
-        print(f"the ground's colours tell too little of the object: {failure or 'most of its points lie outside the masks'}")
-        prior = cluster.weigh(views)
-        try:
-            again = find(prior)
-        except StepError as error:
-            print(f"the object's points did not help: {error}")
-        else:
-            if cluster.are_covered_by(again.masks, views):
-                return replace(again, record=again.record | {"led_by_points": len(cluster.points)}), prior
-    if found is None:
-        assert failure is not None
-        raise failure
-    return found, None
+        print(f"the object's points did not help: {error}")
+        return found, None
+    if not cluster.are_covered_by(again.masks, views):
+        return found, None
+    return replace(again, record=again.record | {"led_by_points": len(cluster.points)}), prior
 
 
 def _try_point_silhouettes(views: list[View], model: SparseModel) -> list[np.ndarray] | None:
