@@ -47,12 +47,17 @@ def find_point_silhouettes(views: list[View], model: SparseModel) -> list[np.nda
         thing = drop_flat_columns(thing, up, LINK_DISTANCES * distance)
     maps = []
     for camera, image in zip(*cut_views(views, take_whole(views), WIDTH_PX), strict=True):
-        depth = float((camera.camera_from_world[:3, :3] @ middle + camera.camera_from_world[:3, 3])[2])
-        gap_px = LINK_DISTANCES * distance * camera.intrinsics[0, 0] / max(depth, 1e-9)
+        gap_px = measure_gap_px(camera, middle, distance)
         silhouette = draw_silhouette(thing, camera, gap_px)
         band_px = BAND_SHARE * float(np.sqrt(silhouette.sum()))
         maps.append(cut_outline(image.astype(np.uint8), silhouette, band_px, band_px).astype(np.float32))
     return maps
+
+
+def measure_gap_px(camera: Camera, middle: np.ndarray, distance: float) -> float:
+    """How far points of one thing around a middle, (3,), may lie apart in a view, by how far the cameras are away."""
+    depth = float((camera.camera_from_world[:3, :3] @ middle + camera.camera_from_world[:3, 3])[2])
+    return LINK_DISTANCES * distance * float(camera.intrinsics[0, 0]) / max(depth, 1e-9)
 
 
 def drop_flat_columns(points: np.ndarray, up: np.ndarray, width: float) -> np.ndarray:

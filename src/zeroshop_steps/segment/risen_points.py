@@ -13,7 +13,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.segment.mask_quality import measure_missed_share
 from zeroshop_steps.segment.plain_ground import find_risen_points
 from zeroshop_steps.segment.plane_search import find_thing
-from zeroshop_steps.segment.point_silhouettes import LINK_DISTANCES, MOST_RADIUS, WIDTH_PX, draw_silhouette
+from zeroshop_steps.segment.point_silhouettes import LINK_DISTANCES, MOST_RADIUS, WIDTH_PX, draw_silhouette, measure_gap_px
 from zeroshop_steps.segment.prior_maps import weigh_maps
 from zeroshop_steps.segment.windows import cut_views, take_whole
 
@@ -50,9 +50,7 @@ class RisenPoints:
 
     def _draw(self, below: np.ndarray, camera: Camera) -> np.ndarray:
         """(H, W) float32: 1 on the silhouette of the points, 1/2 below and around it, and less elsewhere."""
-        middle = self.points.mean(0)
-        depth = float((camera.camera_from_world[:3, :3] @ middle + camera.camera_from_world[:3, 3])[2])
-        gap_px = LINK_DISTANCES * self._support.distance * camera.intrinsics[0, 0] / max(depth, 1e-9)
+        gap_px = measure_gap_px(camera, self.points.mean(0), self._support.distance)
         silhouette, standing = (draw_silhouette(points, camera, gap_px) for points in (self.points, below))
         band_px = max(1, round(BAND_SHARE * float(np.sqrt(standing.sum()))))
         near = cv2.dilate(standing.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band_px + 1,) * 2)) > 0
