@@ -37,8 +37,20 @@ def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False) -
         views.append(View(camera, path, None))
         points.append(on_balls)
     points = np.concatenate(points)
-    model = SparseModel(tuple(view.camera for view in views), points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3))
+    cameras = tuple(view.camera for view in views)
+    seen = tuple(_find_seen(camera, balls, points) for camera, balls in zip(cameras, balls_in, strict=True))
+    model = SparseModel(cameras, points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3), seen)
     return views, model
+
+
+def _find_seen(camera: Camera, balls: list[Ball], points: np.ndarray) -> np.ndarray:
+    """The rows of the (P, 3) points on the table, and of those on the sides of the balls that face the camera."""
+    seen = points[:, 2] == 0
+    for foot_x, foot_y, radius in balls:
+        away = points - [foot_x, foot_y, radius]
+        on_it = np.abs(np.linalg.norm(away, axis=1) - radius) < 1e-6
+        seen |= on_it & ((away * (camera.centre_in_world - points)).sum(1) > 0)
+    return np.flatnonzero(seen)
 
 
 def _plain_top(balls: list[Ball]) -> np.ndarray:

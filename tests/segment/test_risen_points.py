@@ -8,8 +8,9 @@ import pytest
 from helpers.table_scene import table_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.led_by_points import find_with_points
+from zeroshop_steps.segment.mask_quality import MasksRejected
 from zeroshop_steps.segment.risen_points import find_cluster
-from zeroshop_steps.segment.support_plane import _find_with_points
 
 SUPPORT = SceneSupport(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 0.3]), 4.0, 600)
 
@@ -56,7 +57,7 @@ def test_masks_of_a_part_are_found_again(scene, cluster):
     part = [mask & (np.indices(mask.shape)[1] < np.flatnonzero(mask.any(0))[3]) for mask in whole]
     assert cluster.are_missed_by(part, views) and cluster.are_covered_by(whole, views)
 
-    found, prior = _find_with_points(views, cluster, lambda odds: Masks(part if odds is None else whole, {}))
+    found, prior = find_with_points(views, scene[1], cluster, lambda odds: Masks(part if odds is None else whole, {}))
     assert found.masks is whole and found.record == {"led_by_points": len(cluster.points)} and prior is not None
 
 
@@ -64,9 +65,9 @@ def test_masks_that_show_it_stay_and_so_do_those_that_points_do_not_mend(scene, 
     views, _ = scene
     whole = whole_masks(cluster, views)
     part = [mask & (np.indices(mask.shape)[1] < np.flatnonzero(mask.any(0))[3]) for mask in whole]
-    assert _find_with_points(views, cluster, lambda odds: Masks(whole, {}))[1] is None
-    assert _find_with_points(views, cluster, lambda odds: Masks(part, {}))[0].masks is part
-    assert _find_with_points(views, None, lambda odds: Masks(part, {}))[0].masks is part
+    assert find_with_points(views, scene[1], cluster, lambda odds: Masks(whole, {}))[1] is None
+    assert find_with_points(views, scene[1], cluster, lambda odds: Masks(part, {}))[0].masks is part
+    assert find_with_points(views, scene[1], None, lambda odds: Masks(part, {}))[0].masks is part
 
 
 def test_where_nothing_was_found_the_reason_stays(scene, cluster):
@@ -74,4 +75,29 @@ def test_where_nothing_was_found_the_reason_stays(scene, cluster):
         raise StepError("the object moved during the film")
 
     with pytest.raises(StepError, match="moved"):
-        _find_with_points(scene[0], cluster, find)
+        find_with_points(*scene, cluster, find)
+
+
+@pytest.mark.parametrize("balls_in", [[[(0.0, 0.0, 0.45)], [(0.0, 0.0, 0.3)]] * 4, [[(0.0, 0.0, 0.45)]] * 4 + [[(0.3, 0.1, 0.45)]] * 4])
+def test_points_tie_the_views_of_one_thing_that_did_not_move_and_no_others(scene, cluster, tmp_path, balls_in):
+    assert cluster.tie(scene[1])
+    _, model = table_views(tmp_path, balls_in)
+    assert not find_cluster(model, SUPPORT).tie(model)
+
+
+@pytest.mark.parametrize(("dropped", "taken"), [(0, True), (2, False)])
+def test_masks_that_contradict_each_other_are_replaced_where_nearly_all_led_by_points_agree(scene, cluster, dropped, taken):
+    views, model = scene
+    whole = whole_masks(cluster, views)
+
+    def find(odds):
+        if odds is None:
+            raise MasksRejected("only 2 of 8 masks are good", [], set())
+        return Masks(whole, {"dropped": {str(index): "" for index in range(dropped)}})
+
+    if not taken:
+        with pytest.raises(MasksRejected, match="only 2 of 8"):
+            find_with_points(views, model, cluster, find)
+        return
+    found, prior = find_with_points(views, model, cluster, find)
+    assert found.masks is whole and prior is not None and "only 2 of 8" in found.record["without_points"]

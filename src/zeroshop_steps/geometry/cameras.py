@@ -99,12 +99,14 @@ class SparseModel:
         points: (P, 3) positions in the world frame of the cameras.
         colors: (P, 3) uint8 RGB.
         track_lengths: (P,) number of images that see each point.
+        seen: for each camera, the rows of the points that its image sees; None where that is not known.
     """
 
     cameras: tuple[Camera, ...]
     points: np.ndarray
     colors: np.ndarray
     track_lengths: np.ndarray
+    seen: tuple[np.ndarray, ...] | None = None
 
 
 def read_sparse_model(folder: Path) -> SparseModel:
@@ -123,12 +125,15 @@ def read_sparse_model(folder: Path) -> SparseModel:
         cameras = take_cameras(reconstruction)
     except StepError as error:
         raise StepError(f"{folder}: {error}") from None
-    points = list(reconstruction.points3D.values())
+    points, rows = list(reconstruction.points3D.values()), {number: row for row, number in enumerate(reconstruction.points3D)}
+    images = {image.name: image for image in reconstruction.images.values()}
+    seen = [[rows[point.point3D_id] for point in images[camera.name].points2D if point.has_point3D()] for camera in cameras]
     return SparseModel(
         cameras,
         np.array([point.xyz for point in points]).reshape(-1, 3),
         np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
         np.array([point.track.length() for point in points], dtype=int),
+        tuple(np.unique(np.array(found, dtype=int)) for found in seen),
     )
 
 

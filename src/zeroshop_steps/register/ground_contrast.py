@@ -120,14 +120,17 @@ def cut_outline(image: np.ndarray, thing: np.ndarray, sure_px: float, far_px: fl
 
     What lies more than `sure_px` inside stays the thing, what lies more than `far_px` outside does not become it.
     """
-    labels = np.where(thing, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    inside = cv2.distanceTransform(thing.astype(np.uint8), cv2.DIST_L2, 3)
-    outside = cv2.distanceTransform((~thing).astype(np.uint8), cv2.DIST_L2, 3)
-    labels[inside > sure_px], labels[outside > far_px] = cv2.GC_FGD, cv2.GC_BGD
+    near = cv2.distanceTransform((~thing).astype(np.uint8), cv2.DIST_L2, 3) <= far_px
+    return keep_main_thing(cut_in_band(image, thing, near, sure_px).astype(np.float32)) > 0.5
+
+
+def cut_in_band(image: np.ndarray, thing: np.ndarray, near: np.ndarray, sure_px: float) -> np.ndarray:
+    """(h, w) bool: as `cut_outline`, where `near`, (h, w) bool, may become the thing, and all of its parts are kept."""
+    labels = np.where(thing, cv2.GC_PR_FGD, np.where(near, cv2.GC_PR_BGD, cv2.GC_BGD)).astype(np.uint8)
+    labels[cv2.distanceTransform(thing.astype(np.uint8), cv2.DIST_L2, 3) > sure_px] = cv2.GC_FGD
     if not ((labels == cv2.GC_FGD).any() and (labels == cv2.GC_BGD).any()):
         return thing
     cv2.setRNGSeed(0)  # GrabCut starts from k-means
     models = np.zeros((1, 65)), np.zeros((1, 65))
     cv2.grabCut(np.ascontiguousarray(image[..., ::-1]), labels, (0, 0, 1, 1), *models, CUTS, cv2.GC_INIT_WITH_MASK)
-    cut = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
-    return keep_main_thing(cut.astype(np.float32)) > 0.5
+    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD))

@@ -1,29 +1,40 @@
 """What the sparse points above the ground say of the object: a prior for its masks where the ground's colours tell only a part of it.
 
 An object with print or grain has points all over, and those clearly above the support plane are neither ground nor shadow, whatever its
-colours are. Where masks lack most of the dense cluster of them that the cameras look at, its silhouettes lead the masks.
+colours are. Where masks lack much of the dense cluster of them that the cameras look at, or contradict each other, its silhouettes lead the
+masks. Around them and in their gaps, each photo is cut along its own colours.
 """
 
 import cv2
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.register.ground_contrast import cut_in_band
 from zeroshop_steps.segment.mask_quality import measure_missed_share
+from zeroshop_steps.segment.object_selection import REACH_DISTANCES
 from zeroshop_steps.segment.plain_ground import find_risen_points
 from zeroshop_steps.segment.plane_search import find_thing
-from zeroshop_steps.segment.point_silhouettes import LINK_DISTANCES, MOST_RADIUS, WIDTH_PX, draw_silhouette, measure_gap_px
+from zeroshop_steps.segment.point_silhouettes import LINK_DISTANCES, WIDTH_PX, draw_silhouette, measure_gap_px
 from zeroshop_steps.segment.prior_maps import weigh_maps
 from zeroshop_steps.segment.windows import cut_views, take_whole
 
-# Set by hand on photos of a handbag on a wooden table (docs/results.md).
+# Set by hand on photos of a handbag, two figures and a bust (docs/results.md).
 LEAST_POINTS = 100  # of the cluster; fewer do not outline an object
-MISSED_SHARE = 0.5  # of its points: masks that lack more show another thing, or a part of this one
+MISSED_SHARE = 0.2  # of its points: masks that lack more show another thing, or a part of this one; right ones lack up to 0.1
 COVERED_SHARE = 0.15  # masks that lack less show all of it
 TO_GROUND = np.linspace(0.0, 1.0, 9)  # heights at which the way from a point to the ground is drawn: the foot may have no print
 BAND_SHARE = 0.1  # of the square root of the silhouette's area: so wide is the band around it that may be the object's plain rim
+SURE_SHARE = 0.01  # of it, too: what lies deeper inside the points' close silhouette is the object
+CLOSE_GAPS = 1 / 3  # of the gaps that the silhouette closes: between points this close lies the object, between others there may be a gap
+CUT_INSIDE, CUT_AROUND = (1.0, 0.55), (0.8, 0.3)
+"""Of 1: what the photo's own colours give to the object, and what they do not, on the silhouette of the points and around it."""
 AROUND = 0.2  # of 1: what lies farther out; it may still be the object, such as a plain handle
+LEAST_COMMON = 10  # points of the object that two photos must share to be tied by it
+TIED_SHARE = 0.9  # of the photos that must be tied; fewer are photos of two things, or of one that moved
 
 
 class RisenPoints:
@@ -41,20 +52,40 @@ class RisenPoints:
         """Whether such masks show nearly all of the points."""
         return measure_missed_share(self.points, [view.camera for view in views], masks) < COVERED_SHARE
 
+    def tie(self, model: SparseModel) -> bool:
+        """Whether these points of a model tie nearly all of its views to each other: they show one thing, which did not move."""
+        if model.seen is None:
+            return False
+        own = np.isin(_name_rows(model.points), _name_rows(self.points))
+        sees = np.zeros((len(model.seen), len(own)), np.int32)
+        for view, rows in enumerate(model.seen):
+            sees[view, rows] = own[rows]
+        _, tied = connected_components(csr_array(sees @ sees.T >= LEAST_COMMON), directed=False)
+        return bool(np.bincount(tied).max() >= TIED_SHARE * len(sees))
+
     def weigh(self, views: list[View]) -> list[np.ndarray]:
         """Log odds of the object, (h, w), in every view."""
         heights = self._support.heights(self.points)
         below = np.concatenate([self.points - share * heights[:, None] * self._support.normal for share in TO_GROUND])
-        maps = [self._draw(below, camera) for camera in cut_views(views, take_whole(views), WIDTH_PX)[0]]
+        cut = cut_views(views, take_whole(views), WIDTH_PX)
+        maps = [self._draw(below, camera, image.astype(np.uint8)) for camera, image in zip(*cut, strict=True)]
         return weigh_maps(maps, [view.camera for view in views])
 
-    def _draw(self, below: np.ndarray, camera: Camera) -> np.ndarray:
-        """(H, W) float32: 1 on the silhouette of the points, 1/2 below and around it, and less elsewhere."""
+    def _draw(self, below: np.ndarray, camera: Camera, image: np.ndarray) -> np.ndarray:
+        """(H, W) float32 by the silhouette of the points, what stands below and around it, and the colours of the (H, W, 3) photo."""
         gap_px = measure_gap_px(camera, self.points.mean(0), self._support.distance)
         silhouette, standing = (draw_silhouette(points, camera, gap_px) for points in (self.points, below))
-        band_px = max(1, round(BAND_SHARE * float(np.sqrt(standing.sum()))))
-        near = cv2.dilate(standing.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band_px + 1,) * 2)) > 0
-        return np.where(silhouette, 1.0, np.where(near, 0.5, AROUND)).astype(np.float32)
+        size_px = float(np.sqrt(standing.sum()))
+        band = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * max(1, round(BAND_SHARE * size_px)) + 1,) * 2)
+        near = cv2.dilate(standing.astype(np.uint8), band) > 0
+        cut = cut_in_band(image, draw_silhouette(self.points, camera, CLOSE_GAPS * gap_px), near, SURE_SHARE * size_px)
+        inside, around = (np.where(cut, *values) for values in (CUT_INSIDE, CUT_AROUND))
+        return np.where(silhouette, inside, np.where(near, around, AROUND)).astype(np.float32)
+
+
+def _name_rows(points: np.ndarray) -> np.ndarray:
+    """(P,) names of (P, 3) positions, equal where these are."""
+    return np.ascontiguousarray(points, np.float64).view(np.dtype((np.void, 24))).ravel()
 
 
 def find_cluster(model: SparseModel, support: SceneSupport) -> RisenPoints | None:
@@ -64,4 +95,4 @@ def find_cluster(model: SparseModel, support: SceneSupport) -> RisenPoints | Non
         return None
     points = found[0]
     radius = float(np.percentile(np.linalg.norm(points - points.mean(0), axis=1), 90))
-    return RisenPoints(points, support) if radius < MOST_RADIUS * support.distance else None
+    return RisenPoints(points, support) if radius < REACH_DISTANCES * support.distance else None

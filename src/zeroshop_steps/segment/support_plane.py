@@ -7,7 +7,6 @@ are left out. Where the object is small in the images, all of that is done again
 
 import argparse
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +21,7 @@ from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
+from zeroshop_steps.segment.led_by_points import Found, find_with_points
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection, select_object
@@ -31,7 +31,7 @@ from zeroshop_steps.segment.point_silhouettes import find_point_silhouettes
 from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, find_without_ground, weigh_contrast
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 from zeroshop_steps.segment.refine import RefinedMasks, refine_masks
-from zeroshop_steps.segment.risen_points import RisenPoints, find_cluster
+from zeroshop_steps.segment.risen_points import find_cluster
 from zeroshop_steps.segment.tidy_mask import tidy_mask
 from zeroshop_steps.segment.windows import CLOSER, Window, choose_windows, cut_map, cut_views, lay_back, take_whole
 
@@ -92,11 +92,11 @@ def find_masks(
     guessed = True
     for support, fitted in propose_supports(model, views, seed):
 
-        def find(odds: list[np.ndarray] | None, support: SceneSupport = support, fitted: bool = fitted) -> _Found:
+        def find(odds: list[np.ndarray] | None, support: SceneSupport = support, fitted: bool = fitted) -> Found:
             return _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, odds)
 
         try:
-            found, weighed = _find_with_points(views, find_cluster(model, support), find) if prior is None else (find(prior), prior)
+            found, weighed = find_with_points(views, model, find_cluster(model, support), find) if prior is None else (find(prior), prior)
         except StepError as error:
             failure, guessed = failure or error, guessed and not fitted
             continue
@@ -106,32 +106,6 @@ def find_masks(
     if prior is None and guessed and isinstance(failure, MasksRejected | NothingFound):
         return _find_by_points(views, model, failure)
     raise failure
-
-
-def _find_with_points(
-    views: list[View], cluster: RisenPoints | None, find: Callable[[list[np.ndarray] | None], "_Found"]
-) -> tuple["_Found", list[np.ndarray] | None]:
-    """Masks by the ground's colours; where they lack most of the points above the ground, led by these. And the prior, if any.
-
-    Where the colours give no masks, there is a reason that points do not take away: things that moved, or two of them.
-
-    Args:
-        cluster: the points.
-        find: the masks on a ground with a prior, (h, w) log odds of each view, or none.
-    """
-    found = find(None)
-    if cluster is None or not cluster.are_missed_by(found.masks, views):
-        return found, None
-    print("the ground's colours tell too little of the object: most of its points lie outside the masks")
-    prior = cluster.weigh(views)
-    try:
-        again = find(prior)
-    except StepError as error:
-        print(f"the object's points did not help: {error}")
-        return found, None
-    if not cluster.are_covered_by(again.masks, views):
-        return found, None
-    return replace(again, record=again.record | {"led_by_points": len(cluster.points)}), prior
 
 
 def _try_point_silhouettes(views: list[View], model: SparseModel) -> list[np.ndarray] | None:
@@ -154,18 +128,7 @@ def _find_by_points(views: list[View], model: SparseModel, failure: StepError) -
     return masks, record | {"method": "support_plane", "by_points": True, "without_ground": str(failure)}
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Masks of all views, (H, W) bool of the images' sizes, their record, and the plane, the middle and the place of what they show."""
-
-    masks: list[np.ndarray]
-    record: dict[str, Any]
-    support: SceneSupport
-    middle: np.ndarray
-    selection: ObjectSelection
-
-
-def _look_closer(found: _Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None) -> _Found:
+def _look_closer(found: Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None) -> Found:
     """The masks of an object that is small in the images, found again in windows around it, where those agree with what was found."""
     windows, closer = choose_windows(found.masks)
     if closer > CLOSER:
@@ -194,7 +157,7 @@ def _find_in_windows(
     fitted: bool,
     prior: list[np.ndarray] | None,
     before: ObjectSelection | None = None,
-) -> _Found:
+) -> Found:
     """Masks by what windows of the images show. Arguments as in `find_masks` and `_Scene`; raises StepError as `find_masks` does."""
     cameras, images = cut_views(views, windows, image_width_px)
     images = equalize_exposure(support, cameras, images)
@@ -246,7 +209,7 @@ class _Scene:
     before: ObjectSelection | None
 
 
-def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = True) -> _Found:
+def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = True) -> Found:
     """Masks of all views and the record of their quality; `by_color` uses the colour of a plain ground."""
     support, cameras = scene.support, scene.cameras
     selection, refined, own = _find_on_plane(scene, support, scene.ground, scene.plain if by_color else None, priors)
@@ -270,7 +233,7 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
     }
     masks = [lay_back(*parts) for parts in zip(tidied, scene.windows, scene.views, strict=True)]
     middle = selection.grid.centres(np.argwhere(refined.occupied)).mean(0)
-    return _Found(masks, record, support, middle, selection)
+    return Found(masks, record, support, middle, selection)
 
 
 def _find_on_plane(
