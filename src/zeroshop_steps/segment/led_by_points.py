@@ -9,7 +9,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.segment.mask_quality import MasksRejected
 from zeroshop_steps.segment.object_selection import ObjectSelection
 from zeroshop_steps.segment.risen_points import RisenPoints
@@ -54,11 +54,22 @@ def find_with_points(
         again = find(prior)
     except StepError as error:
         print(f"the object's points did not help: {error}")
-        return _choose(found, failure), None
+        return _doubt(found, failure, cluster, views), None
     if not cluster.are_covered_by(again.masks, views) or (failure and len(again.record["dropped"]) > MOST_DROPPED * len(views)):
-        return _choose(found, failure), None
+        return _doubt(found, failure, cluster, views), None
     reason = {"without_points": str(failure)} if failure else {}
     return replace(again, record=again.record | {"led_by_points": len(cluster.points), **reason}), prior
+
+
+def _doubt(found: Found | None, failure: StepError | None, cluster: RisenPoints, views: list[View]) -> Found:
+    """The masks, with a warning that they lack much of the points; raises the failure where there are none."""
+    found = _choose(found, failure)
+    missed = cluster.measure_missed(found.masks, views)
+    warn(
+        f"the masks may show a part of the object only, or another thing: {missed:.0%} of the points that rise where the cameras look lie"
+        " outside them. Look at contact_sheet.png; put the object alone on a ground of other colours, or draw masks"
+    )
+    return replace(found, record=found.record | {"points_missed": round(missed, 3)})
 
 
 def _choose(found: Found | None, failure: StepError | None) -> Found:

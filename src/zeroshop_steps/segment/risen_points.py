@@ -45,12 +45,16 @@ class RisenPoints:
         self.points, self._support = points, support
 
     def are_missed_by(self, masks: list[np.ndarray], views: list[View]) -> bool:
-        """Whether (H, W) bool masks of the views' images lack most of the points."""
-        return measure_missed_share(self.points, [view.camera for view in views], masks) > MISSED_SHARE
+        """Whether (H, W) bool masks of the views' images lack much of the points."""
+        return self.measure_missed(masks, views) > MISSED_SHARE
 
     def are_covered_by(self, masks: list[np.ndarray], views: list[View]) -> bool:
         """Whether such masks show nearly all of the points."""
-        return measure_missed_share(self.points, [view.camera for view in views], masks) < COVERED_SHARE
+        return self.measure_missed(masks, views) < COVERED_SHARE
+
+    def measure_missed(self, masks: list[np.ndarray], views: list[View]) -> float:
+        """Share of the points that lie outside such masks, in the median view."""
+        return measure_missed_share(self.points, [view.camera for view in views], masks)
 
     def tie(self, model: SparseModel) -> bool:
         """Whether these points of a model tie nearly all of its views to each other: they show one thing, which did not move."""
