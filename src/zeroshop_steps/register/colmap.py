@@ -5,13 +5,16 @@ undistorted. Too few registered images, or cameras that the images contradict, a
 """
 
 import argparse
+import shutil
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.register.consistency import WRONG
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, write_registration
 from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, fit_to_count, match_features
@@ -23,6 +26,7 @@ from zeroshop_steps.register.still_background import (
 )
 from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.wide_pairs import leave_out_narrow_pairs
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 
@@ -122,14 +126,51 @@ def match_and_reconstruct(
         first = start(database) if start else None
         tested = None if pairs is None else {frozenset(Path(name).stem for name in pair) for pair in pairs}
         look_again = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
+        figures_before = deepcopy(figures)
         try:
             return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
         except RegistrationFailed as error:
+            if start is None and structure.leave_out and not structure.object_only and str(error).startswith(WRONG):
+                found = _reconstruct_from_wide_pairs(database, image_set, out, structure, figures_before, stopwatch, error)
+                if found is not None:
+                    return found
             still = _read_still(figures, options)
             if still is None:
                 raise
             reason = f"{still.describe()}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
             raise RegistrationFailed(reason, error.figures, error.rejected) from None
+
+
+def _reconstruct_from_wide_pairs(
+    database: Path,
+    image_set: ImageSet,
+    out: Path,
+    structure: StructureOptions,
+    figures: dict[str, Any],
+    stopwatch: Stopwatch,
+    wrong: RegistrationFailed,
+) -> dict[str, Any] | None:
+    """The record of cameras from those pairs alone whose matches lie all over the pictures, where `wrong` ones came of all; None without.
+
+    Such cameras must pass all checks, and the pictures of neighbours must show the same.
+    """
+    scratch = database.parent / "wide"
+    scratch.mkdir()
+    shutil.copy(database, scratch / database.name)
+    figures["narrow_pairs"] = leave_out_narrow_pairs(scratch / database.name)
+    for part in ("images", "masks", "sparse"):
+        shutil.rmtree(out / part, ignore_errors=True)
+    try:
+        record = reconstruct(scratch / database.name, image_set, out, replace(structure, compare_pictures=True), figures, stopwatch)
+    except RegistrationFailed as error:
+        print(f"pairs of photos whose matches lie all over the pictures do not give the cameras either: {error}")
+        return None
+    record["warnings"] = [
+        *record.get("warnings", []),
+        f"sides of the object look alike, and cameras from all pairs of photos were refused ({wrong}); they were found from those"
+        f" pairs whose matches lie all over the pictures, without {figures['narrow_pairs']} others",
+    ]
+    return record
 
 
 def match_images(

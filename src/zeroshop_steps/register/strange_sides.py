@@ -36,6 +36,7 @@ def check_sides(
     look_again: LookAgain | None = None,
     by_object: bool = False,
     images: Path | None = None,
+    compare: bool = False,
 ) -> dict[str, Any]:
     """The record of a registration, with how many neighbouring images there are and which of them are strangers.
 
@@ -45,19 +46,26 @@ def check_sides(
         look_again: is asked about neighbours that share almost no points of the model, by the stems of their names.
         by_object: whether the object alone gave the matches; no ground tells its sides apart then.
         images: the folder of the model's images, where the whole scene gave the matches: these decide where many neighbours are strangers.
+        compare: whether they decide in any case, and must be enough to tell.
 
     Raises:
         RegistrationFailed: too many neighbours are strangers, or do not show the same.
     """
     neighbours, strangers = find_strangers(count_missed_points(model), look_again)
     figures |= {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
-    if images is not None and len(strangers) > max(STRANGER_PAIRS, DOUBTFUL_SHARE * neighbours):
+    if images is not None and (compare or len(strangers) > max(STRANGER_PAIRS, DOUBTFUL_SHARE * neighbours)):
         compared, unlike = find_unlike(model, images)
         figures |= {"compared_pictures": compared, "unlike": [list(pair) for pair in unlike]}
         if compared >= LEAST_COMPARED:
             if len(unlike) > UNLIKE_SHARE * compared:
                 raise make_refusal(unlike, compared, "show different things where they should show the same", figures, model)
             return figures
+        if compare:
+            raise RegistrationFailed(
+                f"only {compared} pairs of neighbouring images can be compared, {LEAST_COMPARED} are needed to tell sides that look alike",
+                figures,
+                model,
+            )
     excused = 0.0 if by_object and neighbours < FEW_NEIGHBOURS else max(STRANGER_PAIRS, STRANGER_SHARE * neighbours)
     if len(strangers) > excused:
         raise make_refusal(strangers, neighbours, "share almost nothing", figures, model)

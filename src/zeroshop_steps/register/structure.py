@@ -53,6 +53,7 @@ class StructureOptions:
         object_only: whether nothing but the object was registered; decides the advice.
         leave_out: whether images may belong to another scene: those without matches with the others are left out, and `min_share`
             counts the rest, which must be at least `LEAST_COMMON_SHARE` of all.
+        compare_pictures: whether the pictures of neighbours must show the same, however many points they share (`check_sides`).
     """
 
     min_share: float = 0.8
@@ -62,6 +63,7 @@ class StructureOptions:
     seed: int = 0
     object_only: bool = False
     leave_out: bool = False
+    compare_pictures: bool = False
 
     @property
     def doubt_masks(self) -> bool:
@@ -180,7 +182,11 @@ def reconstruct(
     stopwatch.stop()
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
-    record = figures if joined else check_sides(pinhole_model, figures, look_again, by_object, None if by_object else out / "images")
+    record = (
+        figures
+        if joined
+        else check_sides(pinhole_model, figures, look_again, by_object, None if by_object else out / "images", options.compare_pictures)
+    )
     if by_object:
         views = read_views(out)[0]
         check_neighbours(views, record, pinhole_model)
