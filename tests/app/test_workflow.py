@@ -1,9 +1,13 @@
 """The progress that is read from Snakemake's report."""
 
+import io
+import os
+
 import pytest
 
 from zeroshop_steps.app.summary import find_reason, name_photos
-from zeroshop_steps.app.workflow import Progress
+from zeroshop_steps.app.workflow import Progress, _show
+from zeroshop_steps.runtime.failures import Failure, write_failure
 from zeroshop_steps.runtime.files import write_json
 
 REPORT = """\
@@ -34,6 +38,22 @@ def test_the_share_follows_what_jobs_usually_take():
     for number, rule in enumerate(("train_2dgs", "weigh", "weigh")):
         progress.read(f"Finished jobid: {number} (Rule: {rule})\n")
     assert progress.share == 1.0
+
+
+def test_a_step_that_failed_is_said_at_once_and_no_later_stage_seems_to_run(tmp_path, capsys):
+    cameras = tmp_path / "video/auto/scene"
+    write_failure([f"{tmp_path / 'old'}/"], Failure("register.colmap", "an earlier run"))
+    os.utime(tmp_path / "old/failure.json", (0, 0))
+
+    def report():
+        yield from REPORT.splitlines(keepends=True)
+        write_failure([f"{cameras}/"], Failure("register.auto", "only 3 of 12 images registered"))
+        yield "Finished jobid: 3 (Rule: stereo)\n"
+        yield "Job 4: Training 2dgs on cup\n"
+
+    _show(Progress(), report(), io.StringIO(), tmp_path)
+    shown = capsys.readouterr().err
+    assert "register.auto failed; the steps after it only note that" in shown and "Training" not in shown and shown.count("failed") == 1
 
 
 @pytest.mark.parametrize(

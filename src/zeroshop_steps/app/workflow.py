@@ -21,6 +21,7 @@ from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
 from zeroshop_steps.runtime.settings import read_yaml
 
 TYPICAL_S = {
@@ -42,6 +43,7 @@ class Progress:
     Attributes:
         planned: number of jobs left, by rule.
         running: what the jobs under way say of themselves, by number.
+        failed: the step that could not do its work, if there is one: all after it only pass that on.
     """
 
     planned: dict[str, int] = field(default_factory=dict)
@@ -50,6 +52,7 @@ class Progress:
     total_s: float = 0.0
     done_s: float = 0.0
     in_stats: bool = False
+    failed: str = ""
 
     def read(self, line: str) -> None:
         """Take one line of Snakemake's report."""
@@ -74,6 +77,8 @@ class Progress:
 
     def describe(self) -> str:
         """One line: share, time left and what runs."""
+        if self.failed:
+            return f"{self.share:4.0%}   {self.failed} failed; the steps after it only note that"
         passed_s = time.monotonic() - self.started_s
         left = ""
         if self.share > 0.02:
@@ -149,7 +154,9 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
         assert process.stdout is not None
         note_run(folder, process.pid)
         try:
-            _show(progress, process.stdout, file)
+            # One of several passes may fail and is left out: then the steps after it do run.
+            single = read_chosen_cell(settings or {})[0] != JOINED_PHOTOS
+            _show(progress, process.stdout, file, (folder / target).parent if single else None)
         except KeyboardInterrupt:
             process.send_signal(signal.SIGINT)
             process.wait()
@@ -157,21 +164,33 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
     return process.returncode == 0
 
 
-def _show(progress: Progress, lines: Iterable[str], file: TextIO) -> None:
+def find_failed_step(results: Path, since_s: float) -> str:
+    """The step that first left a record of failure below a folder since a time, in seconds as files have it; empty without any."""
+    found = sorted((path.stat().st_mtime, path) for path in results.rglob(IN_FOLDER))
+    failures = [read_failure(path.parent) for written_s, path in found if written_s >= since_s]
+    return next((failure.step for failure in failures if failure), "")
+
+
+def _show(progress: Progress, lines: Iterable[str], file: TextIO, results: Path | None) -> None:
     """Copy Snakemake's lines to `file` and show the progress: one moving line on a terminal, a line a stage elsewhere."""
-    console = Console(stderr=True)
+    console, since_s = Console(stderr=True), time.time()
     if console.is_terminal:
         with Live(Text("planning"), console=console, refresh_per_second=4) as live:
             for line in lines:
-                file.write(line)
-                progress.read(line)
+                _take(line, progress, file, results, since_s)
                 live.update(Text(progress.describe(), overflow="ellipsis", no_wrap=True))
         return
     last: Sequence[str] = ()
     for line in lines:
-        file.write(line)
-        progress.read(line)
-        now = tuple(progress.running.values())
+        _take(line, progress, file, results, since_s)
+        now = (progress.failed,) if progress.failed else tuple(progress.running.values())
         if now and now != last:
             print(progress.describe(), file=sys.stderr, flush=True)
             last = now
+
+
+def _take(line: str, progress: Progress, file: TextIO, results: Path | None, since_s: float) -> None:
+    file.write(line)
+    progress.read(line)
+    if results and not progress.failed and FINISHED.match(line):
+        progress.failed = find_failed_step(results, since_s)
