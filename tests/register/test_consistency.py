@@ -1,12 +1,13 @@
 """Each check alone can find a model wrong, and names whom it blames."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pycolmap
 import pytest
 
-from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault
+from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault, find_unsure
 from zeroshop_steps.register.pair_support import PairSupport
 from zeroshop_steps.register.repair import measure_reprojection_errors_px
 from zeroshop_steps.register.silhouette_coherence import SilhouetteCoherence
@@ -82,3 +83,15 @@ def test_points_behind_a_camera_do_not_hide_its_error(behind, finite):
     evidence = PairSupport(("1.png", "2.png"), np.array([[0, 9], [9, 0]]), np.zeros((2, 2), int))
     figures = ConsistencyReport(None, evidence, errors_px, None, ()).figures()
     assert json.loads(json.dumps(figures, allow_nan=False))["error_px"]["1.png"] == (0.25 if finite else None)
+
+
+@pytest.mark.parametrize(("points", "contradicting", "unsure"), [(60, 50, ["4.png"]), (60, 5, []), (150, 50, [])])
+def test_an_image_that_few_points_hold_and_many_matches_contradict_is_unsure(points, contradicting, unsure):
+    names = ("1.png", "2.png", "3.png", "4.png")
+    images = {n: SimpleNamespace(name=name, has_pose=True, num_points3D=300) for n, name in enumerate(names)}
+    images[3].num_points3D = points
+    against = np.zeros((4, 4), int)
+    against[3, 0] = against[0, 3] = contradicting
+    supporting = np.full((4, 4), 300)
+    supporting[3], supporting[:, 3] = 20, 20
+    assert find_unsure(SimpleNamespace(images=images), PairSupport(names, supporting, against)) == unsure

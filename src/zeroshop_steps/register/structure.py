@@ -11,7 +11,7 @@ from typing import Any
 import pycolmap
 
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency
+from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency, find_unsure
 from zeroshop_steps.register.far_neighbours import check_far_neighbours
 from zeroshop_steps.register.group_joining import LEAST_IMAGES, join_groups
 from zeroshop_steps.register.image_set import ImageSet
@@ -217,7 +217,7 @@ def _count_common(database: Path, image_set: ImageSet, options: StructureOptions
 def _settle(
     model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: StructureOptions, figures: dict[str, Any]
 ) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
-    """Refine, place suspicious images again, and leave out those that the pictures contradict even then."""
+    """Refine, place suspicious images again, and leave out those that the pictures contradict even then, or hold unsurely."""
     images = image_set.images[0].parent
     model, again = repair(model, database, images, scratch, options.seed)
     report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
@@ -232,6 +232,11 @@ def _settle(
         else:
             again += names
             model = register_again(model, names, database, images, scratch, options.seed)
+        refine_robustly(model)
+        report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
+    if report.reason is None and image_set.masks is None and (unsure := find_unsure(model, report.evidence)):
+        dropped += unsure
+        model = remove_images(model, unsure)
         refine_robustly(model)
         report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
     figures |= {"placed_again": again, "left_out": dropped}
