@@ -59,7 +59,7 @@ def cameras():
 
 @pytest.fixture
 def narrow_beam(monkeypatch):
-    """A quarter of the ways are kept: enough for eight views of an object like this one."""
+    """A quarter of the ways are kept: enough to find the views from below."""
     monkeypatch.setattr(outline_search, "PAIRS", outline_search.PAIRS // 4)
     monkeypatch.setattr(outline_search, "BEAM", tuple((least, max(6, width // 4)) for least, width in outline_search.BEAM))
 
