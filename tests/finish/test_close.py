@@ -82,7 +82,10 @@ def closed(views) -> tuple[Mesh, Mesh, Mesh]:
     torn = Mesh(
         np.concatenate([torn.vertices, strip.vertices]), np.concatenate([torn.faces, np.array(strip.faces) + len(torn.vertices)])
     ).with_normals()
-    whole, record = close_in_space(torn, views, GroundPlane(UP, FOOT_MM), MAX_FACES)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(watertight, "COARSE", 96)
+        patch.setattr(watertight, "FINE", 192)
+        whole, record = close_in_space(torn, views, GroundPlane(UP, FOOT_MM), MAX_FACES)
     assert record.state == "closed" and record.first_face + record.faces == len(whole.faces)
     return torn, whole, Mesh(whole.vertices, whole.faces[record.first_face :])
 

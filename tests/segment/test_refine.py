@@ -8,7 +8,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.object_selection import ObjectSelection
 from zeroshop_steps.segment.refine import _close_holes, _drop_floating, _learn_colors, _restore_lost_foot, refine_masks
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouette
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouettes
 
 
 def block(*boxes):
@@ -69,7 +69,7 @@ def test_another_thing_is_left_out_though_all_but_its_place_says_that_it_is_the_
     own, other, near = (np.zeros(grid.shape, bool) for _ in range(3))
     own[14:26, 14:26, :16] = other[31:36, 16:24, :12] = near[10:30, 10:30, :18] = True
     points = grid.centres(np.argwhere(other))
-    masks, behind = ([render_silhouette(grid, part, camera) for camera in cameras] for part in (own, other))
+    masks, behind = (render_silhouettes(grid, part, cameras) for part in (own, other))
     rng = np.random.default_rng(0)
     images = []
     for mask, thing in zip(masks, behind, strict=True):

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.segment.color_model import ColorModel
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouette
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouettes
 
 # Set by hand on frames of a vinyl figure on a stone table (docs/results.md).
 BACKED_SHARE = 0.4  # of the views that see a voxel; where fewer have the ground behind it, the ground does not tell it
@@ -98,8 +98,7 @@ def _learn_colors(
 ) -> ColorModel | None:
     """The colours of the object against all others; None where nothing is left on one side."""
     inside, outside = [], []
-    for camera, image, odds in zip(cameras, images, evidence, strict=True):
-        shown = render_silhouette(grid, own, camera)
+    for shown, image, odds in zip(render_silhouettes(grid, own, cameras), images, evidence, strict=True):
         inside.append(image[ndimage.binary_erosion(shown, iterations=RIM_PX) & (odds >= 0.0)][::2])
         outside.append(image[~ndimage.binary_dilation(shown, iterations=AROUND_PX) & (odds <= 0.0)][::4])
     samples = np.concatenate(inside), np.concatenate(outside)

@@ -145,10 +145,10 @@ def sample_ground(
 def equalize_exposure(support: SceneSupport, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
     """Scale each channel of each image so that all images agree on the ground: exposure and white balance differ between photos."""
     ground, samples = sample_ground(support, cameras, images, None, step=GAIN_STEP)
-    steady = ground.known & (ground.spread < NO_GROUND_SPREAD / 2) & (ground.color.min(2) > 10) & (ground.color.max(2) < 250)
+    steady = ground.known & (ground.spread < NO_GROUND_SPREAD / 2) & (_take_least(ground.color) > 10) & (take_largest(ground.color) < 250)
     gained = []
     for image, sample in zip(images, samples, strict=True):
-        cells = steady & np.isfinite(sample[..., 0]) & (np.nan_to_num(sample).min(2) > 5)
+        cells = steady & np.isfinite(sample[..., 0]) & (_take_least(np.nan_to_num(sample)) > 5)
         gain = np.median(ground.color[cells] / sample[cells], axis=0) if cells.sum() > 50 else np.ones(3)
         gained.append((image * np.clip(gain, *GAIN_RANGE)).astype(np.float32))
     return gained
@@ -169,6 +169,16 @@ def _find_cells_in_front(camera: Camera, world_from_cell: np.ndarray, count: int
     return row[0] * x + row[1] * y + row[2] > 0
 
 
+def take_largest(values: np.ndarray) -> np.ndarray:
+    """The largest of the last axis' three channels: much faster than a loop over three numbers at a time."""
+    return np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2])
+
+
+def _take_least(values: np.ndarray) -> np.ndarray:
+    """The least of three channels."""
+    return np.minimum(np.minimum(values[..., 0], values[..., 1]), values[..., 2])
+
+
 def _take_median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Median over the views, median deviation from it, and whether enough views see the cell; NaN marks what a view does not see."""
     count = np.isfinite(samples[..., 0]).sum(0)
@@ -179,6 +189,6 @@ def _take_median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
         return np.take_along_axis(ordered, middle[None, ..., *(None,) * (values.ndim - 3)], axis=0)[0]
 
     color = median(samples)
-    spread = median(np.abs(samples - color).max(-1))
+    spread = median(take_largest(np.abs(samples - color)))
     known = count >= MIN_WITNESSES
     return np.where(known[..., None], color, 0).astype(np.float32), np.where(known, spread, 0).astype(np.float32), known

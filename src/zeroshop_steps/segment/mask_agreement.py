@@ -11,7 +11,7 @@ from scipy import ndimage
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, compare_with_hull
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouette
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouettes
 
 ROOM = 1.5  # half the edge of the voxel grid, in radii of the object
 ROUNDS = ((0.34, 48), (0.2, 48), (0.1, 72), (0.05, 72))
@@ -41,11 +41,11 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
         if len(chosen) < 2:
             break
         grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
-        hulls = [render_silhouette(grid, occupied, camera) if occupied.any() else np.zeros_like(masks[0]) for camera in cameras]
+        hulls = render_silhouettes(grid, occupied, cameras) if occupied.any() else [np.zeros_like(masks[0]) for _ in cameras]
         if number == len(ROUNDS) - 1:
             judged = [(cameras[index], masks[index], hulls[index]) for index in chosen]
             whole = _add_parts(grid, occupied, judged)
-            return [render_silhouette(grid, whole, camera) for camera in cameras] if whole.any() else hulls
+            return render_silhouettes(grid, whole, cameras) if whole.any() else hulls
         overlaps = {index: compute_overlap(masks[index], hulls[index]) for index in chosen}
         chosen = _keep_usual(overlaps, LEAST_OVERLAP)
         if number > 0:

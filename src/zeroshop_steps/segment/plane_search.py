@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus, fit_scene_support, measure_aside
 from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.ground import sample_ground
+from zeroshop_steps.segment.ground import sample_ground, take_largest
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, splat_voxels
 
 # Lengths are shares of the cameras' distance from the focus. Set by hand on six rendered objects on four tables each (docs/results.md).
@@ -164,7 +164,7 @@ def settle_support(
 
     def measure(step: float) -> float:
         ground, samples = sample_ground(_move(support, step), cameras, images, hidden, PICTURE_DISTANCES)
-        difference = np.minimum(np.abs(samples - ground.color).max(-1), MOST_LEVELS)
+        difference = np.minimum(take_largest(np.abs(samples - ground.color)), MOST_LEVELS)
         seen = np.isfinite(difference) & ground.known
         return float(difference[seen].mean()) if seen.any() else MOST_LEVELS
 

@@ -13,7 +13,7 @@ from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground import build_ground_picture
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection
 from zeroshop_steps.segment.plain_ground import join_odds
-from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, mark_points, render_silhouette, splat_voxels
+from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, mark_points, render_silhouettes, splat_voxels
 
 # Odds are natural logarithms; lengths in images are shares of the square root of the silhouette's area.
 # All were set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
@@ -82,18 +82,18 @@ def refine_masks(
         priors: the same by what else is known; 0 where nothing is.
         own_points: (P, 3) sparse points of the object; none where it is not plain.
     """
-    rooms = [render_silhouette(selection.grid, selection.allowed, camera) for camera in cameras]
+    rooms = render_silhouettes(selection.grid, selection.allowed, cameras)
     others = [splat_voxels(selection.other_points, selection.other_side, camera) for camera in cameras]
     occupied = _extend_to_ground(_drop_floating(selection.cluster, selection.ground_voxel))
     # Where all views agree is ground, even under the hull: shadows. It may also be an object of one colour, so colours weigh as much.
     agreed = [np.where(table > 0, 0.0, np.minimum(odds, 0.0)) for table, odds in zip(by_table, by_place, strict=True)]
     seeds = [SEED_ODDS * mark_points(own_points, 2 * SEED_PX + 1, camera) for camera in cameras]
     for inside, outside, hidden_margin in zip(INSIDE_ODDS, OUTSIDE_ODDS, HIDDEN_MARGINS, strict=True):
-        hulls = [render_silhouette(selection.grid, occupied, camera) for camera in cameras]
+        hulls = render_silhouettes(selection.grid, occupied, cameras)
         columns, whole = fill_down_to_ground(occupied), _restore_lost_foot(occupied, selection.ground_voxel)
-        standing = [render_silhouette(selection.grid, columns, camera) for camera in cameras]
+        standing = render_silhouettes(selection.grid, columns, cameras)
         hidden = [_grow(foot, hidden_margin) | other for foot, other in zip(standing, others, strict=True)]
-        feet = hulls if whole is occupied else [render_silhouette(selection.grid, whole, camera) for camera in cameras]
+        feet = hulls if whole is occupied else render_silhouettes(selection.grid, whole, cameras)
         ground = build_ground_picture(support, cameras, images, hidden)
         evidence = [
             join_odds(ground.evidence(camera, image), table) for camera, image, table in zip(cameras, images, by_table, strict=True)
@@ -114,7 +114,7 @@ def refine_masks(
                 total += ground.printed * np.where(deep, np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
             masks.append(_close_holes(_cut_within(room, total + seed, image), color))
         occupied = _carve_common(selection, cameras, masks)
-    return RefinedMasks(masks, [render_silhouette(selection.grid, occupied, camera) for camera in cameras], occupied)
+    return RefinedMasks(masks, render_silhouettes(selection.grid, occupied, cameras), occupied)
 
 
 def _discount(odds: np.ndarray, other: np.ndarray) -> np.ndarray:

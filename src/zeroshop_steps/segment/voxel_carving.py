@@ -82,10 +82,11 @@ def _mark_squares(camera: Camera, rows: np.ndarray, columns: np.ndarray, width_p
     return cv2.dilate(picture, np.ones((width_px, width_px), np.uint8)) > 0
 
 
-def render_silhouette(grid: VoxelGrid, occupied: np.ndarray, camera: Camera) -> np.ndarray:
-    """(H, W) bool: where a view sees occupied voxels, (X, Y, Z) bool, in it."""
+def render_silhouettes(grid: VoxelGrid, occupied: np.ndarray, cameras: list[Camera]) -> list[np.ndarray]:
+    """For each view, (H, W) bool: where it sees occupied voxels, (X, Y, Z) bool."""
     shell = occupied & ~ndimage.binary_erosion(occupied, border_value=0)
-    return splat_voxels(grid.centres(np.argwhere(shell)), grid.side, camera)
+    centres = grid.centres(np.argwhere(shell))
+    return [splat_voxels(centres, grid.side, camera) for camera in cameras]
 
 
 def label_clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:

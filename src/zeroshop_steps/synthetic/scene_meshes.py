@@ -117,8 +117,10 @@ def make_rich_texture(rng: np.random.Generator, texels: int = SURFACE_TEXELS) ->
 
 
 def _draw_shape(image: np.ndarray, rng: np.random.Generator, size: float) -> None:
-    x, y = (rng.uniform(0.0, image.shape[0], 2) * FIXED_POINT).astype(int).tolist()
-    color = np.clip(rng.uniform(15, 240) * rng.uniform(0.65, 1.25, 3), 5, 250).astype(int).tolist()
+    # Number by number: for so few, arrays take longer.
+    x, y = (int(along * FIXED_POINT) for along in rng.uniform(0.0, image.shape[0], 2).tolist())
+    light = rng.uniform(15, 240)
+    color = [int(min(max(light * tint, 5.0), 250.0)) for tint in rng.uniform(0.65, 1.25, 3).tolist()]
     radius, kind, angle = max(int(size * FIXED_POINT / 2), FIXED_POINT), rng.integers(4), float(rng.uniform(0, 360))
     if kind == 0:
         cv2.ellipse(image, (x, y), (radius, int(radius * rng.uniform(0.3, 1.0))), angle, 0, 360, color, -1, cv2.LINE_AA, 4)

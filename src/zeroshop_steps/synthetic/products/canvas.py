@@ -64,6 +64,9 @@ class Canvas:
 
     def fill(self, fill: Fill) -> None:
         """Cover the whole sheet."""
+        if isinstance(fill, str):
+            self.pixels[:] = parse_color(fill)
+            return
         self.rectangle(0, 0, self.width_mm, self.height_mm, fill)
 
     def rectangle(self, x: float, y: float, width: float, height: float, fill: Fill, alpha: float = 1.0, radius: float = 0.0) -> None:
