@@ -42,6 +42,12 @@ def test_the_points_of_the_ball_are_one_cluster_and_those_of_the_table_are_not(s
     assert find_cluster(type(model)(model.cameras, flat, np.zeros((len(flat), 3), np.uint8), np.full(len(flat), 3)), SUPPORT) is None
 
 
+def test_a_floor_above_a_plane_that_was_guessed_too_low_is_no_thing(scene):
+    _, model = scene
+    floor = np.c_[np.random.default_rng(0).uniform(-1, 1, (400, 2)), np.full(400, 0.3)]
+    assert find_cluster(type(model)(model.cameras, floor, np.zeros((400, 3), np.uint8), np.full(400, 3)), SUPPORT) is None
+
+
 def test_they_speak_for_the_ball_and_against_what_is_far_from_it(scene, cluster):
     views, _ = scene
     for odds, view in zip(cluster.weigh(views), views, strict=True):

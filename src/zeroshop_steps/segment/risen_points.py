@@ -24,6 +24,9 @@ from zeroshop_steps.segment.windows import cut_views, take_whole
 
 # Set by hand on photos of a handbag, two figures and a bust (docs/results.md).
 LEAST_POINTS = 100  # of the cluster; fewer do not outline an object
+LEAST_DEPTH = (
+    0.12  # smallest extent over the largest: 0.03 to 0.07 where a guessed plane lay below the floor or table, 0.17 and more of things
+)
 MISSED_SHARE = 0.2  # of its points: masks that lack more show another thing, or a part of this one; right ones lack up to 0.1
 COVERED_SHARE = 0.15  # masks that lack less show all of it
 TO_GROUND = np.linspace(0.0, 1.0, 9)  # heights at which the way from a point to the ground is drawn: the foot may have no print
@@ -93,10 +96,12 @@ def _name_rows(points: np.ndarray) -> np.ndarray:
 
 
 def find_cluster(model: SparseModel, support: SceneSupport) -> RisenPoints | None:
-    """The cluster of the model's points above a plane; None where too few are there, or they are too far apart to be one thing."""
+    """The cluster of the model's points above a plane; None where too few are there, they are too far apart, or are themselves a plane."""
     found = find_thing(find_risen_points(model.points, support), support.focus, support.distance, LINK_DISTANCES)
     if found is None or len(found[0]) < LEAST_POINTS:
         return None
-    points = found[0]
-    radius = float(np.percentile(np.linalg.norm(points - points.mean(0), axis=1), 90))
-    return RisenPoints(points, support) if radius < REACH_DISTANCES * support.distance else None
+    points, away = found[0], found[0] - found[0].mean(0)
+    extents = np.linalg.svd(away, compute_uv=False)
+    if extents[2] < LEAST_DEPTH * extents[0]:
+        return None
+    return RisenPoints(points, support) if np.percentile(np.linalg.norm(away, axis=1), 90) < REACH_DISTANCES * support.distance else None
