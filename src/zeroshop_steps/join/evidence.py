@@ -5,7 +5,7 @@ worse in every other way are, as those of a plain drill.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, 
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way
-from zeroshop_steps.register.group_likeness import Likeness, compare_groups
+from zeroshop_steps.register.group_likeness import Chances, Likeness, compare_groups
 from zeroshop_steps.register.group_similarity import CameraGroup, measure_between_deg, measure_misses
 
 LARGEST_MISS_PX = 2.5
@@ -80,10 +80,12 @@ class Sight:
     Attributes:
         views: sorted by name.
         group: their outlines.
+        chances: by pictures, of patches of its own views and of those that were compared with them.
     """
 
     views: list[View]
     group: CameraGroup
+    chances: dict[Path, Chances] = field(default_factory=dict)
 
     @classmethod
     def of(cls, one: Pass) -> "Sight":
@@ -139,7 +141,7 @@ def judge(way: Way, target: Sight, source: Sight, elsewhere_px: float | None = N
     """Judge a way by the views of both passes and their outlines; `elsewhere_px` as in the judgement."""
     misses = measure_misses(target.group, source.group, way.target_from_source)
     moved = [View(transform_camera(view.camera, way.target_from_source), view.image_path, view.mask_path) for view in source.views]
-    likeness = compare_groups([*target.views, *moved], {view.camera.name for view in source.views})
+    likeness = compare_groups([*target.views, *moved], {view.camera.name for view in source.views}, target.chances)
     return Judgement(way, float(misses.mean()), likeness, elsewhere_px)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.register.group_likeness import LARGEST_DEG, UNLIKE_SCORE, WRONG_SHARE, compare_telling
+from zeroshop_steps.register.group_likeness import LARGEST_DEG, UNLIKE_SCORE, WRONG_SHARE, Chances, compare_telling
 from zeroshop_steps.register.neighbour_agreement import LEAST_PATCHES, LEAST_SCORE, SCORE_PER_DEG, compare, make_small_views
 from zeroshop_steps.register.neighbour_agreement import WRONG_SHARE as WRONG_PAIRS
 from zeroshop_steps.register.strange_sides import make_refusal
@@ -60,9 +60,10 @@ def find_differing(views: Sequence[View]) -> tuple[int, dict[tuple[str, str], fl
     """
     small, pairs, radius = make_small_views(views, LARGEST_DEG)
     judged, differing = 0, {}
+    chances: dict[int, Chances] = {view: {} for view in small}
     for one, other, angle_deg in pairs:
         ways = ((small[one], small[other]), (small[other], small[one]))
-        telling = np.concatenate([compare_telling(*way, radius) for way in ways])
+        telling = np.concatenate([compare_telling(*way, radius, chances[a]) for way, a in zip(ways, (one, other), strict=True)])
         if len(telling) < LEAST_PATCHES:
             continue
         judged += 1

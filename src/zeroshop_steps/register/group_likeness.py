@@ -7,6 +7,7 @@ on it.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -70,22 +71,28 @@ class Likeness:
         return {name: round(value, 3) for name, value in asdict(self).items()}
 
 
-def compare_groups(views: Sequence[View], group: set[str]) -> Likeness:
+Chances = dict[tuple[int, int], float]
+"""Of the patches of one view by their places (row, column) in its small copy: see `measure_chance`."""
+
+
+def compare_groups(views: Sequence[View], group: set[str], chances: dict[Path, Chances] | None = None) -> Likeness:
     """Compare views of which one belongs to `group`, by names of images, and the other does not, and that look from similar directions.
 
     Args:
         views: of both groups, with masks, in one frame.
         group: names of the images of the one group.
+        chances: by pictures, what is known of the same views from other ways to lay the groups to each other; completed in place.
     """
+    chances = {} if chances is None else chances
     small, pairs, radius = make_small_views(views, LARGEST_DEG)
     scores, telling, compared = [np.zeros(0)], [np.zeros(0)], 0
     for one, other, _ in pairs:
         if (views[one].camera.name in group) != (views[other].camera.name in group):
-            ways = [(small[one], small[other], radius), (small[other], small[one], radius)]
-            found = [compare_in_place(*way) for way in ways]
+            ways = [(one, other), (other, one)]
+            found = [compare_in_place(small[a], small[b], radius) for a, b in ways]
             compared += any(len(part) for part in found)
             scores += found
-            telling += [compare_telling(*way) for way in ways]
+            telling += [compare_telling(small[a], small[b], radius, chances.setdefault(views[a].image_path, {})) for a, b in ways]
     every, sure = np.concatenate(scores), np.concatenate(telling)
     score = float(np.median(every)) if len(every) else 0.0
     return Likeness(compared, len(every), score, _share_unlike(every), len(sure), _share_unlike(sure))
@@ -95,13 +102,15 @@ def _share_unlike(scores: np.ndarray) -> float:
     return float((scores < UNLIKE_SCORE).mean()) if len(scores) else 0.0
 
 
-def compare_telling(one: SmallView, other: SmallView, radius: float) -> np.ndarray:
-    """(P,) scores of the patches that both see, and that tell places of the object apart."""
+def compare_telling(one: SmallView, other: SmallView, radius: float, chances: Chances) -> np.ndarray:
+    """(P,) scores of the patches that both see, and that tell places of the object apart; the one's chances are completed in place."""
     carried, seen = carry_in_place(one, other, radius)
     own = _find_whole(one.mask)
 
     def tells(patch: np.ndarray, row: int, column: int) -> bool:
-        return measure_chance(one.grey, own, patch, row, column) <= CHANCE
+        if (row, column) not in chances:
+            chances[row, column] = measure_chance(one.grey, own, patch, row, column)
+        return chances[row, column] <= CHANCE
 
     return compare_patches(one.grey, carried, own & _find_whole(seen), PATCH_PX, PLAY_PX, LEAST_CONTRAST, tells)
 
