@@ -211,15 +211,37 @@ def _find_front(camera: Camera, mask: np.ndarray, hull: np.ndarray, radius: floa
     world_from_camera = np.linalg.inv(camera.camera_from_world)
     per_length = VOXELS / (2 * radius)
     steps, start = per_length * rays @ world_from_camera[:3, :3].T, per_length * world_from_camera[:3, 3] + VOXELS / 2
-    solid = np.pad(hull, 1)  # so that what lies outside is empty
-    strides = np.array(solid.strides) // solid.itemsize
     middle = camera.camera_from_world[2, 3]
-    found, left = np.zeros(len(rows)), np.arange(len(rows))
-    for depth in np.linspace(middle - radius, middle + radius, 2 * VOXELS):
-        index = np.floor(np.clip(steps * depth + start, -1.0, VOXELS)).astype(np.int32) + 1
+    tried = np.linspace(middle - radius, middle + radius, 2 * VOXELS)
+    at, last = _find_depths_in_box(hull, steps, start, tried)
+    solid = np.pad(hull, 2)  # so that what lies outside is empty
+    strides = np.array(solid.strides) // solid.itemsize
+    found, left = np.zeros(len(rows)), np.flatnonzero(at <= last)
+    at, last, steps = at[left], last[left], steps[left]
+    while len(left):
+        depth = tried[at]
+        index = np.floor(steps * depth[:, None] + start).astype(np.int32) + 2
         hit = solid.ravel()[index @ strides]
-        found[left[hit]] = depth
-        left, steps = left[~hit], steps[~hit]
+        found[left[hit]] = depth[hit]
+        on = ~hit & (at < last)
+        at, last, steps, left = at[on] + 1, last[on], steps[on], left[on]
     depths = np.zeros(mask.shape)
     depths[rows, columns] = found
     return depths
+
+
+def _find_depths_in_box(hull: np.ndarray, steps: np.ndarray, start: np.ndarray, depths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) indices of the first and the last of sorted depths at which rays are in the box around the hull, or half a voxel beside it.
+
+    Args:
+        hull: (V, V, V) bool.
+        steps, start: (P, 3) and (3,): a ray is at `steps * depth + start`, in voxels.
+        depths: (D,); the last index is below the first where none is in the box.
+    """
+    if not hull.any():
+        return np.ones(len(steps), int), np.zeros(len(steps), int)
+    held = [np.flatnonzero(hull.any(axis=others)) for others in ((1, 2), (0, 2), (0, 1))]
+    sides = [np.array([along[0] - 0.5 for along in held]), np.array([along[-1] + 1.5 for along in held])]
+    ends = np.stack([(side - start) / np.where(steps == 0, 1e-12, steps) for side in sides])
+    first, last = ends.min(0).max(1), ends.max(0).min(1)
+    return np.searchsorted(depths, first), np.searchsorted(depths, last, "right") - 1
