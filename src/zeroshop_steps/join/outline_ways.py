@@ -18,6 +18,7 @@ from zeroshop_steps.register.group_similarity import (
 )
 
 AXES, ANGLES = 200, 24  # of the turns that are tried: 15 degrees apart
+AT_ONCE = 16  # of them: single ones take three times as long, and very many do not fit into the processor's cache
 COARSE_VIEWS, COARSE_RAYS, COARSE_POINTS, FARTHEST_PX = 8, 160, 6, 200.0  # of the thinned groups
 NEAR_DEG, TRIED = 20.0, 60  # best turns that are refined coarsely, so far from each other
 COARSE_STEP, COARSE_LOSS_PX, COARSE_EVALUATIONS = 1e-2, 5.0, 12
@@ -29,7 +30,8 @@ def find_ways_by_outlines(target: CameraGroup, source: CameraGroup) -> list[Hypo
     """The likeliest ways to lay the source to the target, the best first; each refined, and each a turn apart from the others."""
     few = _thin(target), _thin(source)
     turns = make_turns()
-    costs = np.array([measure_misses(*few, lay(*few, turn)).mean() for turn in turns])
+    parts = np.array_split(turns, -(-len(turns) // AT_ONCE))
+    costs = np.concatenate([measure_misses(*few, lay(*few, part)).mean(-1) for part in parts])
     starts = [lay(*few, turns[one]) for one in _choose_apart(turns, costs)]
     found = _refine_coarsely(few, starts)
     # What is nearly its own mirror image or half turn fits nearly as well so, however few of the turns above begin near it.

@@ -76,10 +76,10 @@ class CameraGroup:
         return least
 
     def measure_misses(self, other: "CameraGroup", other_from_this: np.ndarray) -> np.ndarray:
-        """(R,) by how much each ray of this group misses the masks of another."""
-        moved = self.points @ other_from_this[:3, :3].T + other_from_this[:3, 3]
-        best = np.maximum.reduceat(other.measure_inside(moved), self.starts)
-        return np.clip(-best, 0.0, other.most_px)
+        """(..., R) by how much each ray of this group misses the masks of another, by (..., 4, 4) ways to lay it there."""
+        moved = self.points @ np.swapaxes(other_from_this[..., :3, :3], -1, -2) + other_from_this[..., None, :3, 3]
+        inside = other.measure_inside(moved.reshape(-1, 3)).reshape(moved.shape[:-1])
+        return np.clip(-np.maximum.reduceat(inside, self.starts, axis=-1), 0.0, other.most_px)
 
     def thin(self, views: int, rays: int, points: int, most_px: float) -> "CameraGroup":
         """The same with fewer views that judge, rays that are judged, and points of each, for a first look.
@@ -126,9 +126,9 @@ def find_hypotheses(target: CameraGroup, source: CameraGroup) -> list[Hypothesis
 
 
 def measure_misses(target: CameraGroup, source: CameraGroup, target_from_source: np.ndarray) -> np.ndarray:
-    """(R,) by how much each ray of each group misses the masks of the other."""
+    """(..., R) by how much each ray of each group misses the masks of the other, by (..., 4, 4) ways to lay the source to the target."""
     back = np.linalg.inv(target_from_source)
-    return np.concatenate([source.measure_misses(target, target_from_source), target.measure_misses(source, back)])
+    return np.concatenate([source.measure_misses(target, target_from_source), target.measure_misses(source, back)], axis=-1)
 
 
 def refine(
@@ -178,11 +178,12 @@ def _lay_upright(target: CameraGroup, source: CameraGroup, turn: float) -> np.nd
 
 
 def lay(target: CameraGroup, source: CameraGroup, rotation: np.ndarray) -> np.ndarray:
-    """(4, 4) the similarity that lays centre on centre and size on size, turned by a (3, 3) rotation."""
+    """(..., 4, 4) the similarity that lays centre on centre and size on size, turned by (..., 3, 3) rotations."""
     scale = target.radius / source.radius
-    similarity = np.eye(4)
-    similarity[:3, :3] = scale * rotation
-    similarity[:3, 3] = target.centre - scale * rotation @ source.centre
+    similarity = np.zeros((*rotation.shape[:-2], 4, 4))
+    similarity[..., :3, :3] = scale * rotation
+    similarity[..., :3, 3] = target.centre - scale * rotation @ source.centre
+    similarity[..., 3, 3] = 1.0
     return similarity
 
 
