@@ -1,5 +1,7 @@
 """Plain hollows of vessels are opened where photos tell the inside, and nothing else is."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from helpers.shaded_vessel import (
     photograph,
     shaded,
 )
+from zeroshop_steps.finish import vessel
 from zeroshop_steps.finish.hollows import Hollow, open_hollow
 from zeroshop_steps.finish.underside import find_open_borders
 from zeroshop_steps.geometry.meshes import Mesh
@@ -30,6 +33,14 @@ NOTHING = np.zeros((0, 3))
 
 def opened_from(truth: Mesh, paint: Paint, mesh: Mesh, confirmed: np.ndarray = NOTHING) -> Hollow | None:
     return open_hollow(mesh, photograph(truth, paint), confirmed, UP)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_voxels() -> Iterator[None]:
+    """Voxels of 1.4 mm: the walls are 5 mm thick."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(vessel, "VOXELS", 64)
+        yield
 
 
 @pytest.fixture(scope="module")
