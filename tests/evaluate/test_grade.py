@@ -1,4 +1,5 @@
 import csv
+import functools
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -56,9 +57,11 @@ def bowl(tmp_path_factory) -> damage.Case:
 
 @pytest.fixture(scope="module", autouse=True)
 def fewer_samples():
+    """And larger voxels."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(surface_distance, "SAMPLES", 10_000)
         patch.setattr(photo_measures, "SAMPLES", 2000)
+        patch.setattr(damage, "fused", functools.partial(damage.fused, voxels=96))
         yield
 
 

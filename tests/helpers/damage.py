@@ -8,6 +8,7 @@ run here. As a command, on a finished cell:
 """
 
 import argparse
+import functools
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -205,14 +206,14 @@ def damages(case: Case) -> dict[str, tuple[tuple[float, ...], Callable[[float], 
 
         return make
 
-    whole = fused(case)
+    whole = functools.cache(lambda: fused(case))
     return {
         "camera noise, degrees": (CAMERA_NOISE_DEG, of_case(noisy_cameras)),
         "views kept of 20": (VIEWS_KEPT, of_case(fewer_views)),
         "photos taken of 20": (VIEWS_KEPT, of_case(fewer_photos)),
         "bite out of the masks": (MASK_ERRORS, of_case(bitten_masks)),
-        "cropped from the top": (CROPPED, lambda step: (case, cropped(whole, step))),
-        "smoothing steps": (SMOOTHING_STEPS, lambda step: (case, overly_smooth(whole, int(step)))),
+        "cropped from the top": (CROPPED, lambda step: (case, cropped(whole(), step))),
+        "smoothing steps": (SMOOTHING_STEPS, lambda step: (case, overly_smooth(whole(), int(step)))),
     }
 
 

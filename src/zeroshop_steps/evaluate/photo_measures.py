@@ -130,7 +130,7 @@ class _PhotoSamples:
 
 
 def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: Sequence[View], diameter: float) -> _PhotoSamples:
-    renderer = MeshRenderer(mesh)
+    renderer, corners, facing = MeshRenderer(mesh), mesh.vertices[mesh.faces[:, 0]], mesh.face_normals()
     shape = (*places.shape[:2], len(views))
     colors, on_object = np.empty((*shape, 3), np.float32), np.empty(shape, bool)
     weight, slope = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
@@ -140,7 +140,7 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
         if not mask.any():
             raise StepError(f"{view.mask_path}: the mask shows no object; make the mask again, or leave the photo out")
         iou.append(float((mask & hits.mask).sum() / (mask | hits.mask).sum()))
-        back_px, mesh_px = back_px + _count_back_pixels(mesh, hits, view), mesh_px + int(hits.mask.sum())
+        back_px, mesh_px = back_px + _count_back_pixels(corners, facing, hits, view), mesh_px + int(hits.mask.sum())
         maps = compute_view_maps(view, hits, diameter)
         pixels, depth = view.camera.project(places[0])
         towards = view.camera.centre_in_world - places[0]
@@ -160,10 +160,11 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
     return _PhotoSamples(colors, on_object, weight, slope, iou, back_px, mesh_px)
 
 
-def _count_back_pixels(mesh: Mesh, hits: RayHits, view: View) -> int:
-    towards = view.camera.centre_in_world - mesh.vertices[mesh.faces[:, 0]]
-    facing = np.einsum("ij,ij->i", mesh.face_normals(), towards)
-    return int((facing[hits.face[hits.mask]] < 0).sum())
+def _count_back_pixels(corners: np.ndarray, normals: np.ndarray, hits: RayHits, view: View) -> int:
+    """How many pixels show the back of their face, by (F, 3) one corner and the normal of each face."""
+    shown, count = np.unique(hits.face[hits.mask], return_counts=True)
+    towards = view.camera.centre_in_world - corners[shown]
+    return int(count[np.einsum("ij,ij->i", normals[shown], towards) < 0].sum())
 
 
 def _measure_slope(image: np.ndarray) -> np.ndarray:
