@@ -13,7 +13,7 @@ from zeroshop_steps.height import marker
 from zeroshop_steps.height.scene_photos import localize_photos
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
-from zeroshop_steps.synthetic.camera_rings import Rings
+from zeroshop_steps.synthetic import camera_rings
 from zeroshop_steps.synthetic.demo_objects import write_demo_object
 from zeroshop_steps.synthetic.raycast import capture
 
@@ -25,8 +25,8 @@ def run(stage: str, *words: object) -> int:
 
 
 def registered_ring(whole: Path, folder: Path) -> Path:
-    """The raised ring, the last ten views of a capture, with its true cameras, triangulated."""
-    names = [path.name for path in list_images(whole / "images")[-10:]]
+    """Eight of the ten views of a capture, with their true cameras, triangulated."""
+    names = [path.name for path in list_images(whole / "images")[-8:]]
     for part in ("images", "masks"):
         (folder / "ring" / part).mkdir(parents=True)
         for name in names:
@@ -39,8 +39,9 @@ def registered_ring(whole: Path, folder: Path) -> Path:
 
 @pytest.fixture(scope="module", autouse=True)
 def ground():
-    """A ground that is still finer than these photos show."""
-    with coarse_ground(2048):
+    """A ground that is still finer than these photos show, and the raised ring alone."""
+    with coarse_ground(2048), pytest.MonkeyPatch.context() as patch:
+        patch.setitem(camera_rings.ELEVATIONS_DEG, "su_h", (45.0,))
         yield
 
 
@@ -64,7 +65,7 @@ def beside(model, tmp_path_factory) -> Path:
 def apart(model, tmp_path_factory) -> tuple[Path, Path]:
     """Registered views of the carton without a board, and photos of the empty scene with it."""
     folder = tmp_path_factory.mktemp("apart")
-    capture(model, "su_h", 640, 480, 0, folder / "capture", rings=Rings(elevations_deg=(45.0,)))
+    capture(model, "su_h", 640, 480, 0, folder / "capture")
     words = ("--method", "board_scene", "--view", "empty", "--model", model, *SIZE, "--out", folder / "empty")
     assert run("synthetic", *words) == 0
     return registered_ring(folder / "capture", folder), folder / "empty"
