@@ -165,9 +165,11 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
 
 
 def find_failed_step(results: Path, since_s: float) -> str:
-    """The step that first left a record of failure below a folder since a time, in seconds as files have it; empty without any."""
-    found = sorted((path.stat().st_mtime, path) for path in results.rglob(IN_FOLDER))
-    failures = [read_failure(path.parent) for written_s, path in found if written_s >= since_s]
+    """The step that failed, by a record below a folder since a time, in seconds as files have it; empty without any.
+
+    Later steps pass the record on, so that each names the step that failed first.
+    """
+    failures = (read_failure(path.parent) for path in results.rglob(IN_FOLDER) if path.stat().st_mtime >= since_s)
     return next((failure.step for failure in failures if failure), "")
 
 

@@ -5,8 +5,7 @@ face topples on until it is stable (trimesh computes both). Real surfaces are ne
 faces, so placements that differ by a few degrees are one here.
 """
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -16,9 +15,6 @@ from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.solids import measure_solid
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.geometry.viewpoints import spread_over_sphere
-
-if TYPE_CHECKING:
-    import trimesh
 
 HULL_DIRECTIONS = 600  # in which a body's extreme points are taken for its convex hull
 SAME_DEG = 8.0  # placements whose planes differ by less are one: the flutes of a can, the dents of a base
@@ -68,53 +64,10 @@ def placements_of_hull(vertices: np.ndarray, centre: np.ndarray) -> list[Placeme
 
     outer = vertices[ConvexHull(vertices).vertices]
     hull = trimesh.convex.convex_hull(outermost_points(outer))
-    rotations, likely = find_rests(hull, centre)
-    merged = _merge(-rotations[:, 2], likely)  # the third row is the plane's normal in the object's frame
+    transforms, likely = trimesh.poses.compute_stable_poses(hull, center_mass=centre)
+    merged = _merge(-transforms[:, 2, :3], likely)  # the third row is the plane's normal in the object's frame
     total = sum(probability for _, probability in merged)
     return [_rest(down, probability / total, outer, centre) for down, probability in merged]
-
-
-def find_rests(hull: "trimesh.Trimesh", centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(S, 3, 3) rotations in which a convex hull with this (3,) centre of mass rests on a plane with normal z, and (S,) how likely each is.
-
-    As `trimesh.poses.compute_stable_poses`, without its offsets.
-    """
-    import trimesh
-
-    transforms, likely = trimesh.poses.compute_stable_poses(_Faces.of(hull.convex_hull), center_mass=centre)
-    return transforms[:, :3, :3], likely
-
-
-@dataclass(frozen=True)
-class _Faces:
-    """What trimesh asks of a convex hull, as plain arrays: a mesh is hashed at each look, and copied and moved for each offset."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    triangles: np.ndarray
-    triangles_center: np.ndarray
-    face_normals: np.ndarray
-    face_adjacency: np.ndarray
-    face_adjacency_edges: np.ndarray
-
-    @classmethod
-    def of(cls, hull: "trimesh.Trimesh") -> "_Faces":
-        return cls(*(np.array(getattr(hull, one.name)) for one in fields(cls)))
-
-    @property
-    def convex_hull(self) -> "_Faces":
-        return self
-
-    @property
-    def bounds(self) -> np.ndarray:
-        """None are known: they only give the offsets."""
-        return np.zeros((2, 3))
-
-    def copy(self) -> "_Faces":
-        return self
-
-    def apply_transform(self, transform: np.ndarray) -> None:
-        """Nothing moves."""
 
 
 def outermost_points(outer: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""COLMAP's database of features and matches, made only where there is room for it."""
+"""COLMAP's database of features and matches, made only where there is room for it, and its pairs of images."""
 
 from pathlib import Path
 
@@ -23,3 +23,9 @@ def create_database(path: Path, images: int) -> None:
     require_room(path.parent, images * IMAGE_BYTES, f"the features of {images} images")
     require_memory(MEMORY_BYTES, f"the features of {images} images")
     pycolmap.Database.open(path).close()
+
+
+def delete_pair(opened: pycolmap.Database, first: int, second: int) -> None:
+    """Delete all matches, and what was verified of them, of two images by their ids."""
+    opened.delete_matches(first, second)
+    opened.delete_two_view_geometry(first, second)

@@ -14,6 +14,7 @@ import pycolmap
 from scipy.spatial import Delaunay, QhullError
 
 from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.register.database import delete_pair
 from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.runtime.progress import track
 
@@ -50,8 +51,7 @@ def leave_out_unlike(database: Path, image_set: ImageSet) -> list[tuple[str, str
             scores = [part for part in (compare_between(*one, *other), compare_between(*other, *one)) if len(part) >= LEAST_PATCHES]
             if not scores or not _show_the_same(scores):
                 unlike.append((names[ends[0]], names[ends[1]]))
-                opened.delete_matches(*ends)
-                opened.delete_two_view_geometry(*ends)
+                delete_pair(opened, *ends)
     return sorted(unlike)
 
 

@@ -14,6 +14,7 @@ import pycolmap
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
+from zeroshop_steps.register.database import delete_pair
 from zeroshop_steps.register.sift import make_verification_options
 
 AGREES_DEG = 25.0
@@ -37,8 +38,7 @@ def leave_out_contradicting(database: Path, seed: int) -> list[tuple[str, str]]:
         rotations = _estimate_rotations(opened, seed)
         wrong = sorted(find_contradicting(rotations, seed))
         for first, second in wrong:
-            opened.delete_matches(first, second)
-            opened.delete_two_view_geometry(first, second)
+            delete_pair(opened, first, second)
     return [(names[first], names[second]) for first, second in wrong]
 
 

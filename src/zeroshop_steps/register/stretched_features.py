@@ -14,7 +14,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.images import read_image, write_image
-from zeroshop_steps.register.database import create_database
+from zeroshop_steps.register.database import create_database, delete_pair
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, match_features
 
@@ -113,8 +113,7 @@ def add_stretched_features(
         if among is not None:
             pairs = sorted(set(pairs) & {(min(pair), max(pair)) for pair in among})
         for first, second in pairs:
-            opened.delete_matches(images[first], images[second])
-            opened.delete_two_view_geometry(images[first], images[second])
+            delete_pair(opened, images[first], images[second])
     match_features(database, options, pairs)
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.register.database import delete_pair
+
 # Set on frames of a chewing gum bottle with two equal labels (docs/results.md).
 CELLS = 8  # along each side of a picture
 LEAST_CELLS = 12  # of all, with a match, in both pictures
@@ -34,8 +36,7 @@ def leave_out_narrow_pairs(database: Path) -> int:
             if len(geometry.inlier_matches) and min(covered) < LEAST_CELLS:
                 narrow.append(pair)
         for first, second in narrow:
-            opened.delete_matches(first, second)
-            opened.delete_two_view_geometry(first, second)
+            delete_pair(opened, first, second)
     return len(narrow)
 
 

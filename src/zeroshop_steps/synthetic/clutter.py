@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from zeroshop_steps.geometry.placements import find_rests, outermost_points
+from zeroshop_steps.geometry.placements import outermost_points
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 
@@ -41,8 +41,8 @@ def make_body(vertices: np.ndarray) -> RigidBody:
     """From (V, 3) vertices in mm."""
     outer = vertices[ConvexHull(vertices).vertices]
     hull = outermost_points(outer)
-    body = trimesh.convex.convex_hull(hull)
-    return RigidBody(hull, outer, *find_rests(body, body.center_mass))
+    transforms, likely = trimesh.poses.compute_stable_poses(trimesh.convex.convex_hull(hull))
+    return RigidBody(hull, outer, transforms[:, :3, :3], likely)
 
 
 def choose_rest(body: RigidBody, rng: np.random.Generator) -> np.ndarray:
