@@ -1,4 +1,8 @@
-"""PatchMatch on the processor's cores, which share the rows of a view. See patchmatch.py."""
+"""PatchMatch on the processor's cores, which share the rows of a view. See patchmatch.py.
+
+Numba infers the types of a parallel loop twice, with a signed and with an unsigned row. What is called gets a signed one: it is compiled
+once.
+"""
 
 import numba
 import numpy as np
@@ -55,7 +59,7 @@ def _initialize_planes(index, scene, planes, found, seed):
         space = (patch, weight, np.empty((count, PLACE_WIDTH)))
         for x in range(near.shape[1]):
             if far[y, x] > near[y, x]:
-                initialize_plane(index, scene, planes, found, seed, y, x, space)
+                initialize_plane(index, scene, planes, found, seed, np.int64(y), x, space)
 
 
 @numba.njit(cache=True, parallel=True)
@@ -68,7 +72,7 @@ def _recompute_costs(index, scene, planes, found):
         space = (patch, weight, np.empty((count, PLACE_WIDTH)))
         for x in range(near.shape[1]):
             if far[y, x] > near[y, x]:
-                recompute_cost(index, scene, planes, found, y, x, space)
+                recompute_cost(index, scene, planes, found, np.int64(y), x, space)
 
 
 @numba.njit(cache=True, parallel=True)
@@ -81,4 +85,4 @@ def _refine_planes(index, scene, planes, found, reach, parity, salt):
         space = (patch, weight, np.empty((count, PLACE_WIDTH)))
         for x in range((y + parity) % 2, near.shape[1], 2):
             if far[y, x] > near[y, x]:
-                propagate_and_refine(index, scene, planes, found, reach, salt, y, x, space)
+                propagate_and_refine(index, scene, planes, found, reach, salt, np.int64(y), x, space)

@@ -45,6 +45,9 @@ TRIALS = 5
 """Random planes tried at each pixel in each round."""
 SLOPE_MIN = 0.1
 """A neighbour's plane that is seen at a lower cosine, times the ray's length, is not taken over."""
+FIRST_DEPTH, FIRST_SLANT, FIRST_TURN, OTHER_DEPTH, TILT_X, TILT_Y, TILT_Z = map(np.uint64, range(1, 8))
+ANY_DEPTH, ANY_SLANT, ANY_TURN = map(np.uint64, range(8, 11))
+"""Which random number of a trial it is. Of integers of Python, Numba would compile `random_number` for each."""
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -68,8 +71,13 @@ def initialize_plane(index, scene, planes, found, seed, y, x, space):
     mean, variance = fill_reference_patch(index, scene, py, px, patch, weight)
     for k in range(INITIAL_PLANES):
         pixel, trial = y * 65536 + x, k + 1000 * index
-        z = near[y, x] + (far[y, x] - near[y, x]) * (real(k) + real(random_number(pixel, trial, seed, 1))) / real(INITIAL_PLANES)
-        nx, ny, nz = random_normal(dx, dy, real(random_number(pixel, trial, seed, 2)), real(random_number(pixel, trial, seed, 3)))
+        a, b, c = (
+            real(random_number(pixel, trial, seed, FIRST_DEPTH)),
+            real(random_number(pixel, trial, seed, FIRST_SLANT)),
+            real(random_number(pixel, trial, seed, FIRST_TURN)),
+        )
+        z = near[y, x] + (far[y, x] - near[y, x]) * (real(k) + a) / real(INITIAL_PLANES)
+        nx, ny, nz = random_normal(dx, dy, b, c)
         limit = real(cost[y, x]) if k else real(NO_LIMIT)
         value = plane_cost(
             index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, limit
@@ -86,13 +94,13 @@ def recompute_cost(index, scene, planes, found, y, x, space):
     found_depth, found_normal = found
     patch, weight, places = space
     row = scene[0][index]
+    real = type(row[0])
     dx, dy = ray_slopes(row, y, x)
     py, px = y * STRIDE_PX, x * STRIDE_PX
     mean, variance = fill_reference_patch(index, scene, py, px, patch, weight)
-    nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
-    limit = type(row[0])(NO_LIMIT)
+    z, nx, ny, nz = real(depth[y, x]), real(normal[y, x, 0]), real(normal[y, x, 1]), real(normal[y, x, 2])
     cost[y, x] = plane_cost(
-        index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, places, dx, dy, depth[y, x], nx, ny, nz, limit
+        index, scene, found_depth, found_normal, py, px, patch, weight, mean, variance, places, dx, dy, z, nx, ny, nz, real(NO_LIMIT)
     )
 
 
@@ -126,20 +134,25 @@ def propagate_and_refine(index, scene, planes, found, reach, salt, y, x, space):
             kind, pixel, trial = k - spreads, y * 65536 + x, k + 1000 * index
             t, tx, ty, tz = z, nx, ny, nz
             if kind in (0, 2, 3):
-                change = real(2) * real(random_number(pixel, trial, salt, 4)) - real(1)
+                change = real(2) * real(random_number(pixel, trial, salt, OTHER_DEPTH)) - real(1)
                 fine = real(REFINED_FINE) if kind == 3 else real(1)
                 t = z + (last - first) * real(REFINED_DEPTH) * reach * fine * change
             if kind in (1, 2):
                 half, tilt = real(0.5), real(REFINED_NORMAL) * reach
                 a, b, c = (
-                    real(random_number(pixel, trial, salt, 5)),
-                    real(random_number(pixel, trial, salt, 6)),
-                    real(random_number(pixel, trial, salt, 7)),
+                    real(random_number(pixel, trial, salt, TILT_X)),
+                    real(random_number(pixel, trial, salt, TILT_Y)),
+                    real(random_number(pixel, trial, salt, TILT_Z)),
                 )
                 tx, ty, tz = facing_normal(dx, dy, nx + tilt * (a - half), ny + tilt * (b - half), nz + tilt * (c - half))
             if kind == 4:
-                t = first + (last - first) * real(random_number(pixel, trial, salt, 8))
-                tx, ty, tz = random_normal(dx, dy, real(random_number(pixel, trial, salt, 9)), real(random_number(pixel, trial, salt, 10)))
+                a, b, c = (
+                    real(random_number(pixel, trial, salt, ANY_DEPTH)),
+                    real(random_number(pixel, trial, salt, ANY_SLANT)),
+                    real(random_number(pixel, trial, salt, ANY_TURN)),
+                )
+                t = first + (last - first) * a
+                tx, ty, tz = random_normal(dx, dy, b, c)
         same = abs(t - z) < real(SAME_PLANE) * (last - first) and tx * nx + ty * ny + tz * nz > real(1 - SAME_PLANE)
         if t < first or t > last or same:
             continue
