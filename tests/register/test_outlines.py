@@ -12,9 +12,18 @@ from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.register import outline_search
 from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.outline_coherence import measure_misses
+from zeroshop_steps.register.outline_coherence import measure_misses, try_places
 from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
-from zeroshop_steps.register.outline_search import ABOVE_DEG, ANYWHERE_DEG, Way, count_differing, prepare_outlines, search
+from zeroshop_steps.register.outline_search import (
+    ABOVE_DEG,
+    ANYWHERE_DEG,
+    GRID_DEG,
+    Way,
+    count_differing,
+    make_places,
+    prepare_outlines,
+    search,
+)
 from zeroshop_steps.register.outline_tangents import adjust_by_tangents
 from zeroshop_steps.register.outlines import LIKELY_PX, OutlineOptions, make_cameras, read_way, register
 from zeroshop_steps.register.record import RegistrationFailed
@@ -109,6 +118,16 @@ def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_pat
     assert len(error.names) == VIEWS and error.centre_mm.max() < 6.0, error
     assert error.focal_ratio == pytest.approx(1.0, abs=0.03)
     assert record["method"] == "outlines" and min(record["outlines"]["elsewhere_px"].values()) > 1.5
+
+
+def test_no_place_is_given_up_that_is_among_the_best(cameras_all_around, outlines_all_around):
+    views = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX).views
+    places, placed = make_places(ANYWHERE_DEG, GRID_DEG), np.arange(VIEWS - 1)
+    whole, laid = try_places(VIEWS - 1, places, views, 0.0, placed, outlines_all_around, 2, len(places))
+    costs, again = try_places(VIEWS - 1, places, views, 0.0, placed, outlines_all_around, 2, 5)
+    best = np.argsort(whole)[:5]
+    assert (costs <= whole).all() and (costs < whole).mean() > 0.5 and np.array_equal(laid, again)
+    assert np.array_equal(costs[best], whole[best]) and np.delete(costs, best).min() >= whole[best].max()
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ poses"). Images that figures are published of were not used.
 import numba
 import numpy as np
 
+from zeroshop_steps.geometry.cholesky import solve_by_cholesky
 from zeroshop_steps.pose.nearest_surface import NearestSurface
 
 NEAR_SHARE = 0.85  # of the points, the nearest, that a step uses; the others may belong to another object or to a wrong mask
@@ -136,7 +137,7 @@ def _move_pose(
                         square[i, j] += rows[point, i] * rows[point, j]
         for i in range(6):
             square[i, i] += DAMPING * square[i, i] + TINY_DAMPING
-        _solve_by_cholesky(square, right)
+        solve_by_cholesky(square, right)
         _apply_step(pose, right, middle)
 
 
@@ -197,26 +198,6 @@ def _apply_step(pose: np.ndarray, change: np.ndarray, middle: np.ndarray) -> Non
             cross = vector[after] * turned[last] - vector[last] * turned[after]
             moved = turned[row] + first * cross + second * (vector[row] * along - squared * turned[row])  # Rodrigues' formula
             pose[row, column] = moved + (middle[row] + change[3 + row] if column == 3 else 0.0)
-
-
-@numba.njit(cache=True, forceinline=True)
-def _solve_by_cholesky(square: np.ndarray, right: np.ndarray) -> None:
-    """Replace (n,) `right` by the solution of a positive definite (n, n) system, whose lower triangle is replaced by its factor."""
-    count = len(right)
-    for j in range(count):
-        for i in range(j, count):
-            value = square[i, j]
-            for k in range(j):
-                value -= square[i, k] * square[j, k]
-            square[i, j] = np.sqrt(value) if i == j else value / square[j, j]
-    for i in range(count):
-        for k in range(i):
-            right[i] -= square[i, k] * right[k]
-        right[i] /= square[i, i]
-    for i in range(count - 1, -1, -1):
-        for k in range(i + 1, count):
-            right[i] -= square[k, i] * right[k]
-        right[i] /= square[i, i]
 
 
 @numba.njit(cache=True, parallel=True)

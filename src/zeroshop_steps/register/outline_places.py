@@ -95,12 +95,11 @@ def _lay(
     `away_from`: (3,) direction from the object; places about there are left out.
     """
     places = make_places(ABOVE_RANGE_DEG if elevations_deg == ABOVE_DEG else ANYWHERE_RANGE_DEG, GRID_DEG)
-    costs, laid = try_places(number, places, way.views, way.log_focal, placed[placed != number], outlines, EVERY)
-    likeliest = np.argsort(costs, kind="stable")
     if away_from is not None:
-        elsewhere = (compute_looks(laid, 0.0) @ away_from) < np.cos(np.radians(SAME_DEG + GRID_DEG / 2))
-        likeliest = likeliest[elsewhere[likeliest]]
-    for place in likeliest[:FOLLOWED]:
+        places = places[compute_looks(places, 0.0) @ away_from < np.cos(np.radians(SAME_DEG + GRID_DEG / 2))]
+    others = placed[placed != number]
+    costs, laid = try_places(number, places, way.views, way.log_focal, others, outlines, EVERY, FOLLOWED)
+    for place in np.argsort(costs, kind="stable")[:FOLLOWED]:
         views = way.views.copy()
         views[number] = laid[place]
         for tolerance in (USUAL_TOLERANCE, NARROW):

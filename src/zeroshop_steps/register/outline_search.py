@@ -91,7 +91,7 @@ def search(outlines: Outlines, order: Sequence[int], elevations_deg: tuple[int, 
     for elevation in np.unique(places[:, 1]):
         first = Way(np.zeros((len(order), SIZE)), 0.0)
         first.views[order[0], 1] = elevation
-        costs, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY)
+        costs, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY, len(places))
         for cost, view in zip(costs, laid, strict=True):
             pairs.append((cost, Way(first.views.copy(), 0.0)))
             pairs[-1][1].views[order[1]] = view
@@ -114,7 +114,7 @@ def _add_view(ways: list[Way], placed: np.ndarray, places: np.ndarray, outlines:
     """All ways with one view more, the last of `placed`."""
     number, found = placed[-1], []
     for way in ways:
-        costs, laid = try_places(number, places, way.views, way.log_focal, placed[:-1], outlines, EVERY)
+        costs, laid = try_places(number, places, way.views, way.log_focal, placed[:-1], outlines, EVERY, BRANCHES)
         for place in np.argsort(costs, kind="stable")[:BRANCHES]:
             views = way.views.copy()
             views[number] = laid[place]

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from zeroshop_steps.geometry.cholesky import solve_by_cholesky
+
 SIZE = 6  # numbers of a view
 USUAL = np.array([np.inf, np.inf, 0.05, 0.2, 0.2, 0.12])
 """What views usually differ by from upright ones at one distance: radians, shares of the object's radius, and a logarithm."""
@@ -67,8 +69,8 @@ def pose_view(view, log_focal, middle, pose):
 
 
 @numba.njit(cache=True, fastmath=True, forceinline=True)
-def compare_tangents(pose, corners, count, other_pose, other_corners, other_count, narrower, found):
-    """Where the two planes through both centres that touch the other outline lie in this picture, beside its own outline.
+def compare_tangents(one, pose, other, other_pose, outlines, narrower, found):
+    """Where the two planes through both centres that touch the other outline lie in one picture, beside its own outline.
 
     Fills (2, 4) `found`, for either side: by how much the outline reaches beyond the plane, the plane's normal (2), and how far the
     outline reaches along it. Returns whether there are such planes.
@@ -89,8 +91,8 @@ def compare_tangents(pose, corners, count, other_pose, other_corners, other_coun
     a0, a1, a2 = r[0] * p0 + r[1] * p1 + r[2] * p2, r[3] * p0 + r[4] * p1 + r[5] * p2, r[6] * p0 + r[7] * p1 + r[8] * p2
     e0, e1, e2 = r[0] * q0 + r[1] * q1 + r[2] * q2, r[3] * q0 + r[4] * q1 + r[5] * q2, r[6] * q0 + r[7] * q1 + r[8] * q2
     high, low = -1e9, 1e9
-    for v in range(other_count):
-        x, y = other_corners[v, 0] * narrower, other_corners[v, 1] * narrower
+    for v in range(outlines.counts[other]):
+        x, y = outlines.corners[other, v, 0] * narrower, outlines.corners[other, v, 1] * narrower
         cosine = a0 * x + a1 * y + a2
         if cosine < LEAST_COSINE:
             return False
@@ -109,8 +111,8 @@ def compare_tangents(pose, corners, count, other_pose, other_corners, other_coun
             return False
         m0, m1, m2 = m0 / length, m1 / length, m2 / length
         reach = -1e9
-        for v in range(count):
-            reach = max(reach, m0 * corners[v, 0] + m1 * corners[v, 1])
+        for v in range(outlines.counts[one]):
+            reach = max(reach, m0 * outlines.corners[one, v, 0] + m1 * outlines.corners[one, v, 1])
         reach *= narrower
         found[side, 0], found[side, 1], found[side, 2], found[side, 3] = reach + m2, m0, m1, reach
     return True
@@ -144,10 +146,7 @@ def shift_view(view, log_focal, number, placed, poses, outlines, tolerance, pose
     a00 = a01 = a02 = a11 = a12 = a22 = g0 = g1 = g2 = cost = 0.0
     unit = 1.0 / (outlines.size * tolerance)
     for other in placed:
-        if not compare_tangents(
-            pose, outlines.corners[number], outlines.counts[number], poses[other], outlines.corners[other], outlines.counts[other],
-            narrower, found,
-        ):  # fmt: skip
+        if not compare_tangents(number, pose, other, poses[other], outlines, narrower, found):
             cost += 2 * NO_TANGENT
             continue
         for side in range(2):
@@ -189,10 +188,7 @@ def _measure_tangents(views, log_focal, placed, outlines, tolerance):
         for other in placed:
             if one == other:
                 continue
-            if compare_tangents(
-                poses[one], outlines.corners[one], outlines.counts[one], poses[other], outlines.corners[other], outlines.counts[other],
-                narrower, found,
-            ):  # fmt: skip
+            if compare_tangents(one, poses[one], other, poses[other], outlines, narrower, found):
                 for side in range(2):
                     r = found[side, 0] * unit
                     cost += r * r / (1.0 + r * r)
@@ -224,21 +220,22 @@ def _linearize_tangents(views, log_focal, placed, outlines, tolerance, free_foca
         one = placed[i]
         for j in range(count):
             other = placed[j]
-            if i == j or not (free_focal or free[i] or free[j]) or not compare_tangents(
-                moved[i, 0], outlines.corners[one], outlines.counts[one], moved[j, 0], outlines.corners[other], outlines.counts[other],
-                narrower, here,
-            ):  # fmt: skip
+            if i == j or not (free_focal or free[i] or free[j]):
+                continue
+            if not compare_tangents(one, moved[i, 0], other, moved[j, 0], outlines, narrower, here):
                 continue
             good = True
             for a in range(13):
+                if not (free_focal if a == 12 else (free[i] if a < SIZE else free[j])):
+                    jacobian[0, a] = jacobian[1, a] = 0.0  # what is not free does not move
+                    columns[a] = last
+                    continue
                 first = 1 + a if a < SIZE else (SIZE + 1 if a == 12 else 0)
                 second = a - 5 if SIZE <= a < 12 else (SIZE + 1 if a == 12 else 0)
                 step = FOCAL_STEP if a == 12 else STEPS[a % SIZE]
                 columns[a] = last if a == 12 else (SIZE * i + a if a < SIZE else SIZE * j + a - SIZE)
-                good = good and compare_tangents(
-                    moved[i, first], outlines.corners[one], outlines.counts[one], moved[j, second], outlines.corners[other],
-                    outlines.counts[other], narrower * np.exp(-FOCAL_STEP) if a == 12 else narrower, there,
-                )  # fmt: skip
+                narrowed = narrower * np.exp(-FOCAL_STEP) if a == 12 else narrower
+                good = good and compare_tangents(one, moved[i, first], other, moved[j, second], outlines, narrowed, there)
                 for side in range(2):
                     jacobian[side, a] = (there[side, 0] - here[side, 0]) / step * unit
             if not good:
@@ -283,7 +280,8 @@ def adjust_by_tangents(views, log_focal, placed, outlines, tolerance, rounds, fr
             damped = hessian.copy()
             for a in range(size):
                 damped[a, a] += damping * hessian[a, a] + 1e-7 * mean
-            step = np.linalg.solve(damped, gradient)
+            step = gradient.copy()
+            solve_by_cholesky(damped, step)
             trial = views.copy()
             for a in range(SIZE * len(placed)):
                 trial[placed[a // SIZE], a % SIZE] -= step[a]
