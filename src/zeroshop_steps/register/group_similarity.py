@@ -5,7 +5,7 @@ up, as cameras are held upright; only the turn about it is open. Many turns are 
 through the masks of the other, somewhere within the one group's own visual hull. The best turns are refined with all seven freedoms.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,11 +149,20 @@ def refine(
         evaluations: at most so many steps.
     """
 
-    def residuals(change: np.ndarray) -> np.ndarray:
-        return measure_misses(target, source, move_similarity(start, change, target.centre, target.radius))
+    def moved(change: np.ndarray) -> np.ndarray:
+        return move_similarity(start, change, target.centre, target.radius)
 
-    fit = least_squares(residuals, np.zeros(7), diff_step=step, loss="soft_l1", f_scale=loss_px, max_nfev=evaluations)
-    refined = move_similarity(start, fit.x, target.centre, target.radius)
+    def residuals(change: np.ndarray) -> np.ndarray:
+        return measure_misses(target, source, moved(change))
+
+    # For the derivatives, all changes in one call: a call takes longer than what it works out for one.
+    def residuals_at_once(_: Callable, changes: Iterable[np.ndarray]) -> np.ndarray:
+        return measure_misses(target, source, np.array([moved(change) for change in changes]))
+
+    fit = least_squares(
+        residuals, np.zeros(7), diff_step=step, loss="soft_l1", f_scale=loss_px, max_nfev=evaluations, workers=residuals_at_once
+    )
+    refined = moved(fit.x)
     return Hypothesis(refined, float(measure_misses(target, source, refined).mean()))
 
 
