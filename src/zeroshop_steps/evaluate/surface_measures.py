@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.finish.clean import label_parts
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.meshes import Mesh, diameter_of, number_edges
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, sample_surface
@@ -42,8 +42,8 @@ def measure_open_boundary(mesh: Mesh, cameras: Sequence[Camera], support_z: floa
     """
     joined, _ = weld(mesh)
     edges = np.sort(joined.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    unique, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
-    ends, faces = joined.vertices[unique[count == 1]], first[count == 1] // 3
+    _, first, count = np.unique(number_edges(edges), return_index=True, return_counts=True)
+    ends, faces = joined.vertices[edges[first[count == 1]]], first[count == 1] // 3
     diameter = diameter_of(joined)
     points = (1 - INWARDS) * ends.mean(1) + INWARDS * joined.vertices[joined.faces[faces]].mean(1)
     counts = count_seeing_views(points, joined.face_normals()[faces], joined, list(cameras), support_z) >= SEEN_BY

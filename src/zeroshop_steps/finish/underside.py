@@ -12,7 +12,7 @@ from typing import Any
 import manifold3d
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh, number_edges
 
 STATES = ("closed", "open")
 # Lengths in diagonals of the object's bounding box.
@@ -103,8 +103,7 @@ def find_open_borders(faces: np.ndarray) -> list[np.ndarray]:
     At every vertex as many such edges end as begin, so all of them belong to chains. No chain passes a vertex twice.
     """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    _, index = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    index = index.reshape(-1)
+    _, index = np.unique(number_edges(edges), return_inverse=True)
     forward = edges[:, 0] < edges[:, 1]
     balance = np.bincount(index, np.where(forward, 1, -1))[index]
     single = (balance != 0) & (forward == (balance > 0))

@@ -274,6 +274,11 @@ def find_texture(path: Path) -> Path | None:
     return path.parent / name
 
 
+def number_edges(edges: np.ndarray) -> np.ndarray:
+    """(E,) numbers of (E, 2) edges in the order of their vertices, in either direction: `np.unique` is slow with rows."""
+    return edges.min(1).astype(np.int64) * (int(edges.max(initial=0)) + 1) + edges.max(1)
+
+
 def diameter_of(mesh: Mesh) -> float:
     """Diagonal of the bounding box, in the mesh's unit: the length that relative measures refer to.
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh, number_edges
 from zeroshop_steps.runtime.errors import StepError
 
 TO_CLOSE = "The underside and all holes are closed by default; finish: {underside: closed, holes: closed} in the config does it"
@@ -33,9 +33,9 @@ def count_open_edges(mesh: Mesh) -> int:
     """How many edges belong to an odd number of faces; vertices at one position are one, since a texture seam splits them."""
     _, position = np.unique(mesh.vertices, axis=0, return_inverse=True)
     corners = position.reshape(-1)[mesh.faces]
-    edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), 1)
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]]
-    _, count = np.unique(edges, axis=0, return_counts=True)
+    _, count = np.unique(number_edges(edges), return_counts=True)
     return int((count % 2 == 1).sum())
 
 
