@@ -9,6 +9,7 @@ from helpers.small_saliency import write_network
 from zeroshop_steps.evaluate.mask_error import undistort_mask
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
 from zeroshop_steps.register.image_set import read_masks
@@ -136,6 +137,33 @@ def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
     assert compute_overlap(seen, undistort_mask(taken[3], LENS)) > 0.97 > compute_overlap(seen, taken[3])
     with pytest.raises(StepError, match="missing.onnx does not exist"):
         auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "missing.onnx")]))
+
+
+def test_outlines_are_tried_with_the_masks_of_a_network_which_looks_once(tmp_path, monkeypatch):
+    write_ball_scene(tmp_path / "capture")
+    write_network(tmp_path / "saliency.onnx")
+    for name in (auto.EXTRACTOR, auto.MATCHER):
+        (tmp_path / name).touch()
+    looked, taken = [], []
+    find_maps = SalientObjectNetwork.find_maps
+    monkeypatch.setattr(SalientObjectNetwork, "find_maps", lambda *asked: looked.append(asked) or find_maps(*asked))
+
+    def register_ball(image_set, folder, options):
+        taken.extend(read_masks(image_set).values())
+        write_cameras(folder / "sparse", list(ball_cameras()))
+        return succeed(folder) | {"lens": LENS}
+
+    monkeypatch.setattr(auto.colmap, "register", lambda image_set, folder, options: fail(3)(folder))
+    monkeypatch.setattr(auto.aliked, "register", lambda image_set, folder, options, prepare: fail(5)(folder))
+    monkeypatch.setattr(auto.outlines, "register", register_ball)
+    monkeypatch.setattr(auto, "write_registration", lambda out, run: records.append(run(out)))
+    parser, records = argparse.ArgumentParser(), []
+    auto.add_arguments(parser)
+    words = ["--capture", tmp_path / "capture", "--scene", "video", "--out", tmp_path / "cameras", "--weights", tmp_path]
+    (tmp_path / "cameras").mkdir()
+    auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "saliency.onnx")]))
+    assert len(looked) == 1 and set(records[0]["tried"]) == {"colmap", "aliked"} and records[0]["masks_by"] == "saliency.onnx"
+    assert [round(compute_overlap(mask, ball_mask(camera)), 1) for mask, camera in zip(taken, ball_cameras(), strict=True)] == [1.0] * 12
 
 
 def test_without_masks_and_network_the_reason_says_what_would_help(tmp_path):

@@ -6,7 +6,7 @@ What SIFT registers keeps the cameras, the bytes and the seconds that `colmap` g
 is tried, too. Learned features are tried only with masks, which check their cameras: on whole photos of plain tables they match other
 sides and other things too readily. Photos without masks get them by a salient-object network, if one is named; then SIFT's cameras, too,
 are checked by such masks where few points hold them. Without a network, what contrasts with a plain ground gives the masks for learned
-features. Outlines alone are tried with given masks only: found ones are too rough for them.
+features. Outlines alone are tried with given masks and with a network's; those by contrast are too rough for them.
 """
 
 import argparse
@@ -56,6 +56,7 @@ def run(args: argparse.Namespace) -> None:
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
     network = None if image_set.masks is not None else found_masks.load_network(args)
+    finder = found_masks.Remembering(network or GroundContrast())
 
     def register_scene(folder: Path) -> dict[str, Any]:
         record = colmap.register(image_set, folder, colmap.read_options(args))
@@ -70,13 +71,22 @@ def run(args: argparse.Namespace) -> None:
             if image_set.masks is not None:
                 return aliked.register(image_set, folder, learned, prepare)
             return found_masks.register_by_found_masks(
-                folder, image_set, network or GroundContrast(), lambda masked: aliked.register(masked, folder, learned, prepare)
+                folder, image_set, finder, lambda masked: aliked.register(masked, folder, learned, prepare)
             )
 
         attempts["aliked"] = register_object
-    if image_set.masks is not None:
+    if image_set.masks is not None or network:
         scene = colmap.read_options(args)
-        attempts["outlines"] = lambda folder: outlines.register(image_set, folder, outlines.OutlineOptions(scene.sift, scene.structure))
+        by_outlines = outlines.OutlineOptions(scene.sift, scene.structure)
+
+        def register_outlines(folder: Path) -> dict[str, Any]:
+            if image_set.masks is not None:
+                return outlines.register(image_set, folder, by_outlines)
+            return found_masks.register_by_found_masks(
+                folder, image_set, finder, lambda masked: outlines.register(masked, folder, by_outlines)
+            )
+
+        attempts["outlines"] = register_outlines
     write_registration(
         args.out, lambda folder: register(folder, attempts, _advise(there, image_set.masks is not None or network is not None))
     )

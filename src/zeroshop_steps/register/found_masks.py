@@ -54,6 +54,30 @@ def load_network(args: argparse.Namespace) -> SalientObjectNetwork | None:
     return SalientObjectNetwork(args.saliency_weights, args.saliency_mean, args.saliency_deviation)
 
 
+class Remembering:
+    """A finder that looks at the same photos once."""
+
+    def __init__(self, finder: ObjectFinder) -> None:
+        self._finder = finder
+        self._maps: dict[tuple[tuple[Path, ...], int], list[np.ndarray]] = {}
+
+    @property
+    def name(self) -> str:
+        """As the finder's."""
+        return self._finder.name
+
+    def describe(self) -> dict[str, Any]:
+        """As the finder does."""
+        return self._finder.describe()
+
+    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
+        """As the finder does."""
+        key = (tuple(paths), width_px)
+        if key not in self._maps:
+            self._maps[key] = self._finder.find_maps(paths, width_px)
+        return self._maps[key]
+
+
 def register_by_found_masks(
     folder: Path, image_set: ImageSet, finder: ObjectFinder, register: Callable[[ImageSet], dict[str, Any]]
 ) -> dict[str, Any]:

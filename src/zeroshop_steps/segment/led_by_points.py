@@ -19,11 +19,19 @@ MOST_DROPPED = 0.1  # share of the masks that may be bad where the colours gave 
 
 @dataclass(frozen=True)
 class Found:
-    """Masks of all views, (H, W) bool of the images' sizes, their record, and the plane, the middle and the place of what they show."""
+    """Masks of all views, and where what they show stands.
+
+    Attributes:
+        masks: (H, W) bool of the images' sizes.
+        record: of their quality.
+        support: the plane, and `plain`: whether its surface has but one colour.
+        middle, selection: of what stands on it.
+    """
 
     masks: list[np.ndarray]
     record: dict[str, Any]
     support: SceneSupport
+    plain: bool
     middle: np.ndarray
     selection: ObjectSelection
 

@@ -25,6 +25,7 @@ from zeroshop_steps.segment.led_by_points import Found, find_with_points
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, check_points_covered, compare_with_hull, describe_quality
 from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection, select_object
+from zeroshop_steps.segment.own_outlines import find_whole
 from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
 from zeroshop_steps.segment.plane_search import has_settled, propose_supports, settle_support
 from zeroshop_steps.segment.point_silhouettes import find_point_silhouettes
@@ -97,6 +98,8 @@ def find_masks(
 
         try:
             found, weighed = find_with_points(views, model, find_cluster(model, support), find) if prior is None else (find(prior), prior)
+            if prior is None and found.plain:
+                found, weighed = find_whole(views, found, weighed, find)
         except StepError as error:
             failure, guessed = failure or error, guessed and not fitted
             continue
@@ -233,7 +236,7 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
     }
     masks = [lay_back(*parts) for parts in zip(tidied, scene.windows, scene.views, strict=True)]
     middle = selection.grid.centres(np.argwhere(refined.occupied)).mean(0)
-    return Found(masks, record, support, middle, selection)
+    return Found(masks, record, support, scene.plain is not None, middle, selection)
 
 
 def _find_on_plane(
