@@ -175,17 +175,30 @@ def test_an_unknown_scale_is_kept_as_it_is(carton, scene, tmp_path):
     assert np.linalg.det(np.array(frame["object_from_registration"])) == pytest.approx(1.0)
 
 
+def turn_a_quarter(view, sign=1):
+    camera = view.camera
+    quarter = np.array([[0.0, -sign, 0, 0], [sign, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    return replace(
+        view,
+        camera=replace(camera, width_px=camera.height_px, height_px=camera.width_px, camera_from_world=quarter @ camera.camera_from_world),
+    )
+
+
 def test_photos_that_are_stored_on_their_side_do_not_tip_up_over(scene):
-    mesh, views, _ = scene
-    turned = []
-    for number, view in enumerate(views):
-        camera = view.camera
-        if number % 3 == 0:
-            quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-            camera = replace(
-                camera, width_px=camera.height_px, height_px=camera.width_px, camera_from_world=quarter @ camera.camera_from_world
-            )
-        turned.append(replace(view, camera=camera))
+    _, views, _ = scene
+    turned = [turn_a_quarter(view) if number % 3 == 0 else view for number, view in enumerate(views)]
     assert views[0].camera.width_px != views[0].camera.height_px
     up, certainty = estimate_up_from_roll(turned)
     assert up[2] > 0.9999 and certainty > 0.5
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("elevation_deg", [10.0, 30.0, 60.0])
+@pytest.mark.parametrize("arc_deg", [210.0, 360.0])
+def test_all_photos_may_be_stored_on_their_side_and_none_are_where_they_are_held_level(scene, arc_deg, elevation_deg, sign):
+    _, views, _ = scene
+    azimuths_deg = np.linspace(0.0, arc_deg, 12, endpoint=False)
+    held = [replace(views[0], camera=camera_at(f"{k:06d}.png", azimuth, elevation_deg)) for k, azimuth in enumerate(azimuths_deg)]
+    for photos in (held, [turn_a_quarter(view, sign) for view in held]):
+        up, certainty = estimate_up_from_roll(photos)
+        assert up[2] > 0.9999 and certainty > 0.4

@@ -19,6 +19,9 @@ SUNK_SHARE, LOWEST_SHARE = 0.02, 0.01  # of the vertices; fewer are spikes, whic
 CAMERAS_ABOVE_SHARE = 0.8  # of the cameras at least are above the support; some may be registered wrongly
 MAX_ROLL_ANGLE_DEG = 60.0  # between the plane's normal and the cameras' up, where that is well defined
 MIN_CERTAINTY = 0.2  # of the up from roll; below, the cameras' x axes nearly agree and leave it open
+MOST_TILT = 0.03  # mean square of the sine of the angle by which photos that are held level lean to a side: 10 degrees
+LEAST_TURN = 0.1  # mean square of their horizontal axes along the second direction, where the cameras go around the object
+UPRIGHT_RATIO = 1.5  # of the lengths of the means of the upright axes and the others, at least
 MIN_INLIERS = 30  # fewer points are a plane by chance
 FEW_INLIERS, LEVEL_DEG = 200, 10.0
 """A plane of fewer points than this that is not level is chance: points of other things on a plain table. Print has a thousand; photos that
@@ -148,7 +151,7 @@ def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     """Estimate up from how the photos were held: as the axis most orthogonal to all cameras' x axes, on the side of their mean -y axis.
 
     Where photos are portrait and landscape mixed, the more frequent of the two counts: the others may be stored on their side, without
-    a word of it in EXIF.
+    a word of it in EXIF. All may be: then up is most orthogonal to their y axes, on the side from which they look.
 
     Returns:
         up: (3,) unit vector in the registration's frame.
@@ -157,13 +160,22 @@ def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     upright = np.array([view.camera.height_px > view.camera.width_px for view in views])
     usual = upright == (upright.mean() > 0.5)
     rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])[usual]
-    values, vectors = np.linalg.eigh(np.einsum("ni,nj->ij", rotations[:, 0], rotations[:, 0]) / len(rotations))
+    values, up, certainty = _find_most_orthogonal(rotations[:, 0])
     mean_up = -rotations[:, 1].mean(0)
-    up = vectors[:, 0] * (1.0 if vectors[:, 0] @ mean_up >= 0 else -1.0)
-    certainty = float((values[1] - values[0]) / max(values[1] + values[0], 1e-12))
+    agreeing = [float(np.linalg.norm(rotations[:, row].mean(0))) for row in (0, 1)]  # upright axes agree, but others may on short arcs
+    if certainty < MIN_CERTAINTY or values[0] > MOST_TILT or agreeing[0] > UPRIGHT_RATIO * agreeing[1]:
+        turned_values, turned_up, turned_certainty = _find_most_orthogonal(rotations[:, 1])
+        if turned_values[0] < min(MOST_TILT, values[0]) and turned_values[1] > LEAST_TURN and turned_certainty > MIN_CERTAINTY:
+            return turned_up * (1.0 if turned_up @ rotations[:, 2].mean(0) <= 0 else -1.0), turned_certainty
     if certainty < MIN_CERTAINTY:  # the mean y axis is the better estimate
-        up = mean_up / max(np.linalg.norm(mean_up), 1e-12)
-    return up, certainty
+        return mean_up / max(np.linalg.norm(mean_up), 1e-12), certainty
+    return up * (1.0 if up @ mean_up >= 0 else -1.0), certainty
+
+
+def _find_most_orthogonal(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Ascending mean squares of (N, 3) unit axes along their principal directions, the first of these, and how surely it is the first."""
+    values, vectors = np.linalg.eigh(np.einsum("ni,nj->ij", axes, axes) / len(axes))
+    return values, vectors[:, 0], float((values[1] - values[0]) / max(values[1] + values[0], 1e-12))
 
 
 def _orient(normal: np.ndarray, offset: float, point: np.ndarray) -> tuple[np.ndarray, float]:
