@@ -51,3 +51,19 @@ def test_two_objects_are_refused():
 def test_parts_close_together_are_one_object():
     middle, width = extent(select_object(SUPPORT, CAMERAS, blocks((6, 0, 3, 8), (-6, 0, 3, 8))))
     assert abs(middle[0]) < 1.5 and width.max() > 14
+
+
+def test_what_the_photos_cut_off_is_not_meant_where_they_show_another_thing_whole():
+    front = [-2, -1, 0, 1, 2]  # from there, the second box stands behind the first
+    evidence = blocks((14, 0, 5, 10), (-12, 0, 6, 14))
+    with pytest.raises(StepError, match="2 objects stand equally near"):
+        select_object(SUPPORT, [CAMERAS[index] for index in front], [evidence[index] for index in front])
+    lower = [CAMERAS[index].cropped(0, 45, 160, 75) for index in front]
+    middle, _ = extent(select_object(SUPPORT, lower, [evidence[index][45:] for index in front]))
+    assert np.abs(middle - [14, 0]).max() < 1.5
+
+
+def test_the_thing_in_the_middle_is_meant_though_the_photos_cut_it_off():
+    close = [camera.cropped(60, 40, 40, 40) for camera in CAMERAS]
+    middle, _ = extent(select_object(SUPPORT, close, [odds[40:80, 60:100] for odds in blocks((1, 0, 9, 20), (24, 5, 4, 10))]))
+    assert np.abs(middle - [1, 0]).max() < 3

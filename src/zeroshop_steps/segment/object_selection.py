@@ -27,6 +27,7 @@ RIVAL_NEAR = 1.6
 LOOKED_AT_VOXELS = 1.5  # a cluster this close to the focus is what the cameras look at, and has no rivals
 PART_GAP_VOXELS = 6
 """Clusters that are closer to each other, with the cameras looking between them, are parts of one object."""
+OUTSIDE_SHARE = 0.1  # of a cluster's voxels; where more lie outside of the median photo, the photos cut it off
 FINE_VOXELS = 96  # along the longest edge of the block around the selected object
 MARGIN = 0.12  # of that block around the cluster, as a share of the cluster's size
 
@@ -118,13 +119,40 @@ def select_object(
     places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names.tolist()}
     # The nearest edge counts most, because a large object may stand off the middle; then the mean.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
-    chosen = min(names.tolist(), key=lambda name: (away[name], name))
-    parts = _join_near(chosen, places) if risen is not None else _join_parts(chosen, names, places, away, sizes)
+    cut_off = _find_cut_off(grid, labels, names, cameras)
+    chosen = _choose(names, away, sizes, cut_off)
+    if chosen not in cut_off:
+        places = {name: place for name, place in places.items() if name not in cut_off}
+    parts = _join_near(chosen, places) if risen is not None else _join_parts(chosen, np.array(list(places)), places, away, sizes)
     own = np.isin(labels, parts)
     others = (labels > 0) & ~own
     if images is not None:
         own = grow_beyond_ground(grid, own, others, BELOW_VOXELS, cameras, images, evidence, SURE_ODDS)
     return _cut_fine_grid(grid, own, others & ~own, count)
+
+
+def _find_cut_off(grid: VoxelGrid, labels: np.ndarray, names: np.ndarray, cameras: list[Camera]) -> set[int]:
+    """The clusters of which a part lies outside of most photos: the room behind, or another thing at the photos' borders."""
+    found = set()
+    for name in names.tolist():
+        points = grid.centres(np.argwhere(labels == name))
+        outside = [1 - camera.find_pixels(points)[3].mean() for camera in cameras]
+        if np.median(outside) > OUTSIDE_SHARE:
+            found.add(name)
+    return found
+
+
+def _choose(names: np.ndarray, away: dict[int, float], sizes: np.ndarray, cut_off: set[int]) -> int:
+    """The cluster nearest to the focus; where the photos cut it off, one that is about as near and large, and that they show whole."""
+    nearest = min(names.tolist(), key=lambda name: (away[name], name))
+    if nearest not in cut_off:
+        return int(nearest)
+    whole = [
+        name
+        for name in names.tolist()
+        if name not in cut_off and away[name] < RIVAL_NEAR * away[nearest] and sizes[name - 1] > RIVAL_SHARE * sizes[nearest - 1]
+    ]
+    return int(min(whole, key=lambda name: (away[name], name), default=nearest))
 
 
 def _join_parts(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray) -> list[int]:
