@@ -1,6 +1,7 @@
 """Photos of several sizes, orientations and lenses in one capture."""
 
 import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from zeroshop_steps.register.consistency import ConsistencyLimits, find_first_fa
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.lenses import group_by_lens, import_images, read_cropped_focal_px
 from zeroshop_steps.register.pair_support import PairSupport
+from zeroshop_steps.register.record import name_missing
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -131,3 +133,14 @@ def test_turned_and_reduced_photos_are_registered_as_well(carton_capture, tmp_pa
     assert len(pairs) == 10 and error_mm.mean() < 1.0
     record = read_json(out / "registration.json")
     assert record["lens"] is None and record["lenses"]["000000"]["width_px"] == 360
+
+
+@pytest.mark.parametrize(("missing", "hinted"), [(range(8), True), (range(12, 20), True), (range(6, 14), False), (range(7), False)])
+def test_photos_of_another_position_are_taken_as_a_second_pass(missing, hinted):
+    paths = tuple(Path(f"{index:06d}.jpg") for index in range(20))
+    image_set = ImageSet(paths, None, ((640, 480),) * 20, tuple(f"IMG_{index}.JPG" for index in range(20)))
+    figures = {}
+    name_missing(figures, image_set, {path.name for index, path in enumerate(paths) if index not in missing})
+    [warning] = figures["warnings"]
+    assert f"left out, {len(missing)} of 20 photos" in warning and f"IMG_{missing[0]}.JPG" in warning
+    assert ("zeroshop FIRST SECOND" in warning) == hinted

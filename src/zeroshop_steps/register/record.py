@@ -22,6 +22,7 @@ from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json, scratch_directory, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
+FEWEST_OF_PASS = 8  # images that lie together at one end of a capture and have no place: they may show the object turned over
 OBJECT_ONLY = ("se", "video_segmented")
 """Scenes that are registered by the object alone: there is no ground, or the object was turned on it."""
 PHOTO_SCENES = ("video", "video_segmented")
@@ -124,10 +125,13 @@ def name_missing(figures: dict[str, Any], image_set: ImageSet, placed: Collectio
     figures["unregistered"] = missing
     if missing:
         shown = ", ".join(image_set.shown[name] for name in missing)
-        figures["warnings"] = [
-            *figures.get("warnings", []),
-            f"left out, {len(missing)} of {len(image_set.names)} photos have no sure place among the others: {shown}",
-        ]
+        reason = f"left out, {len(missing)} of {len(image_set.names)} photos have no sure place among the others: {shown}"
+        if len(missing) >= FEWEST_OF_PASS and missing in (image_set.names[: len(missing)], image_set.names[-len(missing) :]):
+            reason += (
+                ". They were taken one after the other: if they show the object in another position, give them as a second input, so that"
+                " both are joined (zeroshop FIRST SECOND)"
+            )
+        figures["warnings"] = [*figures.get("warnings", []), reason]
 
 
 def fill_apart(out: Path, name: str, fill: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
