@@ -19,6 +19,7 @@ from zeroshop_steps.register.silhouette_coherence import (
     find_doubtful_mask,
     find_wrong_masks,
     measure_silhouette_coherence,
+    shrink_masks,
 )
 from zeroshop_steps.register.undistort import undistort_masks
 
@@ -115,12 +116,16 @@ def check_consistency(
     wrong_masks: list[str] = []
     mask_limits = {name: limits.unexplained_px * scale for name, scale in image_set.scales.items()}
     if image_set.masks:
-        cameras, masks = undistort_masks(model, image_set)
+        whole, masks = undistort_masks(model, image_set)
         if doubt_masks:
             mask_limits |= {name: max(mask_limits[name], limits.rough_share * float(np.sqrt(mask.sum()))) for name, mask in masks.items()}
+        cameras, masks = shrink_masks(whole, masks)
+        factors = {one.name: one.width_px / small.width_px for one, small in zip(whole, cameras, strict=True)}
+        small_limits = {name: mask_limits[name] / factor for name, factor in factors.items()}
         coherence = measure_silhouette_coherence(cameras, masks)
-        if doubt_masks and _exceeds(coherence, mask_limits).max() > 1:
-            coherence, wrong_masks = _leave_out_wrong_masks(cameras, masks, coherence, mask_limits, limits)
+        if doubt_masks and _exceeds(coherence, small_limits).max() > 1:
+            coherence, wrong_masks = _leave_out_wrong_masks(cameras, masks, coherence, small_limits, limits)
+        coherence = coherence.enlarged(factors)
     evidence = count_pair_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
     reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)

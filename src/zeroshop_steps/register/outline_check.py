@@ -2,14 +2,12 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.register.consistency import ConsistencyLimits
 from zeroshop_steps.register.image_set import REFERENCE_PX
-from zeroshop_steps.register.silhouette_coherence import find_wrong_masks, measure_silhouette_coherence
+from zeroshop_steps.register.silhouette_coherence import find_wrong_masks, measure_silhouette_coherence, shrink_masks
 from zeroshop_steps.runtime.errors import warn
 
 LEAST_VIEWS = 3  # two outlines nearly always fit
@@ -28,11 +26,8 @@ def measure_outline_misses_px(cameras: list[Camera], masks: list[np.ndarray]) ->
     """
     if len(cameras) < LEAST_VIEWS:
         return None
-    cameras = [replace(shrink_camera(camera, REFERENCE_PX), name=str(index)) for index, camera in enumerate(cameras)]
-    small = {
-        camera.name: cv2.resize(mask.astype(np.float32), (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA) > 0.5
-        for camera, mask in zip(cameras, masks, strict=True)
-    }
+    cameras = [replace(camera, name=str(index)) for index, camera in enumerate(cameras)]
+    cameras, small = shrink_masks(cameras, {camera.name: mask for camera, mask in zip(cameras, masks, strict=True)})
     seen = [camera for camera in cameras if small[camera.name].any()]
     if len(seen) < LEAST_VIEWS:
         return None

@@ -5,7 +5,7 @@ pass somewhere through the masks of all other views (the visual hull, Laurentini
 other masks, and makes rays of the other cameras miss its own.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -13,6 +13,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.rays import find_nearest_point
+from zeroshop_steps.geometry.transforms import shrink_camera
+from zeroshop_steps.register.image_set import REFERENCE_PX
 
 RADIUS_MARGIN, RADIUS_PERCENTILE = 1.2, 90  # of the object's sphere: all of the object, but not for the size of a wrong mask
 NEAREST_DEPTH = 0.05  # share of the depth of the object's centre at which rays start where the sphere holds the camera
@@ -41,6 +43,21 @@ class SilhouetteCoherence:
     def culprit(self) -> str:
         """The view that disagrees most with the others, in both directions."""
         return self.names[int((self.disagreement_px + self.disagreement_px.T).sum(1).argmax())]
+
+    def enlarged(self, factors: Mapping[str, float]) -> "SilhouetteCoherence":
+        """The same in pixels of images that are larger by these factors."""
+        by_view = np.array([factors[name] for name in self.names])
+        return SilhouetteCoherence(self.names, self.unexplained_px * by_view, self.disagreement_px * by_view)
+
+
+def shrink_masks(cameras: list[Camera], masks: dict[str, np.ndarray]) -> tuple[list[Camera], dict[str, np.ndarray]]:
+    """Cameras and masks of images of at most `REFERENCE_PX`: all limits are far above a pixel of these, and time grows with the pixels."""
+    small = [shrink_camera(camera, REFERENCE_PX) for camera in cameras]
+    return small, {
+        camera.name: cv2.resize(masks[camera.name].astype(np.float32), (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
+        > 0.5
+        for camera in small
+    }
 
 
 def measure_silhouette_coherence(cameras: list[Camera], masks: dict[str, np.ndarray]) -> SilhouetteCoherence:
