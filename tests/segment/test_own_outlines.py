@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from helpers.table_scene import table_views
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.own_outlines import OUTGROWN_SHARE, cut_around, find_whole
 
@@ -30,8 +33,8 @@ def whole(views):
 
 @pytest.fixture(scope="module")
 def bitten(whole):
-    """Without the upper quarter: seen from around, that is one cap of the ball."""
-    return [mask & (np.arange(len(mask))[:, None] > np.quantile(np.flatnonzero(mask.any(1)), 0.25)) for mask in whole]
+    """Without the upper sixth: seen from around, that is one cap of the ball."""
+    return [mask & (np.arange(len(mask))[:, None] > np.quantile(np.flatnonzero(mask.any(1)), 0.17)) for mask in whole]
 
 
 def ball_mask(camera):
@@ -85,3 +88,18 @@ def test_what_does_not_mend_them_is_not_taken(views, whole, bitten, reason, caps
     found, prior = find_whole(views, Masks(bitten, {"dropped": {}}), before, find)
     assert found.masks is bitten and prior is before and found.record["outgrown"] > OUTGROWN_SHARE
     assert "may lack a part of the object" in capsys.readouterr().err
+
+
+def test_what_goes_on_to_the_end_of_the_band_is_no_part(tmp_path):
+    for index in range(3):
+        image = np.full((90, 120, 3), 90, np.uint8)
+        image[:, 50:] = 210  # a wall of the object's colour, which stands before it
+        image[30:60, 30:60] = 210
+        write_image(tmp_path / f"{index}.png", image)
+    cameras = [Camera(f"{index}.png", 120, 90, np.diag([100.0, 100, 1]), np.eye(4)) for index in range(3)]
+    photos = [View(camera, tmp_path / camera.name, None) for camera in cameras]
+    mask = np.zeros((90, 120), bool)
+    mask[30:60, 35:60] = True
+    maps, growth = cut_around(photos, [mask] * 3)
+    assert growth == pytest.approx(5 / 25, abs=0.05)
+    assert maps[0][32:58, 31:59].all() and not maps[0][:, 64:].any()
