@@ -7,9 +7,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from zeroshop_steps import __version__
 from zeroshop_steps.app import workflow
+from zeroshop_steps.app.captures import read_captures
 from zeroshop_steps.app.command import main
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.methods import REGISTRATIONS
@@ -95,6 +97,21 @@ def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):
         (tmp_path / "photos" / f"{index}.png").unlink()
     assert main(["check", str(tmp_path / "photos")]) == 1
     assert "problem   only 3 pictures differ from each other, 8 are needed" in capsys.readouterr().out
+
+
+def test_photos_whose_background_was_removed_are_their_own_masks(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    alpha = np.zeros((48, 64), np.uint8)
+    alpha[10:40, 20:50] = 255
+    for kind, pixels in (("cut", np.dstack([np.full((48, 64, 3), 90, np.uint8), alpha])), ("whole", np.full((48, 64, 3), 90, np.uint8))):
+        (tmp_path / kind).mkdir()
+        for index in range(9):
+            Image.fromarray(pixels).save(tmp_path / kind / f"{index}.png")
+        monkeypatch.setattr(workflow, "run_workflow", lambda *args: False)
+        assert main([kind]) == 1
+    rows = read_captures(tmp_path)
+    assert rows["cut"].masks == rows["cut"].images == str(tmp_path / "cut") and rows["whole"].masks == ""
+    assert capsys.readouterr().err.count("what is left of them is taken as masks") == 1
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from zeroshop_steps.capture.photo_files import read_photo, write_upright
+from zeroshop_steps.capture.photo_files import is_cut_out, read_photo, write_upright
 from zeroshop_steps.capture.photos import import_photos
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
@@ -283,3 +283,32 @@ def test_photos_that_are_all_blurred_are_told(shoot, capsys):
         write_image(shoot.image(index), cv2.GaussianBlur(cv2.imread(str(shoot.image(index))), (0, 0), 3))
     import_photos(shoot.images, None, 8, shoot.out)
     assert "blurred throughout" in capsys.readouterr().err
+
+
+def cut_out(shoot, index, opacity=250):
+    """A photo whose background was removed, as a PNG; phones leave the object a little transparent."""
+    alpha = Image.fromarray(np.where(shoot.disk(x=70 + index), opacity, 0).astype(np.uint8))
+    photo = Image.open(shoot.image(index)).convert("RGB")
+    photo.putalpha(alpha)
+    shoot.image(index).unlink()
+    photo.save(shoot.images / f"IMG_{index:04d}.png")
+
+
+def test_photos_with_a_transparent_background_bring_their_masks(shoot):
+    assert not is_cut_out(shoot.images)
+    for index in range(9):
+        cut_out(shoot, index)
+    assert is_cut_out(shoot.images)
+    import_photos(shoot.images, shoot.images, 8, shoot.out)
+    for index in range(9):
+        assert np.array_equal(read_mask(shoot.out / f"masks/{index:06d}.png"), shoot.disk(x=70 + index))
+    assert read_image(shoot.out / "images/000000.png").shape == (HEIGHT, WIDTH, 3)
+
+
+def test_photos_that_are_opaque_have_no_masks_of_their_own(shoot):
+    for index in range(9):
+        cut_out(shoot, index)
+    Image.open(shoot.images / "IMG_0004.png").convert("RGB").save(shoot.images / "IMG_0004.png")
+    assert not is_cut_out(shoot.images)
+    (shoot.images / "IMG_0004.png").unlink()
+    assert is_cut_out(shoot.images)

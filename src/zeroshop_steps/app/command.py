@@ -62,7 +62,11 @@ def _mesh_parser() -> argparse.ArgumentParser:
         f"a folder of photos, or a video; up to {MOST_PASSES}, for which the object is turned over in between"))  # fmt: skip
     parser.add_argument("--height", type=float, metavar="METRES", help="height of the standing object, e.g. 0.19")
     parser.add_argument("--name", help="name of the results (default: that of the folder or video)")
-    parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png (default: they are found)")
+    parser.add_argument(
+        "--masks",
+        type=Path,
+        help="folder of masks, each named like its photo, but .png (default: what is not transparent in the photos, or they are found)",
+    )
     parser.add_argument("--board", type=Path, nargs="?", const=Path(), metavar="PHOTOS", help=(
         "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
     parser.add_argument("--network", type=Path, metavar="FILE", help=(
@@ -118,10 +122,10 @@ def _make(args: argparse.Namespace) -> int:
         object=make_name(Path(args.name)) if args.name else make_name(source),
         images=str(source),
         **{f"images_{number}": str(path) for number, path in enumerate(sources[1:], start=2)},
-        masks=str(_require_folder(args.masks, "--masks")) if args.masks else "",
         height_m=f"{args.height:g}" if args.height is not None else "",
         height_method="marker" if by_board else "known" if args.height is not None else "",
         marker_images=str(_require_folder(args.board, "--board")) if by_board and args.board != Path() else "",
+        masks=str(_require_folder(args.masks, "--masks")) if args.masks else _find_cut_outs(sources),
     )
     folder.mkdir(parents=True, exist_ok=True)
     capture = add_capture(folder, capture)
@@ -159,6 +163,16 @@ def _open_report(folder: Path, table: Path, cores: int) -> None:
         webbrowser.open(index.as_uri())
     else:
         print(f"The report could not be made; see {log}", file=sys.stderr)
+
+
+def _find_cut_outs(sources: list[Path]) -> str:
+    """The folder of the photos as that of their masks, where their background was removed."""
+    from zeroshop_steps.capture.photo_files import is_cut_out
+
+    if len(sources) > 1 or not sources[0].is_dir() or not is_cut_out(sources[0]):
+        return ""
+    print("The background of the photos is transparent: what is left of them is taken as masks", file=sys.stderr)
+    return str(sources[0])
 
 
 def _require_source(path: Path) -> Path:

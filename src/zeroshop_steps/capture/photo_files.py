@@ -26,6 +26,8 @@ PIXEL_COUNTS = ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight
 PIXEL_DENSITIES = ExifTags.Base.FocalPlaneXResolution, ExifTags.Base.FocalPlaneYResolution
 """EXIF tags that count a photo's pixels, and those on a unit of the sensor: they say where the focal length lies in pixels."""
 JPEG_QUALITY = 97
+OPAQUE = 128  # of 255; half a pixel at the object's edge
+ASKED_PHOTOS = 8  # whether their background is transparent
 LEVELS_OF_16_BITS = 257  # per level of 8 bits
 
 
@@ -127,6 +129,25 @@ def write_upright(source: Path, target: Path, max_side_px: int) -> None:
         shutil.copyfile(source, target)
     else:
         Image.fromarray(photo.pixels).save(target, quality=JPEG_QUALITY, exif=photo.exif)
+
+
+def read_cut_out(path: Path) -> np.ndarray | None:
+    """(H, W) bool, as stored: what is not transparent in a PNG whose background was removed; None where it has none."""
+    try:
+        with Image.open(path) as image:
+            if "A" not in image.getbands():
+                return None
+            opaque = np.asarray(image.getchannel("A")) >= OPAQUE
+    except (OSError, SyntaxError, ValueError):
+        return None  # what cannot be read is told where the photo is read
+    return None if opaque.all() else opaque
+
+
+def is_cut_out(folder: Path) -> bool:
+    """Whether the photos of a folder are PNGs whose background was removed, by a few of them."""
+    paths = list_photos(folder)[0]
+    few = paths[:: max(1, len(paths) // ASKED_PHOTOS)]
+    return all(path.suffix.lower() == ".png" and read_cut_out(path) is not None for path in few)
 
 
 def turn_upright(mask: np.ndarray, orientation: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Check the user's own photos and masks and copy them into a capture folder; the originals are never changed.
 
-Each photo has a mask with its name and .png, 255 on the object and 0 elsewhere; or no photo has one, and a later step finds them.
+Each photo has a mask with its name and .png, 255 on the object and 0 elsewhere, or a PNG in which all but the object is transparent, such
+as the photo itself. Or no photo has one, and a later step finds them.
 Photos that cannot be used are left out and named, as long as enough are left; otherwise all problems are reported at once.
 """
 
@@ -27,6 +28,7 @@ from zeroshop_steps.capture.photo_files import (
     PhotoPixels,
     choose_suffix,
     list_photos,
+    read_cut_out,
     read_photo,
     turn_upright,
     write_upright,
@@ -70,7 +72,11 @@ class Photo:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command line."""
     parser.add_argument("--images", type=Path, required=True, help="folder of photos: JPEG, PNG, HEIC, TIFF, WebP")
-    parser.add_argument("--masks", type=Path, help="folder of masks, each named like its photo, but .png; none when left out")
+    parser.add_argument(
+        "--masks",
+        type=Path,
+        help="folder of masks, each named like its photo, but .png, or of photos with a transparent background; none when left out",
+    )
     parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help="fewest photos that are accepted (default: %(default)s)")
     parser.add_argument("--most-images", type=int, default=MOST_IMAGES, help="most photos that are used (default: %(default)s)")
     parser.add_argument("--max-side-px", type=int, default=MAX_SIDE_PX, help="larger photos are scaled down (default: %(default)s)")
@@ -152,7 +158,8 @@ def _read_mask(path: Path, masks: Path, photo: PhotoPixels) -> np.ndarray:
     mask_path = next((candidate for candidate in candidates if candidate.is_file()), None)
     if mask_path is None:
         raise StepError(f"image {path} has no mask: {candidates[0]} does not exist; draw one, 255 on the object and 0 elsewhere")
-    mask = read_mask(mask_path)
+    cut_out = read_cut_out(mask_path)
+    mask = read_mask(mask_path) if cut_out is None else cut_out
     stored_px, drawn_px = photo.stored_px, mask.shape[::-1]
     if drawn_px == stored_px:
         mask = turn_upright(mask, photo.orientation)
