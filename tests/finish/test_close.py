@@ -38,8 +38,8 @@ class MaskedView(View):
 
 
 def ball() -> Mesh:
-    """A ball that stands on z = FOOT_MM, cut flat and open there; finer than the voxels of the closing."""
-    ball = trimesh.creation.icosphere(6, RADIUS_MM)
+    """A ball that stands on z = FOOT_MM, cut flat and open there; finer than the voxels that decide what is solid."""
+    ball = trimesh.creation.icosphere(5, RADIUS_MM)
     vertices, faces, _ = trimesh.intersections.slice_faces_plane(ball.vertices, ball.faces, UP, np.array([0, 0, FOOT_MM]))
     mesh = trimesh.Trimesh(vertices, faces)
     return Mesh(np.array(mesh.vertices), np.array(mesh.faces)).without_loose_vertices().with_normals()
@@ -83,8 +83,8 @@ def closed(views) -> tuple[Mesh, Mesh, Mesh]:
         np.concatenate([torn.vertices, strip.vertices]), np.concatenate([torn.faces, np.array(strip.faces) + len(torn.vertices)])
     ).with_normals()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(watertight, "COARSE", 96)
-        patch.setattr(watertight, "FINE", 192)
+        patch.setattr(watertight, "COARSE", 80)
+        patch.setattr(watertight, "FINE", 160)
         whole, record = close_in_space(torn, views, GroundPlane(UP, FOOT_MM), MAX_FACES)
     assert record.state == "closed" and record.first_face + record.faces == len(whole.faces)
     return torn, whole, Mesh(whole.vertices, whole.faces[record.first_face :])
@@ -137,8 +137,8 @@ def test_a_few_small_holes_are_filled_and_nothing_else_changes(views):
 
 
 def test_without_a_support_plane_nothing_is_closed_far_below_what_was_measured(monkeypatch):
-    monkeypatch.setattr(watertight, "COARSE", 64)  # an eighth of the voxels: a block needs no more
-    monkeypatch.setattr(watertight, "FINE", 128)
+    monkeypatch.setattr(watertight, "COARSE", 48)  # a twentieth of the voxels: a block needs no more
+    monkeypatch.setattr(watertight, "FINE", 96)
     block = trimesh.creation.box((40.0, 40.0, 30.0)).subdivide().subdivide().subdivide().subdivide()
     mesh = Mesh(np.array(block.vertices), np.array(block.faces)).with_normals()
     steep = [camera_at(f"{k}.png", 60.0 * k, 50.0, 200.0) for k in range(6)]
