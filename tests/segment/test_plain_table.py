@@ -49,9 +49,9 @@ def test_a_plain_table_has_no_points_and_a_guess_serves(plain_scene):
 
 
 @pytest.mark.slow
-def test_masks_and_plane_of_a_plain_table(plain_scene):
+def test_masks_and_plane_of_a_plain_table(plain_scene_of_few_views):
     """The shadow is no part of the ball, and the plane lies where the shadow lies."""
-    views, model = plain_scene
+    views, model = plain_scene_of_few_views
     masks, record = find_masks(views, model, 240, seed=0)
     overlaps = []
     for mask, view in zip(masks, views, strict=True):
