@@ -73,7 +73,7 @@ def test_the_reason_names_what_contradicts():
 def render_and_register(folder, model, seed):
     common = ["--width", "320", "--height", "240", "--seed", str(seed), "--threads", "1", "--views-per-ring", "6"]
     words = ["--method", "raycast", "--model", str(model / "model.ply"), "--scene", "su_h", *common, "--out", str(folder / "capture")]
-    with coarse_ground(2048):
+    with coarse_ground(1024):
         assert stage_main("zeroshop_steps.synthetic", words) == 0
     words = [
         "--method",
