@@ -176,3 +176,13 @@ def test_the_step_says_what_it_did(tmp_path, options, up_source, state, method):
     facts = read_json(tmp_path / "closed.json")
     assert facts["underside"]["state"] == state and facts["underside"]["seen"] is False and facts["closing"]["method"] == method
     assert facts["closing"]["watertight"] == (state == "closed")
+
+
+def test_a_part_that_holds_no_measured_surface_is_no_part_of_the_object():
+    occupied = np.zeros((20, 20, 20), bool)
+    occupied[2:6, 2:6, 2:6] = occupied[2:4, 14:18, 2:6] = True  # two parts that were measured
+    occupied[8:18, 8:18, 8:18] = True  # and one, larger, where no photo looks
+    measured = np.nonzero(occupied & (np.indices(occupied.shape)[0] < 7))
+    kept = watertight._keep_measured_parts(occupied, measured)
+    assert np.array_equal(kept, occupied & (np.indices(occupied.shape)[0] < 7))
+    assert np.array_equal(watertight._keep_measured_parts(occupied, (np.zeros(0, int),) * 3), occupied)

@@ -50,7 +50,7 @@ NEAR_VOXELS = 2.0
 RIM_SHARE = 0.75
 """... unless the nearest point is closer than this share of that distance to an open border, where it has no side."""
 PART_SHARE = 0.05
-"""Closed parts smaller than this share of the largest are dropped."""
+"""Closed parts smaller than this share of the largest are dropped, first by the measured surface that they hold."""
 BAND_VOXELS = 6.0
 DIFFUSION_STEPS = 60
 """Reaches about eight fine voxels from the rims; farther inside a hole the smooth closed shape counts."""
@@ -192,12 +192,18 @@ def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: Ground
     distance, known = surface.signed_distance(centres, NEAR_VOXELS * grid.side)
     data[tuple(index[known].T)] = np.where(distance[known] > 0, MEASURED_VOTE, -MEASURED_VOTE)
     occupied = minimize_surface(np.where(allowed, data, np.float32(1)), allowed, SMOOTHNESS, STEPS) > 0.5
+    return ndimage.binary_fill_holes(_keep_measured_parts(occupied, tuple(index[known].T)))
+
+
+def _keep_measured_parts(occupied: np.ndarray, measured: tuple[np.ndarray, ...]) -> np.ndarray:
+    """The (R, R, R) bool parts with at least `PART_SHARE` of the voxels at these places, near the surface, that any part has: what has
+    none lies where no photo looks, such as above what was filmed from one side."""
     labels, count = ndimage.label(occupied)
-    if count > 1:
-        sizes = np.bincount(labels.ravel())
-        sizes[0] = 0
-        occupied = np.isin(labels, np.flatnonzero(sizes >= PART_SHARE * sizes.max()))
-    return ndimage.binary_fill_holes(occupied)
+    if count < 2:
+        return occupied
+    held = np.bincount(labels[measured], minlength=count + 1)
+    held[0] = 0
+    return np.isin(labels, np.flatnonzero(held >= max(1, PART_SHARE * held.max()))) if held.any() else occupied
 
 
 def _signed_distance(fine: Grid, coarse: Grid, occupied: np.ndarray, surface: MeasuredSurface, guess: GeneratedShape | None) -> np.ndarray:
