@@ -1,7 +1,10 @@
 """One registration after the other: the first that succeeds gives the cameras, and the record says why those before it did not."""
 
 import argparse
+from dataclasses import dataclass, field
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
@@ -109,61 +112,62 @@ def test_without_weights_the_reason_says_how_to_get_them(blank_capture, tmp_path
         assert part in str(error.value)
 
 
-def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
-    write_ball_scene(tmp_path / "capture")
-    write_network(tmp_path / "saliency.onnx")
-    for name in (auto.EXTRACTOR, auto.MATCHER):
-        (tmp_path / name).touch()
-    taken = []
+@dataclass
+class BallPhotos:
+    """Photos of a ball without masks, and a network that finds it; what registers the masked ball keeps the masks in `taken`."""
 
-    def register_ball(image_set, folder, options, prepare):
-        taken.extend(read_masks(image_set).values())
+    folder: Path
+    taken: list[np.ndarray] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        write_ball_scene(self.folder / "capture")
+        write_network(self.folder / "saliency.onnx")
+        for name in (auto.EXTRACTOR, auto.MATCHER):
+            (self.folder / name).touch()
+        (self.folder / "cameras").mkdir()
+
+    def register(self, image_set, folder, *options):
+        self.taken.extend(read_masks(image_set).values())
         write_cameras(folder / "sparse", list(ball_cameras()))
         return succeed(folder) | {"lens": LENS}
 
-    monkeypatch.setattr(auto.colmap, "register", lambda image_set, folder, options: fail(3)(folder))
-    monkeypatch.setattr(auto.aliked, "register", register_ball)
-    monkeypatch.setattr(auto, "write_registration", lambda out, run: records.append(run(out)))
-    parser, records = argparse.ArgumentParser(), []
-    auto.add_arguments(parser)
-    words = ["--capture", tmp_path / "capture", "--scene", "video", "--out", tmp_path / "cameras", "--weights", tmp_path]
-    (tmp_path / "cameras").mkdir()
-    auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "saliency.onnx")]))
-    assert records[0]["masks_by"] == "saliency.onnx" and records[0]["tried"]["colmap"]["reason"] == "3 of 20 images registered"
-    assert [round(compute_overlap(mask, ball_mask(camera)), 1) for mask, camera in zip(taken, ball_cameras(), strict=True)] == [1.0] * 12
+    def run(self, monkeypatch, network="saliency.onnx"):
+        """The record of `auto`, where `colmap` fails."""
+        records = []
+        monkeypatch.setattr(auto.colmap, "register", lambda image_set, folder, options: fail(3)(folder))
+        monkeypatch.setattr(auto, "write_registration", lambda out, run: records.append(run(out)))
+        parser = argparse.ArgumentParser()
+        auto.add_arguments(parser)
+        words = ["--capture", self.folder / "capture", "--scene", "video", "--out", self.folder / "cameras", "--weights", self.folder]
+        auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(self.folder / network)]))
+        return records[0]
+
+    def has_found_masks(self):
+        return all(compute_overlap(mask, ball_mask(camera)) > 0.95 for mask, camera in zip(self.taken, ball_cameras(), strict=True))
+
+
+def test_photos_without_masks_get_them_by_a_network(tmp_path, monkeypatch):
+    ball = BallPhotos(tmp_path)
+    monkeypatch.setattr(auto.aliked, "register", ball.register)
+    record = ball.run(monkeypatch)
+    assert record["masks_by"] == "saliency.onnx" and record["tried"]["colmap"]["reason"] == "3 of 20 images registered"
+    assert ball.has_found_masks()
     kept = sorted(path.name for path in (tmp_path / "cameras/saliency").iterdir())
     assert kept == [*(f"{index:06d}.png" for index in range(12)), "finder.json"]
     seen = read_mask(tmp_path / "cameras/saliency/000003.png")
-    assert compute_overlap(seen, undistort_mask(taken[3], LENS)) > 0.97 > compute_overlap(seen, taken[3])
+    assert compute_overlap(seen, undistort_mask(ball.taken[3], LENS)) > 0.97 > compute_overlap(seen, ball.taken[3])
     with pytest.raises(StepError, match="missing.onnx does not exist"):
-        auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "missing.onnx")]))
+        ball.run(monkeypatch, "missing.onnx")
 
 
 def test_outlines_are_tried_with_the_masks_of_a_network_which_looks_once(tmp_path, monkeypatch):
-    write_ball_scene(tmp_path / "capture")
-    write_network(tmp_path / "saliency.onnx")
-    for name in (auto.EXTRACTOR, auto.MATCHER):
-        (tmp_path / name).touch()
-    looked, taken = [], []
-    find_maps = SalientObjectNetwork.find_maps
+    ball, looked, find_maps = BallPhotos(tmp_path), [], SalientObjectNetwork.find_maps
     monkeypatch.setattr(SalientObjectNetwork, "find_maps", lambda *asked: looked.append(asked) or find_maps(*asked))
-
-    def register_ball(image_set, folder, options):
-        taken.extend(read_masks(image_set).values())
-        write_cameras(folder / "sparse", list(ball_cameras()))
-        return succeed(folder) | {"lens": LENS}
-
-    monkeypatch.setattr(auto.colmap, "register", lambda image_set, folder, options: fail(3)(folder))
     monkeypatch.setattr(auto.aliked, "register", lambda image_set, folder, options, prepare: fail(5)(folder))
-    monkeypatch.setattr(auto.outlines, "register", register_ball)
-    monkeypatch.setattr(auto, "write_registration", lambda out, run: records.append(run(out)))
-    parser, records = argparse.ArgumentParser(), []
-    auto.add_arguments(parser)
-    words = ["--capture", tmp_path / "capture", "--scene", "video", "--out", tmp_path / "cameras", "--weights", tmp_path]
-    (tmp_path / "cameras").mkdir()
-    auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(tmp_path / "saliency.onnx")]))
-    assert len(looked) == 1 and set(records[0]["tried"]) == {"colmap", "aliked"} and records[0]["masks_by"] == "saliency.onnx"
-    assert [round(compute_overlap(mask, ball_mask(camera)), 1) for mask, camera in zip(taken, ball_cameras(), strict=True)] == [1.0] * 12
+    monkeypatch.setattr(auto.outlines, "register", ball.register)
+    record = ball.run(monkeypatch)
+    assert len(looked) == 1 and set(record["tried"]) == {"colmap", "aliked"} and record["masks_by"] == "saliency.onnx"
+    assert ball.has_found_masks()
 
 
 def test_without_masks_and_network_the_reason_says_what_would_help(tmp_path):
