@@ -1,62 +1,15 @@
 """The user's own photos: good ones are copied as they are, bad ones are refused with the file's name and a remedy."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
-import pycolmap
 import pytest
 from PIL import Image
-from PIL.TiffImagePlugin import IFDRational
 
-from zeroshop_steps.capture.photo_files import is_cut_out, read_photo, write_upright
+from helpers.shoot import HEIGHT, WIDTH, Shoot
 from zeroshop_steps.capture.photos import import_photos
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
-
-WIDTH, HEIGHT = 160, 120
-
-
-class Shoot:
-    """A folder of photos and one of masks that a test can spoil."""
-
-    def __init__(self, root: Path, count: int) -> None:
-        self.images, self.masks, self.out = root / "photos", root / "masks", root / "capture"
-        self.images.mkdir()
-        for index in range(count):
-            rng = np.random.default_rng(index)
-            blocks = rng.integers(0, 255, (HEIGHT // 10, WIDTH // 10, 3), dtype=np.uint8)
-            write_image(self.image(index), cv2.resize(blocks, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST))
-            write_mask(self.mask(index), self.disk())
-
-    def image(self, index: int) -> Path:
-        return self.images / f"IMG_{index:04d}.jpg"
-
-    def mask(self, index: int) -> Path:
-        return self.masks / f"IMG_{index:04d}.png"
-
-    @staticmethod
-    def disk(x: int = 80, y: int = 60) -> np.ndarray:
-        rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-        return (columns - x) ** 2 + (rows - y) ** 2 < 40**2
-
-    def take(self, min_images: int = 8) -> None:
-        import_photos(self.images, self.masks, min_images, self.out)
-
-    def refused(self, **options) -> str:
-        """The message of the error; nothing may be left behind, and the originals must be untouched."""
-        before = {path: path.read_bytes() for folder in (self.images, self.masks) for path in folder.iterdir()}
-        with pytest.raises(StepError) as error:
-            self.take(**options)
-        assert not self.out.exists() and not list(self.out.parent.glob(".capture*"))
-        assert before == {path: path.read_bytes() for folder in (self.images, self.masks) for path in folder.iterdir()}
-        return str(error.value)
-
-
-@pytest.fixture
-def shoot(tmp_path) -> Shoot:
-    return Shoot(tmp_path, 9)
 
 
 def test_good_photos_are_copied(shoot):
@@ -157,21 +110,6 @@ def test_large_photos_are_reduced_with_their_masks(shoot):
     assert reduced.shape == (60, 80) and abs(reduced.mean() - shoot.disk().mean()) < 0.01
 
 
-@pytest.mark.slow
-def test_photos_of_many_megapixels_are_read_in_bounded_memory(tmp_path):
-    path = tmp_path / "large.jpg"
-    Image.new("RGB", (15000, 13000), (90, 120, 30)).save(path, quality=30)
-    photo = read_photo(path, 1000)
-    assert photo.size_px == (1000, 867) and photo.stored_px == (15000, 13000)
-    assert np.abs(photo.pixels.mean((0, 1)) - (90, 120, 30)).max() < 6  # levels, by compression
-
-
-def test_an_image_beyond_all_cameras_is_refused(tmp_path):
-    Image.new("1", (20000, 13000)).save(tmp_path / "map.png")
-    with pytest.raises(StepError, match="20000 x 13000 px, more than 250 megapixels"):
-        read_photo(tmp_path / "map.png", 1000)
-
-
 def test_too_many_photos_are_thinned_out(shoot, capsys):
     scene = np.random.default_rng(5).integers(0, 255, (40, 60, 3), dtype=np.uint8)
     scene = cv2.resize(scene, (960, 640), interpolation=cv2.INTER_CUBIC)
@@ -226,51 +164,6 @@ def test_photos_without_masks(shoot):
     assert (shoot.out / "images" / "000003.jpg").read_bytes() == shoot.image(3).read_bytes()
 
 
-def test_turned_photos_are_turned_upright_and_keep_their_focal_length(shoot):
-    for index in range(9):
-        with Image.open(shoot.image(index)) as image:
-            exif = image.getexif()
-            exif[0x0112] = 6  # stored lying, to be turned clockwise
-            exif.get_ifd(0x8769)[0xA405] = 28  # focal length on a 35 mm film
-            image.save(shoot.image(index), exif=exif)
-    import_photos(shoot.images, None, 8, shoot.out)
-    facts = read_json(shoot.out / "capture.json")
-    assert (facts["width_px"], facts["height_px"]) == (HEIGHT, WIDTH)
-    with Image.open(shoot.out / "images" / "000000.jpg") as image:
-        assert image.size == (HEIGHT, WIDTH)
-        assert image.getexif().get(0x0112, 1) == 1
-        assert image.getexif().get_ifd(0x8769)[0xA405] == 28
-
-
-def test_tags_that_count_pixels_follow_a_photo_that_is_reduced(shoot):
-    """Cameras that name no focal length of 35 mm film say how many pixels lie on a unit of their sensor."""
-    with Image.open(shoot.image(0)) as image:
-        exif = image.getexif()
-        tags = {0x920A: IFDRational(10), 0xA002: 2 * WIDTH, 0xA003: HEIGHT, 0xA20E: IFDRational(1270), 0xA20F: IFDRational(1270), 0xA210: 2}
-        exif.get_ifd(0x8769).update(tags)
-        image.save(shoot.image(0), exif=exif)
-    assert pycolmap.infer_camera_from_image(shoot.image(0)).mean_focal_length() == pytest.approx(500)
-    path = shoot.out.with_suffix(".jpg")
-    write_upright(shoot.image(0), path, WIDTH // 2)
-    reduced = pycolmap.infer_camera_from_image(path)
-    assert (reduced.width, reduced.has_prior_focal_length) == (WIDTH // 2, True)
-    assert reduced.mean_focal_length() == pytest.approx(250)
-    with Image.open(path) as image:
-        details = image.getexif().get_ifd(0x8769)
-    assert (details[0xA002], details[0xA003]) == (WIDTH, HEIGHT // 2)
-
-
-def test_heic_photos_are_converted_upright_with_their_exif(shoot):
-    (shoot.images / "IMG_0002.HEIC").write_bytes((Path(__file__).parent / "data" / "turned.heic").read_bytes())
-    shoot.image(2).unlink()
-    import_photos(shoot.images, None, 8, shoot.out)
-    assert read_json(shoot.out / "capture.json")["source_names"][2] == "IMG_0002.HEIC"
-    with Image.open(shoot.out / "images" / "000002.jpg") as image:
-        assert image.format == "JPEG" and image.size == (HEIGHT, WIDTH)
-        assert image.getexif().get(0x0112, 1) == 1
-        assert image.getexif().get_ifd(0x8769)[0xA405] == 28
-
-
 def test_a_blurred_photo_is_left_out_and_told(shoot, capsys):
     write_image(shoot.image(5), cv2.GaussianBlur(cv2.imread(str(shoot.image(5))), (0, 0), 6))
     import_photos(shoot.images, None, 8, shoot.out)
@@ -283,32 +176,3 @@ def test_photos_that_are_all_blurred_are_told(shoot, capsys):
         write_image(shoot.image(index), cv2.GaussianBlur(cv2.imread(str(shoot.image(index))), (0, 0), 3))
     import_photos(shoot.images, None, 8, shoot.out)
     assert "blurred throughout" in capsys.readouterr().err
-
-
-def cut_out(shoot, index, opacity=250):
-    """A photo whose background was removed, as a PNG; phones leave the object a little transparent."""
-    alpha = Image.fromarray(np.where(shoot.disk(x=70 + index), opacity, 0).astype(np.uint8))
-    photo = Image.open(shoot.image(index)).convert("RGB")
-    photo.putalpha(alpha)
-    shoot.image(index).unlink()
-    photo.save(shoot.images / f"IMG_{index:04d}.png")
-
-
-def test_photos_with_a_transparent_background_bring_their_masks(shoot):
-    assert not is_cut_out(shoot.images)
-    for index in range(9):
-        cut_out(shoot, index)
-    assert is_cut_out(shoot.images)
-    import_photos(shoot.images, shoot.images, 8, shoot.out)
-    for index in range(9):
-        assert np.array_equal(read_mask(shoot.out / f"masks/{index:06d}.png"), shoot.disk(x=70 + index))
-    assert read_image(shoot.out / "images/000000.png").shape == (HEIGHT, WIDTH, 3)
-
-
-def test_photos_that_are_opaque_have_no_masks_of_their_own(shoot):
-    for index in range(9):
-        cut_out(shoot, index)
-    Image.open(shoot.images / "IMG_0004.png").convert("RGB").save(shoot.images / "IMG_0004.png")
-    assert not is_cut_out(shoot.images)
-    (shoot.images / "IMG_0004.png").unlink()
-    assert is_cut_out(shoot.images)

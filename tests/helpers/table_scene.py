@@ -1,5 +1,6 @@
 """Balls on a printed table or on a plain one, drawn by their equations: what a film may show that it should not."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -41,6 +42,22 @@ def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False) -
     seen = tuple(_find_seen(camera, balls, points) for camera, balls in zip(cameras, balls_in, strict=True))
     model = SparseModel(cameras, points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3), seen)
     return views, model
+
+
+@dataclass(frozen=True)
+class FoundMasks:
+    """What a search for masks is taken to have found."""
+
+    masks: list[np.ndarray]
+    record: dict
+
+
+def ball_mask(camera: Camera, ball: Ball) -> np.ndarray:
+    """(H, W) bool: the pixels whose rays meet the ball."""
+    y, x = np.mgrid[: camera.height_px, : camera.width_px] + 0.5
+    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
+    away = camera.centre_in_world - np.array(ball)
+    return (rays @ away) ** 2 > (rays**2).sum(-1) * (away @ away - ball[2] ** 2)
 
 
 def _find_seen(camera: Camera, balls: list[Ball], points: np.ndarray) -> np.ndarray:

@@ -1,24 +1,17 @@
 """Masks that all lack the same part agree with each other, but each photo alone shows where the object ends."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
-from helpers.table_scene import table_views
+from helpers.table_scene import FoundMasks, ball_mask, table_views
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.mask_agreement import compute_overlap
 from zeroshop_steps.segment.own_outlines import OUTGROWN_SHARE, cut_around, find_whole
 
 BALL = (0.0, 0.0, 0.45)
-
-
-@dataclass(frozen=True)
-class Masks:
-    masks: list[np.ndarray]
-    record: dict
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +21,7 @@ def views(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(views):
-    return [ball_mask(view.camera) for view in views]
+    return [ball_mask(view.camera, BALL) for view in views]
 
 
 @pytest.fixture(scope="module")
@@ -37,29 +30,16 @@ def bitten(whole):
     return [mask & (np.arange(len(mask))[:, None] > np.quantile(np.flatnonzero(mask.any(1)), 0.17)) for mask in whole]
 
 
-def ball_mask(camera):
-    x, y, radius = BALL
-    rows, columns = np.mgrid[0 : camera.height_px, 0 : camera.width_px] + 0.5
-    rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    to_middle = np.array([x, y, radius]) - camera.centre_in_world
-    return to_middle @ to_middle - (rays @ to_middle) ** 2 < radius**2
-
-
-def overlap(one, other):
-    return (one & other).sum() / (one | other).sum()
-
-
 def test_photos_add_what_masks_lack_and_hardly_anything_to_whole_ones(views, whole, bitten):
     maps, growth = cut_around(views, bitten)
     lacking = np.median([one.sum() / other.sum() for one, other in zip(whole, bitten, strict=True)]) - 1
     assert OUTGROWN_SHARE < growth < 1.2 * lacking
-    assert np.median([overlap(found > 0.5, mask) for found, mask in zip(maps, whole, strict=True)]) > 0.93
+    assert np.median([compute_overlap(found > 0.5, mask) for found, mask in zip(maps, whole, strict=True)]) > 0.93
     assert cut_around(views, whole)[1] < OUTGROWN_SHARE / 2
 
 
 def test_whole_masks_stay_as_they_are(views, whole):
-    found = Masks(whole, {"dropped": {}})
+    found = FoundMasks(whole, {"dropped": {}})
     assert find_whole(views, found, None, lambda odds: pytest.fail("they are whole")) == (found, None)
 
 
@@ -68,9 +48,9 @@ def test_masks_that_lack_a_part_are_found_again(views, whole, bitten):
 
     def find(odds):
         asked.append(odds)
-        return Masks(whole, {"dropped": {}})
+        return FoundMasks(whole, {"dropped": {}})
 
-    found, prior = find_whole(views, Masks(bitten, {"dropped": {}, "led_by_points": 300}), None, find)
+    found, prior = find_whole(views, FoundMasks(bitten, {"dropped": {}, "led_by_points": 300}), None, find)
     assert found.masks is whole and prior is asked[0]
     assert found.record["led_by_own_outlines"] > OUTGROWN_SHARE and found.record["led_by_points"] == 300
     lacked = [mask & ~part for mask, part in zip(whole, bitten, strict=True)]
@@ -82,10 +62,10 @@ def test_what_does_not_mend_them_is_not_taken(views, whole, bitten, reason, caps
     def find(odds):
         if reason == "refused":
             raise StepError("only 2 of 8 masks are good")
-        return Masks(bitten, {"dropped": {}}) if reason == "still lacking" else Masks(whole, {"dropped": dict.fromkeys("ab")})
+        return FoundMasks(bitten, {"dropped": {}}) if reason == "still lacking" else FoundMasks(whole, {"dropped": dict.fromkeys("ab")})
 
     before = [np.ones((3, 3))] * 8
-    found, prior = find_whole(views, Masks(bitten, {"dropped": {}}), before, find)
+    found, prior = find_whole(views, FoundMasks(bitten, {"dropped": {}}), before, find)
     assert found.masks is bitten and prior is before and found.record["outgrown"] > OUTGROWN_SHARE
     assert "may lack a part of the object" in capsys.readouterr().err
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from helpers.table_scene import table_views
+from helpers.table_scene import ball_mask, table_views
 from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.scene_support import fit_scene_support
 from zeroshop_steps.runtime.errors import StepError
@@ -31,14 +31,6 @@ def plain_scene_of_few_views(tmp_path_factory):
     return table_views(tmp_path_factory.mktemp("few"), [[BALL]] * FEW_VIEWS, plain=True)
 
 
-def true_mask(camera):
-    """(H, W) bool: the pixels whose rays meet the ball."""
-    y, x = np.mgrid[: camera.height_px, : camera.width_px] + 0.5
-    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
-    away = camera.centre_in_world - np.array([*BALL[:2], BALL[2]])
-    return (rays @ away) ** 2 > (rays**2).sum(-1) * (away @ away - BALL[2] ** 2)
-
-
 def test_a_plain_table_has_no_points_and_a_guess_serves(plain_scene):
     views, model = plain_scene
     with pytest.raises(StepError, match="no support plane"):
@@ -55,7 +47,7 @@ def test_masks_and_plane_of_a_plain_table(plain_scene_of_few_views):
     masks, record = find_masks(views, model, 240, seed=0)
     overlaps = []
     for mask, view in zip(masks, views, strict=True):
-        truth = true_mask(view.camera)
+        truth = ball_mask(view.camera, BALL)
         overlaps.append((mask & truth).sum() / (mask | truth).sum())
     assert np.median(overlaps) > 0.93 and min(overlaps) > 0.85
     assert record["plane_from"] == "views"
@@ -74,7 +66,7 @@ def test_where_the_color_of_the_table_fails_the_ground_is_told_place_by_place(pl
 
     monkeypatch.setattr(support_plane, "check_points_covered", fail_once)
     masks, record = find_masks(views, model, 240, seed=0)
-    truths = [true_mask(view.camera) for view in views]
+    truths = [ball_mask(view.camera, BALL) for view in views]
     assert np.median([(mask & truth).sum() / (mask | truth).sum() for mask, truth in zip(masks, truths, strict=True)]) > 0.8
     assert record["without_ground_color"] == "the masks miss a part of the object"
 
@@ -128,14 +120,14 @@ def test_a_small_table_in_a_room_is_found_below_the_thing(plain_scene):
 
 def test_windows_lie_around_masks_and_masks_lie_back_in_images(plain_scene):
     views, _ = plain_scene
-    masks = [true_mask(view.camera) for view in views]
+    masks = [ball_mask(view.camera, BALL) for view in views]
     windows, closer = choose_windows([*masks[:-1], np.zeros_like(masks[-1])])
     assert 0.4 < closer < 0.65
     assert windows[-1].right - windows[-1].left == pytest.approx(windows[0].right - windows[0].left, abs=8)
     cameras, images = cut_views(views, windows, 240)
     for view, mask, window, camera, image in zip(views, masks, windows, cameras, images, strict=True):
         assert np.array_equal(image, view.image()[window.slices].astype(np.float32))
-        found = true_mask(camera)
+        found = ball_mask(camera, BALL)
         assert np.array_equal(found, mask[window.slices]) and np.array_equal(lay_back(found.astype(np.float32), window, view), mask)
         assert np.array_equal(cut_map(mask.astype(np.float32), window, view, camera) > 0.5, found)
 
@@ -143,7 +135,7 @@ def test_windows_lie_around_masks_and_masks_lie_back_in_images(plain_scene):
 @pytest.mark.slow
 def test_a_small_object_is_masked_at_the_images_own_resolution(plain_scene_of_few_views, monkeypatch):
     views, model = plain_scene_of_few_views
-    truths = [true_mask(view.camera) for view in views]
+    truths = [ball_mask(view.camera, BALL) for view in views]
 
     def overlap(masks):
         return np.median([(mask & truth).sum() / (mask | truth).sum() for mask, truth in zip(masks, truths, strict=True)])
@@ -223,7 +215,7 @@ def test_lonely_points_are_not_on_an_object(plain_scene):
 def test_masks_that_lose_a_part_with_points_are_refused(plain_scene):
     views, model = plain_scene
     cameras = [view.camera for view in views]
-    whole = [true_mask(camera).astype(np.float32) for camera in cameras]
+    whole = [ball_mask(camera, BALL).astype(np.float32) for camera in cameras]
     check_points_covered(model.points, cameras, whole)
     half = [mask * (np.cumsum(mask.sum(1)) < 0.4 * mask.sum())[:, None] for mask in whole]
     with pytest.raises(MasksRejected, match="miss a part of the object"):

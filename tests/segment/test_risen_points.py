@@ -1,11 +1,9 @@
 """Masks that lack most of the object's own points are found again, led by these."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
-from helpers.table_scene import table_views
+from helpers.table_scene import FoundMasks, table_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.led_by_points import find_with_points
@@ -13,12 +11,6 @@ from zeroshop_steps.segment.mask_quality import MasksRejected
 from zeroshop_steps.segment.risen_points import find_cluster
 
 SUPPORT = SceneSupport(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 0.3]), 4.0, 600)
-
-
-@dataclass(frozen=True)
-class Masks:
-    masks: list[np.ndarray]
-    record: dict
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +55,7 @@ def test_masks_of_a_part_are_found_again(scene, cluster):
     part = [mask & (np.indices(mask.shape)[1] < np.flatnonzero(mask.any(0))[3]) for mask in whole]
     assert cluster.are_missed_by(part, views) and cluster.are_covered_by(whole, views)
 
-    found, prior = find_with_points(views, scene[1], cluster, lambda odds: Masks(part if odds is None else whole, {}))
+    found, prior = find_with_points(views, scene[1], cluster, lambda odds: FoundMasks(part if odds is None else whole, {}))
     assert found.masks is whole and found.record == {"led_by_points": len(cluster.points)} and prior is not None
 
 
@@ -71,12 +63,12 @@ def test_masks_that_show_it_stay_and_so_do_those_that_points_do_not_mend(scene, 
     views, _ = scene
     whole = whole_masks(cluster, views)
     part = [mask & (np.indices(mask.shape)[1] < np.flatnonzero(mask.any(0))[3]) for mask in whole]
-    assert find_with_points(views, scene[1], cluster, lambda odds: Masks(whole, {}))[1] is None
+    assert find_with_points(views, scene[1], cluster, lambda odds: FoundMasks(whole, {}))[1] is None
     assert "warning" not in capsys.readouterr().err
-    found = find_with_points(views, scene[1], cluster, lambda odds: Masks(part, {}))[0]
+    found = find_with_points(views, scene[1], cluster, lambda odds: FoundMasks(part, {}))[0]
     assert found.masks is part and found.record["points_missed"] > 0.5
     assert "may show a part of the object only" in capsys.readouterr().err
-    assert find_with_points(views, scene[1], None, lambda odds: Masks(part, {}))[0].masks is part
+    assert find_with_points(views, scene[1], None, lambda odds: FoundMasks(part, {}))[0].masks is part
 
 
 def test_where_nothing_was_found_the_reason_stays(scene, cluster):
@@ -102,7 +94,7 @@ def test_masks_that_contradict_each_other_are_replaced_where_nearly_all_led_by_p
     def find(odds):
         if odds is None:
             raise MasksRejected("only 2 of 8 masks are good", [], set())
-        return Masks(whole, {"dropped": {str(index): "" for index in range(dropped)}})
+        return FoundMasks(whole, {"dropped": {str(index): "" for index in range(dropped)}})
 
     if not taken:
         with pytest.raises(MasksRejected, match="only 2 of 8"):

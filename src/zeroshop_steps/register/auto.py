@@ -10,6 +10,7 @@ features. Outlines alone are tried with given masks and with a network's; those 
 """
 
 import argparse
+import functools
 import shutil
 import time
 from collections.abc import Callable
@@ -22,10 +23,11 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weights
+from zeroshop_steps.networks.saliency_maps import WIDTH_PX
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks, outlines
 from zeroshop_steps.register.ground_contrast import GroundContrast
-from zeroshop_steps.register.image_set import read_image_set
+from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
 from zeroshop_steps.register.structure import add_matching_arguments
 from zeroshop_steps.runtime.cache import Cached
@@ -56,37 +58,27 @@ def run(args: argparse.Namespace) -> None:
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
     network = None if image_set.masks is not None else found_masks.load_network(args)
-    finder = found_masks.Remembering(network or GroundContrast())
+    finder = network or GroundContrast()
+    find_maps = functools.cache(lambda: finder.find_maps(image_set.images, WIDTH_PX))
 
     def register_scene(folder: Path) -> dict[str, Any]:
         record = colmap.register(image_set, folder, colmap.read_options(args))
         return found_masks.check_by_found_masks(folder, record, network) if network and found_masks.is_thin(record) else record
 
+    def register_object(folder: Path, by: Callable[[ImageSet, Path], dict[str, Any]]) -> dict[str, Any]:
+        if image_set.masks is not None:
+            return by(image_set, folder)
+        return found_masks.register_by_found_masks(folder, image_set, finder, find_maps(), lambda masked: by(masked, folder))
+
     attempts: dict[str, Attempt] = {"colmap": register_scene}
     there = has_weights(args.weights)
     if there:
         prepare = aliked.make_matcher(args, learned)
-
-        def register_object(folder: Path) -> dict[str, Any]:
-            if image_set.masks is not None:
-                return aliked.register(image_set, folder, learned, prepare)
-            return found_masks.register_by_found_masks(
-                folder, image_set, finder, lambda masked: aliked.register(masked, folder, learned, prepare)
-            )
-
-        attempts["aliked"] = register_object
+        attempts["aliked"] = lambda folder: register_object(folder, lambda masked, into: aliked.register(masked, into, learned, prepare))
     if image_set.masks is not None or network:
         scene = colmap.read_options(args)
         by_outlines = outlines.OutlineOptions(scene.sift, scene.structure)
-
-        def register_outlines(folder: Path) -> dict[str, Any]:
-            if image_set.masks is not None:
-                return outlines.register(image_set, folder, by_outlines)
-            return found_masks.register_by_found_masks(
-                folder, image_set, finder, lambda masked: outlines.register(masked, folder, by_outlines)
-            )
-
-        attempts["outlines"] = register_outlines
+        attempts["outlines"] = lambda folder: register_object(folder, lambda masked, into: outlines.register(masked, into, by_outlines))
     write_registration(
         args.out, lambda folder: register(folder, attempts, _advise(there, image_set.masks is not None or network is not None))
     )

@@ -54,45 +54,20 @@ def load_network(args: argparse.Namespace) -> SalientObjectNetwork | None:
     return SalientObjectNetwork(args.saliency_weights, args.saliency_mean, args.saliency_deviation)
 
 
-class Remembering:
-    """A finder that looks at the same photos once."""
-
-    def __init__(self, finder: ObjectFinder) -> None:
-        self._finder = finder
-        self._maps: dict[tuple[tuple[Path, ...], int], list[np.ndarray]] = {}
-
-    @property
-    def name(self) -> str:
-        """As the finder's."""
-        return self._finder.name
-
-    def describe(self) -> dict[str, Any]:
-        """As the finder does."""
-        return self._finder.describe()
-
-    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
-        """As the finder does."""
-        key = (tuple(paths), width_px)
-        if key not in self._maps:
-            self._maps[key] = self._finder.find_maps(paths, width_px)
-        return self._maps[key]
-
-
 def register_by_found_masks(
-    folder: Path, image_set: ImageSet, finder: ObjectFinder, register: Callable[[ImageSet], dict[str, Any]]
+    folder: Path, image_set: ImageSet, finder: ObjectFinder, maps: list[np.ndarray], register: Callable[[ImageSet], dict[str, Any]]
 ) -> dict[str, Any]:
     """Register the object alone by masks that are found in each photo; what was seen in the photos is kept beside the cameras.
 
     Args:
         folder: the registration.
         image_set: photos without masks.
-        finder: what finds the object in each.
+        finder, maps: what finds the object in each, and what it saw there, at most `WIDTH_PX` wide.
         register: fills `folder` from images with masks, and returns its record.
 
     Raises:
         RegistrationFailed: it sees a thing in too few photos, or the registration fails.
     """
-    maps = finder.find_maps(image_set.images, WIDTH_PX)
     with scratch_directory(folder, "masks") as scratch:
         record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), finder, scratch))
     seen = {path.stem: (found, size_px) for path, found, size_px in zip(image_set.images, maps, image_set.sizes_px, strict=True)}

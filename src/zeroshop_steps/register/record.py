@@ -22,11 +22,11 @@ from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json, scratch_directory, write_json
 
 SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
-FEWEST_OF_PASS = 8  # images that lie together at one end of a capture and have no place: they may show the object turned over
 OBJECT_ONLY = ("se", "video_segmented")
 """Scenes that are registered by the object alone: there is no ground, or the object was turned on it."""
 PHOTO_SCENES = ("video", "video_segmented")
 """Scenes of the user's own photos."""
+FEWEST_OF_PASS = 8  # images that lie together at one end of a capture and have no place: they may show the object turned over
 
 
 class RegistrationFailed(StepError):

@@ -14,7 +14,7 @@ from zeroshop_steps.segment.mask_quality import MasksRejected
 from zeroshop_steps.segment.object_selection import ObjectSelection
 from zeroshop_steps.segment.risen_points import RisenPoints
 
-MOST_DROPPED = 0.1  # share of the masks that may be bad where the colours gave none, and points lead them
+MOST_DROPPED = 0.1  # share of the masks that may be bad where others gave none, or gave a part only, and something leads these
 
 
 @dataclass(frozen=True)

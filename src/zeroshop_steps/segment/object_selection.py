@@ -119,11 +119,11 @@ def select_object(
     places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names.tolist()}
     # The nearest edge counts most, because a large object may stand off the middle; then the mean.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
-    cut_off = _find_cut_off(grid, labels, names, cameras)
+    cut_off = _find_cut_off(grid, labels, names, cameras) if len(names) > 1 else set()
     chosen = _choose(names, away, sizes, cut_off)
     if chosen not in cut_off:
         places = {name: place for name, place in places.items() if name not in cut_off}
-    parts = _join_near(chosen, places) if risen is not None else _join_parts(chosen, np.array(list(places)), places, away, sizes)
+    parts = _join_near(chosen, places) if risen is not None else _join_parts(chosen, places, away, sizes)
     own = np.isin(labels, parts)
     others = (labels > 0) & ~own
     if images is not None:
@@ -155,7 +155,7 @@ def _choose(names: np.ndarray, away: dict[int, float], sizes: np.ndarray, cut_of
     return int(min(whole, key=lambda name: (away[name], name), default=nearest))
 
 
-def _join_parts(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray) -> list[int]:
+def _join_parts(chosen: int, places: dict[int, np.ndarray], away: dict[int, float], sizes: np.ndarray) -> list[int]:
     """The chosen cluster and those that are parts of the same object, because the cameras look between them.
 
     Raises:
@@ -163,7 +163,7 @@ def _join_parts(chosen: int, names: np.ndarray, places: dict[int, np.ndarray], a
     """
     if np.linalg.norm(places[chosen], axis=1).min() < LOOKED_AT_VOXELS:
         return [chosen]
-    near = [name for name in names if name != chosen and away[name] < RIVAL_NEAR * away[chosen]]
+    near = [name for name in places if name != chosen and away[name] < RIVAL_NEAR * away[chosen]]
     tree = cKDTree(places[chosen])
     gaps = {name: float(tree.query(places[name])[0].min()) for name in near}
     rivals = [name for name in near if gaps[name] > PART_GAP_VOXELS and sizes[name - 1] > RIVAL_SHARE * sizes[chosen - 1]]

@@ -13,22 +13,21 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.register.ground_contrast import cut_in_band
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.segment.led_by_points import Found
+from zeroshop_steps.segment.led_by_points import MOST_DROPPED, Found
 from zeroshop_steps.segment.prior_maps import weigh_maps
 from zeroshop_steps.segment.windows import Window, choose_windows, cut_views
 
 # Lengths are shares of the square root of the mask's area. Set by hand on photos of a plush toy (docs/results.md).
 CUT_WIDTH_PX = 320  # of the windows that are cut; time grows with its square
-MAP_WIDTH_PX = 480  # of the cuts as maps of whole photos
 BAND_SHARE = 0.25  # so far around a mask a photo may go on
 SURE_SHARE = 0.02  # what lies deeper inside the mask is the object
 END_PX = 2.0  # of the band, as wide
 OUTGROWN_SHARE = 0.08
 """Of a mask's area. In the median photo, the cuts add 0.15 to masks that lack a side of a plush toy, and 0 to 0.05 in fifteen other
 captures; on a wooden table that mirrors the light 0.08."""
-MOST_DROPPED = 0.1  # share of the new masks that may be bad
 
 
 def find_whole(
@@ -98,7 +97,7 @@ def _cut_around(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 def _lay_on_map(cut: np.ndarray, window: Window, view: View) -> np.ndarray:
     """The cut of a window as a map of the whole photo, (h, w) float32."""
-    scale = min(MAP_WIDTH_PX / view.camera.width_px, 1.0)
+    scale = min(MAPS_WIDTH_PX / view.camera.width_px, 1.0)
     found = np.zeros((round(scale * view.camera.height_px), round(scale * view.camera.width_px)), np.float32)
     top, bottom, left, right = (round(scale * edge) for edge in (window.top, window.bottom, window.left, window.right))
     part = found[top:bottom, left:right]
