@@ -99,6 +99,7 @@ def _mask_images(image_set: ImageSet, found: list[np.ndarray], finder: ObjectFin
         image_set,
         images=tuple(image_set.images[index] for index in chosen),
         masks=tuple(masks),
+        masks_found=True,
         sizes_px=tuple(image_set.sizes_px[index] for index in chosen),
         sources=tuple(image_set.sources[index] for index in chosen) if image_set.sources else (),
     )

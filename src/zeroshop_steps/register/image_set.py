@@ -28,6 +28,7 @@ class ImageSet:
         sources: how the user names the images, in their order; empty where they have no other name.
         film: whether the images are frames of a film, named by their place in it.
         cuts: places of the frames before which the film was cut.
+        masks_found: whether the masks were not given, but found in each image: good to a pixel at best.
     """
 
     images: tuple[Path, ...]
@@ -36,6 +37,7 @@ class ImageSet:
     sources: tuple[str, ...] = ()
     film: bool = False
     cuts: tuple[int, ...] = ()
+    masks_found: bool = False
 
     @property
     def names(self) -> list[str]:

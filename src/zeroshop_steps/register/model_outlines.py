@@ -41,12 +41,13 @@ def adjust_model_by_outlines(
         An adjusted copy, and by how much the rays of the rims missed the other masks before and after: the mean, px per 1000 px.
     """
     cameras, masks = undistort_masks(model, image_set)
-    adjusted = adjust_model_by_masks(model, cameras, {name: mask for name, mask in masks.items() if name not in wrong_masks}, aligned)
+    right = {name: mask for name, mask in masks.items() if name not in wrong_masks}
+    adjusted = adjust_model_by_masks(model, cameras, right, aligned, image_set.masks_found)
     return adjusted.model, [round(missed_px, 3) for missed_px in adjusted.missed_px]
 
 
 def adjust_model_by_masks(
-    model: pycolmap.Reconstruction, cameras: list[Camera], masks: dict[str, np.ndarray], aligned: bool = False
+    model: pycolmap.Reconstruction, cameras: list[Camera], masks: dict[str, np.ndarray], aligned: bool = False, found: bool = False
 ) -> AdjustedModel:
     """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims.
 
@@ -55,11 +56,12 @@ def adjust_model_by_masks(
         cameras: their pinhole cameras.
         masks: {image name: (height, width) bool}, of the pinhole cameras' sizes; other images are held by their tracks alone.
         aligned: whether the pictures aligned the tracks.
+        found: whether the masks were found in each photo.
     """
     point_ids, tracks = read_tracks(model, cameras)
     adjustment = OutlineAdjustment(cameras, masks, tracks)
     before_px, error_before_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
-    adjustment.adjust(aligned)
+    adjustment.adjust(aligned, found)
     after_px, error_after_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
     copy = pycolmap.Reconstruction(model)
     for lens in copy.cameras.values():

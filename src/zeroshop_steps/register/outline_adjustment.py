@@ -27,9 +27,9 @@ CONVERGED = 0.02
 first two to five rounds found cameras as good as twenty did, and of few views better ones."""
 LEAST_DAMPING = 1e-8
 EXACT_MISS_PX = 0.15  # of exact masks, in the mean, per 1000 px of the image: rims that run along pixels leave 0.04 to 0.06
-EXACT_RIMS_PX, LEAST_TRACKS_PX = 0.5, 0.1
-"""Noise of the rims of exact masks, and the least of tracks, likewise. A rim's rays lie side by side and err together: each by itself has
-0.3 px. The pictures align points to a tenth of a pixel."""
+EXACT_RIMS_PX, ROUGH_RIMS_PX, LEAST_TRACKS_PX = 0.5, 2.0, 0.1
+"""Noise of the rims of exact masks, of others, and the least of tracks, likewise. A rim's rays lie side by side and err together: each by
+itself has 0.3 px, and 1 px where a network found the masks. The pictures align points to a tenth of a pixel."""
 
 
 @dataclass(frozen=True)
@@ -104,17 +104,19 @@ class OutlineAdjustment:
         self.state = State(rotation, translation, 0.0, np.zeros((tracks.count, 3)))
         self.state = replace(self.state, points=self._triangulate())
 
-    def adjust(self, aligned: bool = False) -> None:
+    def adjust(self, aligned: bool = False, found: bool = False) -> None:
         """Minimize the robust sum of the outlines' misses and the tracks' reprojection errors, in px per 1000 px of the image.
 
         Args:
-            aligned: whether the pictures aligned the tracks (`sharpening`). Where masks are exact, too, each then counts by its noise, that
-                of the tracks being what is left of their errors: else false observations outweigh those that were aligned.
+            aligned: whether the pictures aligned the tracks (`sharpening`). Each then counts by its noise, that of the tracks being what
+                is left of their errors: else rims and false observations outweigh those that were aligned.
+            found: whether the masks were found in each photo: rims may then be a pixel off all around, and rays meet them nonetheless.
         """
         self._minimize(Noise())
-        if aligned and self.tracks.count and self.measure_misses_px().mean() <= EXACT_MISS_PX:
+        if aligned and self.tracks.count:
+            rims_px = ROUGH_RIMS_PX if found or self.measure_misses_px().mean() > EXACT_MISS_PX else EXACT_RIMS_PX
             errors_px = np.linalg.norm(self._reprojection_errors(self.state)[0], axis=1)
-            self._minimize(Noise(EXACT_RIMS_PX, float(np.clip(np.median(errors_px), LEAST_TRACKS_PX, 1.0))))
+            self._minimize(Noise(rims_px, float(np.clip(np.median(errors_px), LEAST_TRACKS_PX, 1.0))))
 
     def _minimize(self, noise: Noise) -> None:
         damping = 1e-3

@@ -134,9 +134,11 @@ def reconstruct(
         RegistrationFailed: too few images, an inconsistent model, or sides that look alike lie on each other.
     """
     count, scratch = len(image_set.images), database.parent
-    expected = _count_common(database, image_set, options, figures) if options.leave_out else count
-    if image_set.film:
-        expected = count  # a film shows one scene: frames without matches are not foreign, but missing
+    expected, apart = count, None
+    if options.leave_out and not image_set.film:  # a film shows one scene: frames without matches are not foreign, but missing
+        expected, apart = _count_common(database, image_set, options, figures)
+    if apart and not by_object:
+        raise RegistrationFailed(apart, figures)
     needed = max(options.min_images, math.ceil(options.min_share * expected))
     mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
     model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper) if start is None else start
@@ -145,14 +147,17 @@ def reconstruct(
         model, report = _settle(model, image_set, database, scratch, options, figures)
         stopwatch.lap("repair")
     registered, joined = (model.num_reg_images() if model else 0), False
-    if by_object and registered < needed:
+    if by_object and (apart or registered < max(needed, math.ceil(options.min_share * count))):
+        # Of an object alone, photos without matches are not foreign: they may show its other side.
         whole, figures["joining"] = join_groups(_map_groups(database, image_set, options), image_set, scratch)
         stopwatch.lap("join")
-        if whole is not None and whole.num_reg_images() >= needed:
+        if whole is not None and whole.num_reg_images() >= max(needed, registered + 1):
             model, registered, joined = whole, whole.num_reg_images(), True
             # No matches hold the groups to each other: outlines and pictures do, and were asked.
             options = replace(options, limits=replace(options.limits, cut_matches=0))
             report = check_consistency(model, image_set, database, options.limits)
+    if apart and not joined:
+        raise RegistrationFailed(apart, figures)
     if model is None or registered < needed:
         way_out = "register the whole scene, with its ground" if options.object_only else "put the object on a strongly textured surface"
         raise RegistrationFailed(
@@ -199,19 +204,21 @@ def _map_groups(database: Path, image_set: ImageSet, options: StructureOptions) 
     return map_groups(database, image_set.images[0].parent, database.parent / "groups", mapper)
 
 
-def _count_common(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> int:
-    """How many images show one scene. Raises RegistrationFailed where these are too few of all."""
+def _count_common(
+    database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]
+) -> tuple[int, str | None]:
+    """How many images show one scene; and why no scene can be told, where these are too few of all."""
     groups = find_groups(database)
     count, common = len(image_set.images), len(groups[0])
+    apart = None
     if common < max(options.min_images, math.ceil(LEAST_COMMON_SHARE * count)) and any(len(names) > 1 for names in groups[1:]):
         found = describe_groups(groups, image_set.shown)
-        raise RegistrationFailed(
+        apart = (
             f"the {count} photos do not show one scene, or do not overlap: {found} fit together; give the photos of one object that was"
-            " not moved, or take more pictures in between, on a ground with plenty of print",
-            figures,
+            " not moved, or take more pictures in between, on a ground with plenty of print"
         )
     figures["foreign"] = sorted(set(image_set.names) - set(groups[0]))
-    return max(common, math.ceil(LEAST_COMMON_SHARE * count))
+    return max(common, math.ceil(LEAST_COMMON_SHARE * count)), apart
 
 
 def _settle(
