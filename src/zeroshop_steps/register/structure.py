@@ -204,9 +204,7 @@ def _map_groups(database: Path, image_set: ImageSet, options: StructureOptions) 
     return map_groups(database, image_set.images[0].parent, database.parent / "groups", mapper)
 
 
-def _count_common(
-    database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]
-) -> tuple[int, str | None]:
+def _count_common(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> tuple[int, str | None]:
     """How many images show one scene; and why no scene can be told, where these are too few of all."""
     groups = find_groups(database)
     count, common = len(image_set.images), len(groups[0])
