@@ -15,7 +15,7 @@ from zeroshop_steps.segment.mask_quality import MasksRejected, check_points_cove
 from zeroshop_steps.segment.plain_ground import MOST_ODDS, SHADOW_ODDS, find_print, find_risen_points, fit_plain_ground, join_odds
 from zeroshop_steps.segment.plane_search import find_scene_support, guess_scene_support, propose_supports
 from zeroshop_steps.segment.support_plane import find_masks
-from zeroshop_steps.segment.windows import choose_windows, cut_map, cut_views, lay_back, take_whole
+from zeroshop_steps.segment.windows import Window, choose_windows, cut_map, cut_views, lay_back, take_whole
 
 BALL = (0.0, 0.0, 0.45)
 VIEWS, FEW_VIEWS = 12, 8
@@ -130,6 +130,16 @@ def test_windows_lie_around_masks_and_masks_lie_back_in_images(plain_scene):
         found = ball_mask(camera, BALL)
         assert np.array_equal(found, mask[window.slices]) and np.array_equal(lay_back(found.astype(np.float32), window, view), mask)
         assert np.array_equal(cut_map(mask.astype(np.float32), window, view, camera) > 0.5, found)
+
+
+def test_photos_in_portrait_format_are_cut_with_as_many_pixels_as_square_ones(plain_scene):
+    views, _ = plain_scene
+    height = views[0].camera.height_px
+    for width in (height // 2, height):
+        (camera,), (image,) = cut_views(views[:1], [Window(0, 0, width, height)], 100)
+        assert image.shape == (camera.height_px, camera.width_px, 3)
+        assert camera.width_px * camera.height_px == pytest.approx(100 * 100, rel=0.02)
+        assert camera.height_px / camera.width_px == pytest.approx(height / width, rel=0.02)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Windows of the images around an object that is small in them: masks are cut there again, at the images' own resolution."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -61,12 +62,15 @@ def choose_windows(masks: Sequence[np.ndarray]) -> tuple[list[Window], float]:
 
 
 def cut_views(views: Sequence[View], windows: Sequence[Window], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
-    """Cameras and (H, W, 3) float32 RGB images of the windows, at most `width_px` wide and never enlarged."""
+    """Cameras and (H, W, 3) float32 RGB images of the windows, at most `width_px` wide and never enlarged.
+
+    Those higher than wide have as many pixels as a square one: an object is not smaller in a photo in portrait format.
+    """
     cameras, images = [], []
     for view, window in zip(views, windows, strict=True):
         width, height = window.right - window.left, window.bottom - window.top
         part = view.camera.cropped(window.left, window.top, width, height)
-        size = min(width_px, width)
+        size = min(round(width_px * min(1.0, math.sqrt(width / height))), width)
         cameras.append(part.resized(size, round(height * size / width)))
         size_px = (cameras[-1].width_px, cameras[-1].height_px)
         images.append(cv2.resize(view.image()[window.slices], size_px, interpolation=cv2.INTER_AREA).astype(np.float32))
