@@ -38,7 +38,7 @@ TRIED = {
     "guessed_share": ((0.01, 0.02, 0.03, 0.05), (0.2, 0.3, 0.5)),
     "roughness_deg": ((7.0, 8.0, 9.0, 10.0), (20.0, 25.0, 30.0)),
     "silhouette_agreement": ((0.96,), (0.9, 0.85, 0.8, 0.7, 0.6)),
-    "displaced_share": ((0.035, 0.05), (0.2, 0.3, 0.4)),
+    "displaced_share": ((0.02, 0.03, 0.05), (0.2, 0.3, 0.4)),
     "back_share": ((0.01, 0.02), (0.15, 0.25)),
 }
 """Limits of good and of sparse that are fitted; the others stay. Masks are exact here, and those of real photos are not: so the limit of

@@ -3,7 +3,8 @@
 Every photo is held out once: at points of the surface, its colours are compared with those that the other photos predict. (A real
 capture has no photos to spare, and a texture that was baked from all of them would hide the error.) If the surface is in the wrong
 place, each photo shows a different spot of the object at the point, and the colours disagree. Highlights make them disagree on a
-right surface, too. So a point counts as displaced only if another depth along its normal explains the same photos clearly better.
+right surface, too. So a point counts as displaced only if another depth along its normal explains the same photos clearly better, and
+not for itself alone, where one of many depths may by chance, but together with the surface around it (cost aggregation, as in stereo).
 This finds the lid of a visual hull over a bowl, whose silhouettes are perfect (Kutulakos and Seitz 2000, photo-consistency; Collins
 1996, plane sweep).
 """
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from zeroshop_steps.finish import exposure
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, RayHits
@@ -32,7 +34,9 @@ MIN_COSINE = 0.3  # between normal and direction to the camera (73 degrees); fla
 MIN_TRUST = 0.1  # of 1 (geometry/visibility.py); closer to an edge a pixel may show something else
 LEAST_VIEWS = 3  # photos that must see a point for it to count; two can agree by chance
 OFFSETS_DIAMETERS = np.r_[-0.30:-0.019:0.02, 0.02:0.081:0.02]  # tried depths along the normal, outwards positive; hollows are deep
-MARGIN = 0.015  # of the colour, 0 to 1: another depth must be better by this, and by what a shift of one pixel changes
+AROUND = 32  # points of the surface that are judged together
+SAME_SIDE = 0.5  # cosine between the normals of such points: those of another side do not count
+MARGIN, SHIFT_PX = 0.015, 0.5  # of the colour, 0 to 1: another depth must be better by this, and by what such a shift changes
 INSIDE = 0.99  # mean of the mask's four pixels around a point: all of them must show the object
 
 
@@ -97,12 +101,12 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) ->
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
     judged = (weight > 0).sum(1) >= LEAST_VIEWS
-    gain = spread[0] - spread[1:].min(0)
+    displaced = _find_displaced(points[judged], normals[judged], spread[:, judged], slope[judged])
     return PhotoAgreement(
         silhouette_agreement=float(np.mean(look.iou)),
         back_share=look.back_px / max(look.mesh_px, 1),
         photometric_error=_measure_left_out_error(colors[0], weight, judged),
-        displaced_share=float((gain > MARGIN + slope)[judged].mean()) if judged.any() else 1.0,
+        displaced_share=float(displaced.mean()) if judged.any() else 1.0,
         judged_share=float(judged.mean()),
     )
 
@@ -180,6 +184,28 @@ def _measure_spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     mean = np.einsum("nv,nvc->nc", weight, colors) / total[:, None]
     distance = np.abs(colors - mean[:, None]).max(2)
     return np.sqrt((weight * distance**2).sum(1) / total)
+
+
+def _find_displaced(points: np.ndarray, normals: np.ndarray, spread: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """(N,) bool, where another place than the first explains the photos clearly better, together with the surface around.
+
+    Args:
+        points, normals: (N, 3) of the surface.
+        spread: (P, N) of the colours at P places along each normal, inf where a place is off the object.
+        slope: (N,) change of colour over one pixel.
+    """
+    if not len(points):
+        return np.zeros(0, bool)
+    _, near = cKDTree(points).query(points, min(AROUND, len(points)))
+    near = near.reshape(len(points), -1)
+    same = np.einsum("nd,nkd->nk", normals, normals[near]) > SAME_SIDE
+    count = same.sum(1)
+    best = np.full(len(points), -np.inf)
+    for place in spread[1:]:
+        use = same & np.isfinite(place[near])
+        better = np.where(use, spread[0][near] - place[near], 0.0).sum(1) / np.maximum(use.sum(1), 1)
+        best = np.where(2 * use.sum(1) >= count, np.maximum(best, better), best)
+    return np.asarray(best > MARGIN + SHIFT_PX * (slope[near] * same).sum(1) / count)
 
 
 def _measure_left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.ndarray) -> float:
