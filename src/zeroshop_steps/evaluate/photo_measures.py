@@ -101,12 +101,11 @@ def measure_photo_agreement(mesh: Mesh, views: Sequence[View], seed: int = 0) ->
     spread[1:][~(look.on_object[1:] | (weight == 0)).all(2)] = np.inf
     slope = (look.slope * weight).sum(1) / np.maximum(weight.sum(1), 1e-12)
     judged = (weight > 0).sum(1) >= LEAST_VIEWS
-    displaced = _find_displaced(points[judged], normals[judged], spread[:, judged], slope[judged])
     return PhotoAgreement(
         silhouette_agreement=float(np.mean(look.iou)),
         back_share=look.back_px / max(look.mesh_px, 1),
         photometric_error=_measure_left_out_error(colors[0], weight, judged),
-        displaced_share=float(displaced.mean()) if judged.any() else 1.0,
+        displaced_share=_measure_displaced_share(points[judged], normals[judged], spread[:, judged], slope[judged]),
         judged_share=float(judged.mean()),
     )
 
@@ -186,8 +185,8 @@ def _measure_spread(colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.sqrt((weight * distance**2).sum(1) / total)
 
 
-def _find_displaced(points: np.ndarray, normals: np.ndarray, spread: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """(N,) bool, where another place than the first explains the photos clearly better, together with the surface around.
+def _measure_displaced_share(points: np.ndarray, normals: np.ndarray, spread: np.ndarray, slope: np.ndarray) -> float:
+    """Share of points where another place than the first explains the photos clearly better, together with those around; 1 of no points.
 
     Args:
         points, normals: (N, 3) of the surface.
@@ -195,7 +194,7 @@ def _find_displaced(points: np.ndarray, normals: np.ndarray, spread: np.ndarray,
         slope: (N,) change of colour over one pixel.
     """
     if not len(points):
-        return np.zeros(0, bool)
+        return 1.0
     _, near = cKDTree(points).query(points, min(AROUND, len(points)))
     near = near.reshape(len(points), -1)
     same = np.einsum("nd,nkd->nk", normals, normals[near]) > SAME_SIDE
@@ -205,7 +204,7 @@ def _find_displaced(points: np.ndarray, normals: np.ndarray, spread: np.ndarray,
         use = same & np.isfinite(place[near])
         better = np.where(use, spread[0][near] - place[near], 0.0).sum(1) / np.maximum(use.sum(1), 1)
         best = np.where(2 * use.sum(1) >= count, np.maximum(best, better), best)
-    return np.asarray(best > MARGIN + SHIFT_PX * (slope[near] * same).sum(1) / count)
+    return float((best > MARGIN + SHIFT_PX * (slope[near] * same).sum(1) / count).mean())
 
 
 def _measure_left_out_error(colors: np.ndarray, weight: np.ndarray, judged: np.ndarray) -> float:

@@ -141,13 +141,15 @@ def reconstruct(
         raise RegistrationFailed(apart, figures)
     needed = max(options.min_images, math.ceil(options.min_share * expected))
     mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
-    model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper) if start is None else start
+    model = start
+    if start is None and not apart:  # images that lie apart have a model if they can be joined, and none otherwise
+        model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
     stopwatch.lap("map")
     if model is not None:
         model, report = _settle(model, image_set, database, scratch, options, figures)
         stopwatch.lap("repair")
     registered, joined = (model.num_reg_images() if model else 0), False
-    if by_object and (apart or registered < max(needed, math.ceil(options.min_share * count))):
+    if by_object and registered < max(needed, math.ceil(options.min_share * count)):
         # Of an object alone, photos without matches are not foreign: they may show its other side.
         whole, figures["joining"] = join_groups(_map_groups(database, image_set, options), image_set, scratch)
         stopwatch.lap("join")
