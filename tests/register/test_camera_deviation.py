@@ -19,7 +19,8 @@ from zeroshop_steps.register.bundle_adjustment import adjust_robustly
 from zeroshop_steps.register.camera_covariance import estimate_deviations
 from zeroshop_steps.register.camera_deviation import measure_deviations, write_deviations
 from zeroshop_steps.register.model_outlines import read_tracks
-from zeroshop_steps.register.outline_adjustment import NO_TRACKS, OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import OutlineAdjustment
+from zeroshop_steps.register.outline_state import NO_TRACKS, Tracks
 from zeroshop_steps.register.record import write_registration
 from zeroshop_steps.runtime.files import read_json
 

@@ -1,12 +1,14 @@
 """A model is improved only where it passes the checks still; photos that contradict it then are left out, if enough stay."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import pytest
 
 from zeroshop_steps.register import improvement
 from zeroshop_steps.register.consistency import ConsistencyReport
 from zeroshop_steps.register.improvement import ROUGH_MISS_PX, Improver
+from zeroshop_steps.register.model_outlines import AdjustedModel
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,14 @@ def report(reason=None, culprits=()):
     return ConsistencyReport(None, None, {}, reason, culprits)
 
 
+def changed(model, word):
+    return replace(model, changes=(*model.changes, word))
+
+
+def adjusted(model, missed_px=0.1, standing_out=()):
+    return AdjustedModel(model, [], (0.4, missed_px), (0.0, 0.0), list(standing_out))
+
+
 @pytest.fixture
 def improver(monkeypatch):
     """Of models in which the image `d` contradicts every change, and `c` those by outlines, too."""
@@ -33,19 +43,12 @@ def improver(monkeypatch):
         culprits = tuple(sorted(set(model.images) & set().union(*(bad[change] for change in model.changes))))
         return report("wrong" if culprits else None, culprits)
 
-    def change(word, *figures):
-        def applied(model, *_):
-            changed = replace(model, changes=(*model.changes, word))
-            return (changed, *figures)
-
-        return applied
-
-    monkeypatch.setattr(improvement, "sharpen", change("sharpened", {"points": 100}))
-    monkeypatch.setattr(improvement, "adjust_model_by_outlines", change("outlines", [0.4, 0.1]))
+    monkeypatch.setattr(improvement, "sharpen", lambda model, *_: (changed(model, "sharpened"), {"points": 100}))
+    monkeypatch.setattr(improvement, "adjust_model_by_outlines", lambda model, *_: adjusted(changed(model, "outlines")))
     monkeypatch.setattr(
         improvement, "remove_images", lambda model, names: replace(model, images=tuple(name for name in model.images if name not in names))
     )
-    return lambda needed: Improver(type("Images", (), {"images": []})(), check, needed, {"left_out": ["e"]})
+    return lambda needed, found=False: Improver(SimpleNamespace(images=[], masks_found=found), check, needed, {"left_out": ["e"]})
 
 
 def test_a_photo_that_contradicts_the_sharpened_model_is_left_out(improver):
@@ -69,7 +72,7 @@ def test_outlines_adjust_what_passes(improver):
 
 
 def test_rough_masks_are_not_used(improver, monkeypatch):
-    monkeypatch.setattr(improvement, "adjust_model_by_outlines", lambda model, *_: (Model(("a",)), [1.0, ROUGH_MISS_PX + 0.1]))
+    monkeypatch.setattr(improvement, "adjust_model_by_outlines", lambda model, *_: adjusted(Model(("a",)), ROUGH_MISS_PX + 0.1))
     improver = improver(2)
     model, _ = improver.adjust_by_outlines(Model(), report())
     assert model == Model() and not improver.figures["outlines"]["adjusted"]
@@ -80,7 +83,7 @@ def test_aligned_points_count_by_their_noise_where_the_result_passes(improver, m
 
     def adjust(model, _images, _wrong, aligned):
         asked.append(aligned)
-        return replace(model, changes=("sharpened",) if aligned else ()), [0.4, 0.1]
+        return adjusted(replace(model, changes=("sharpened",) if aligned else ()))
 
     monkeypatch.setattr(improvement, "adjust_model_by_outlines", adjust)
     improver.figures["sharpened"] = {"points": 100}
@@ -89,3 +92,12 @@ def test_aligned_points_count_by_their_noise_where_the_result_passes(improver, m
     assert model == before and model is not before and asked == [True, False]
     model, _ = improver.adjust_by_outlines(Model(("a", "b", "c", "f")), report())
     assert model.changes == ("sharpened",) and asked == [True, False, True]
+
+
+def test_views_that_stand_out_by_found_masks_are_left_out_where_enough_stay(improver, monkeypatch):
+    """A given mask is believed."""
+    monkeypatch.setattr(improvement, "adjust_model_by_outlines", lambda model, *_: adjusted(model, 0.1, {"b"} & set(model.images)))
+    for needed, found, kept in ((3, True, ("a", "c", "d")), (4, True, ("a", "b", "c", "d")), (3, False, ("a", "b", "c", "d"))):
+        one = improver(needed, found)
+        model, _ = one.adjust_by_outlines(Model(), report())
+        assert model.images == kept and one.figures["outlines"].get("standing_out") == (["b"] if len(kept) == 3 else None)

@@ -13,8 +13,9 @@ from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import to_rigid
 from zeroshop_steps.register.model_outlines import adjust_model_by_masks
-from zeroshop_steps.register.outline_adjustment import EXACT_MISS_PX, NO_TRACKS, OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import EXACT_MISS_PX, OutlineAdjustment
 from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
+from zeroshop_steps.register.outline_state import NO_TRACKS, Tracks
 
 SIZE_MM = (73.0, 28.0, 85.0)
 FINER = 4  # the masks are drawn larger, and then thinned out
@@ -110,6 +111,17 @@ def test_exact_tracks_count_even_more_than_the_rims_of_found_masks(views):
         assert adjustment.measure_misses_px().mean() < EXACT_MISS_PX
         errors_mm.append(compare_cameras(adjustment.adjusted_cameras(), cameras).centre_mm.mean())
     assert errors_mm[1] < 0.7 * errors_mm[0], errors_mm
+
+
+def test_a_view_whose_mask_lacks_a_side_stands_out(views):
+    """A network may cut off a side of the object that looks like the ground."""
+    cameras, masks = views
+    cut = masks[cameras[3].name].copy()
+    cut[:, : int(np.flatnonzero(cut.any(axis=0))[0]) + 6] = False
+    for given, standing_out in ((masks, []), (masks | {cameras[3].name: cut}, [3])):
+        adjustment = OutlineAdjustment(shaken(cameras, 0.5, 1.01), given, tracks_of(cameras, 200, 0.05))
+        adjustment.adjust(aligned=True, found=True)
+        assert adjustment.find_standing_out().tolist() == standing_out
 
 
 def test_a_view_without_a_mask_is_held_by_its_tracks(views):

@@ -1,5 +1,6 @@
 """A salient-object network gives the prior: what photos agree on counts, and the file is refused with its name where it is none."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -7,7 +8,7 @@ from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
 from helpers.table_scene import table_views
 from zeroshop_steps.geometry.images import list_images, read_mask, write_image
-from zeroshop_steps.networks.object_finder import keep_main_thing
+from zeroshop_steps.networks.object_finder import cut_main_things, keep_main_thing
 from zeroshop_steps.networks.saliency_maps import write_maps
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.ground_contrast import GroundContrast
@@ -156,3 +157,25 @@ def test_what_is_no_such_network_is_named(workplace, capfd, damage, message):
     error = capfd.readouterr().err
     assert message in error and "saliency.onnx" in error and "Traceback" not in error
     assert not (folder / "cameras").exists()
+
+
+def test_a_closer_look_sees_a_small_thing_finer(workplace, monkeypatch):
+    """To a network of 128 pixels, a photo of 1200 shows outlines to ten pixels. What fills the photo is looked at once."""
+    folder, _ = workplace
+    network = SalientObjectNetwork(folder / "saliency.onnx", IMAGE_MEAN, IMAGE_DEVIATION)
+    small, large = np.zeros((900, 1200), np.uint8), np.zeros((900, 1200), np.uint8)
+    cv2.ellipse(small, (600, 450), (110, 70), 30, 0, 360, 1, -1)
+    large[40:860, 60:1100] = 1
+    paths = [folder / "small.png", folder / "large.png"]
+    for path, shown in zip(paths, (small, large), strict=True):
+        write_image(path, np.where(shown[..., None] > 0, (220, 30, 30), (90, 90, 90)).astype(np.uint8))
+    maps = network.find_maps(paths, 480)
+    closer = network.look_closer(paths, maps, 1000)
+    before, after = (compute_overlap(mask, small > 0) for mask in cut_main_things([maps[0], closer[0]], [(1200, 900)] * 2))
+    assert closer[0].shape == (750, 1000) and 1 - after < 0.7 * (1 - before), (before, after)
+    assert closer[1] is maps[1]
+    empty = np.zeros_like(maps[0])
+    assert network.look_closer(paths[:1], [empty], 1000)[0] is empty
+    predict = network.predict
+    monkeypatch.setattr(network, "predict", lambda image, size_px: predict(image, size_px) * (np.arange(size_px[0]) > size_px[0] / 2))
+    assert network.look_closer(paths[:1], maps[:1], 1000)[0] is maps[0], "from closer, half of it is missing"

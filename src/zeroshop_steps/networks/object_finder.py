@@ -23,10 +23,23 @@ class ObjectFinder(Protocol):
     def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
         """Maps of the photos, (h, w) float32, 0 to 1, at most `width_px` wide."""
 
+    def look_closer(self, paths: Sequence[Path], maps: Sequence[np.ndarray], width_px: int) -> list[np.ndarray]:
+        """The maps with what it sees where it looks at the main thing alone, at most `width_px` wide; as they are if it cannot."""
+
 
 def cut_main_things(maps: Sequence[np.ndarray], sizes_px: Sequence[tuple[int, int]]) -> list[np.ndarray]:
     """(H, W) bool masks of the main thing in each photo, of the photos' (width, height), by their maps."""
     return [cv2.resize(keep_main_thing(found), size) > 0.5 for found, size in zip(maps, sizes_px, strict=True)]
+
+
+def surround_main_thing(found: np.ndarray, margin: float) -> tuple[slice, slice] | None:
+    """Rows and columns of a map, (h, w), around the main thing and a margin, a share of its longer side; None where there is none."""
+    rows, columns = np.nonzero(keep_main_thing(found) > 0.5)
+    if not len(rows):
+        return None
+    aside = round(margin * float(max(np.ptp(rows), np.ptp(columns))))
+    top, left = max(0, int(rows.min()) - aside), max(0, int(columns.min()) - aside)
+    return slice(top, int(rows.max()) + aside + 1), slice(left, int(columns.max()) + aside + 1)
 
 
 def keep_main_thing(found: np.ndarray) -> np.ndarray:

@@ -18,12 +18,16 @@ from zeroshop_steps.runtime.files import read_json, write_json
 FOLDER = "saliency"
 LEVELS = 255
 WIDTH_PX = 480  # of the maps that are kept: finer ones cost time and bring nothing to features
+FINE_WIDTH_PX = 1000  # of those that cut the object out where its outline holds the cameras
 
 
 def write_maps(scene: Path, finder: ObjectFinder, maps: Mapping[str, np.ndarray]) -> None:
-    """Keep the maps, (h, w) of 0 to 1, at most `WIDTH_PX` wide, of a scene's images, by their stems."""
+    """Keep the maps, (h, w) of 0 to 1, of a scene's images, by their stems; finer ones than `WIDTH_PX` are reduced to it."""
     write_json(scene / FOLDER / "finder.json", _describe(finder, WIDTH_PX))
     for stem, found in maps.items():
+        height, width = found.shape
+        if width > WIDTH_PX:
+            found = cv2.resize(found, (WIDTH_PX, round(height * WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
         write_image(scene / FOLDER / f"{stem}.png", np.round(LEVELS * found).astype(np.uint8))
 
 

@@ -15,6 +15,7 @@ import onnxruntime
 from scipy.special import expit
 
 from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.networks.object_finder import surround_main_thing
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
 
@@ -22,6 +23,9 @@ IMAGE_MEAN, IMAGE_DEVIATION = [128.0, 128.0, 128.0], [256.0, 256.0, 256.0]  # of
 USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and BiRefNet were trained on this
 THREADS = 2  # always the same number, because sums in another order change single pixels
 CHANNELS = 3
+CLOSER_MARGIN = 0.15  # around the main thing, of its longer side, that is left when the network looks closer
+CLOSER_SHARE = 0.5  # of the photo: what fills more of it is not seen much finer from closer
+CLOSER_AGREES = 0.9  # overlap of the two looks: of 20 photos of a drill, 19 agree to 0.98, and of one the closer look lost a quarter
 WARNINGS = 3  # the severity from which onnxruntime speaks: errors; it warns of unused weights otherwise
 
 
@@ -97,6 +101,33 @@ class SalientObjectNetwork:
             maps.append(self.predict(image, (width, round(image.shape[0] * width / image.shape[1]))))
         return maps
 
+    def look_closer(self, paths: Sequence[Path], maps: Sequence[np.ndarray], width_px: int) -> list[np.ndarray]:
+        """The maps, (h, w) float32, with the mean of them and of what the network sees in the surroundings of the main thing alone.
+
+        A photo is reduced to what the network takes, so the outline of a small or thin thing is coarse. From closer, a part of it may look
+        like a thing: what differs much from the look at the whole photo does not count.
+
+        Args:
+            paths: the photos.
+            maps: what it saw in each whole photo.
+            width_px: of the new maps, at most; maps of photos that the thing fills stay as they are.
+        """
+        closer = []
+        for path, found in track(zip(paths, maps, strict=True), "closer", len(paths)):
+            around = surround_main_thing(found, CLOSER_MARGIN)
+            if around is None or found[around].size > CLOSER_SHARE * found.size:
+                closer.append(found)
+                continue
+            image = read_image(path)
+            width = min(width_px, image.shape[1])
+            fine = cv2.resize(found, (width, round(image.shape[0] * width / image.shape[1])))
+            part, seen = (_scale_slices(around, found.shape, target.shape) for target in (fine, image))
+            whole, inside = fine[part], self.predict(image[seen], fine[part].shape[::-1])
+            both, either = (whole > 0.5) & (inside > 0.5), (whole > 0.5) | (inside > 0.5)
+            fine[part] = (whole + inside) / 2
+            closer.append(fine if both.sum() >= CLOSER_AGREES * either.sum() else found)
+        return closer
+
     @property
     def name(self) -> str:
         """The file's name, for records."""
@@ -107,3 +138,12 @@ class SalientObjectNetwork:
         values = {"mean": self._mean.ravel().tolist(), "deviation": self._deviation.ravel().tolist()}
         with self.path.open("rb") as file:
             return {"sha256": hashlib.file_digest(file, "sha256").hexdigest(), **values}
+
+
+def _scale_slices(slices: tuple[slice, slice], shape: tuple[int, ...], target: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of an array as those of another, of the same picture."""
+    rows, columns = (
+        slice(round(part.start * new / old), min(new, round(part.stop * new / old)))
+        for part, old, new in zip(slices, shape[:2], target[:2], strict=True)
+    )
+    return rows, columns

@@ -23,7 +23,6 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weights
-from zeroshop_steps.networks.saliency_maps import WIDTH_PX
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks, outlines
 from zeroshop_steps.register.ground_contrast import GroundContrast
@@ -59,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     learned = aliked.read_options(args)
     network = None if image_set.masks is not None else found_masks.load_network(args)
     finder = network or GroundContrast()
-    find_maps = functools.cache(lambda: finder.find_maps(image_set.images, WIDTH_PX))
+    find_maps = functools.cache(lambda: found_masks.find_object_maps(finder, image_set.images))
 
     def register_scene(folder: Path) -> dict[str, Any]:
         record = colmap.register(image_set, folder, colmap.read_options(args))

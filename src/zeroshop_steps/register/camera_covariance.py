@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.transforms import make_cross_matrices
-from zeroshop_steps.register.outline_adjustment import Tracks
+from zeroshop_steps.register.outline_state import Tracks
 
 UNKNOWNS = 6  # of a view: its turn about the object's centre, then where that centre lies in the camera
 LOOSE = 0.1

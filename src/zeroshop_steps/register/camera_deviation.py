@@ -11,7 +11,8 @@ from zeroshop_steps.geometry.scene_support import find_focus
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.register.camera_covariance import CameraDeviations, estimate_deviations
 from zeroshop_steps.register.model_outlines import read_tracks
-from zeroshop_steps.register.outline_adjustment import NO_TRACKS, OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import OutlineAdjustment
+from zeroshop_steps.register.outline_state import NO_TRACKS, Tracks
 from zeroshop_steps.register.silhouette_coherence import bound_object
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table

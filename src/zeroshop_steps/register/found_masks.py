@@ -19,7 +19,7 @@ from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.networks.object_finder import ObjectFinder, cut_main_things
-from zeroshop_steps.networks.saliency_maps import WIDTH_PX, write_maps
+from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, WIDTH_PX, write_maps
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
@@ -54,6 +54,11 @@ def load_network(args: argparse.Namespace) -> SalientObjectNetwork | None:
     return SalientObjectNetwork(args.saliency_weights, args.saliency_mean, args.saliency_deviation)
 
 
+def find_object_maps(finder: ObjectFinder, images: Sequence[Path]) -> list[np.ndarray]:
+    """What a finder sees in each image, (h, w) float32, as fine as it can: its outlines hold the cameras."""
+    return finder.look_closer(images, finder.find_maps(images, WIDTH_PX), FINE_WIDTH_PX)
+
+
 def register_by_found_masks(
     folder: Path, image_set: ImageSet, finder: ObjectFinder, maps: list[np.ndarray], register: Callable[[ImageSet], dict[str, Any]]
 ) -> dict[str, Any]:
@@ -62,7 +67,7 @@ def register_by_found_masks(
     Args:
         folder: the registration.
         image_set: photos without masks.
-        finder, maps: what finds the object in each, and what it saw there, at most `WIDTH_PX` wide.
+        finder, maps: what finds the object in each, and what it saw there.
         register: fills `folder` from images with masks, and returns its record.
 
     Raises:

@@ -50,6 +50,10 @@ class GroundContrast:
             maps.append(cv2.resize(found, (width, round(image.shape[0] * width / image.shape[1]))))
         return maps
 
+    def look_closer(self, paths: Sequence[Path], maps: Sequence[np.ndarray], width_px: int) -> list[np.ndarray]:
+        """The maps as they are: what is close to the thing shows too little of the ground."""
+        return list(maps)
+
 
 def find_contrasting_thing(image: np.ndarray) -> np.ndarray:
     """The thing near the middle of an (H, W, 3) RGB photo that differs from the ground around it: (h, w) bool, at most 240 px wide."""

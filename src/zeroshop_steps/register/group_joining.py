@@ -70,13 +70,13 @@ def _judge_ways(
         if hypothesis.miss_px > ROUGH_MISS_PX:
             continue
         merged, added = merge_models(target, source, hypothesis.target_from_source)
-        adjusted, misses = adjust_model_by_outlines(merged, image_set)
+        adjusted = adjust_model_by_outlines(merged, image_set)
         with scratch_directory(scratch / "joined", "views") as folder:
-            undistort(adjusted, image_set, folder)
+            undistort(adjusted.model, image_set, folder)
             alike = compare_groups(read_views(folder)[0], added)
-        miss_px = misses[1]
-        figures = {"miss_px": miss_px, **alike.figures(), "verdict": _judge(miss_px, alike)}
-        ways.append((adjusted, figures))
+        miss_px = adjusted.missed_px[1]
+        figures = {"miss_px": round(miss_px, 3), **alike.figures(), "verdict": _judge(miss_px, alike)}
+        ways.append((adjusted.model, figures))
     return ways
 
 

@@ -50,10 +50,15 @@ class Improver:
         """Adjust the cameras by the masks' rims, unless these are rough; points that the pictures aligned count by their noise."""
 
         def change(model: pycolmap.Reconstruction, aligned: bool) -> pycolmap.Reconstruction:
-            adjusted, misses = adjust_model_by_outlines(model, self.image_set, report.wrong_masks, aligned)
-            self.figures["outlines"] = {"miss_px": misses}
-            return adjusted if misses[1] <= ROUGH_MISS_PX else model
+            adjusted = adjust_model_by_outlines(model, self.image_set, report.wrong_masks, aligned)
+            doubtful = adjusted.standing_out if self.image_set.masks_found else []
+            if doubtful and model.num_reg_images() - len(doubtful) >= self.needed:
+                adjusted = adjust_model_by_outlines(remove_images(model, doubtful), self.image_set, report.wrong_masks, aligned)
+                self.figures["outlines"]["standing_out"] = doubtful
+            self.figures["outlines"] |= {"miss_px": [round(missed_px, 3) for missed_px in adjusted.missed_px]}
+            return adjusted.model if adjusted.missed_px[1] <= ROUGH_MISS_PX else model
 
+        self.figures["outlines"] = {}
         ways = [True, False] if self.figures.get("sharpened", {}).get("points") else [False]
         for aligned in ways:  # where what fits better lets one image stand out, all count alike
             changed, again = self._try(partial(change, aligned=aligned), model, report)

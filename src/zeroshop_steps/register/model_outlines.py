@@ -8,7 +8,8 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera, to_rigid
 from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.outline_adjustment import OutlineAdjustment, Tracks
+from zeroshop_steps.register.outline_adjustment import OutlineAdjustment
+from zeroshop_steps.register.outline_state import Tracks
 from zeroshop_steps.register.undistort import undistort_masks
 
 
@@ -21,29 +22,27 @@ class AdjustedModel:
         cameras: its pinhole cameras, in the order in which they were given.
         missed_px: by how much the rays of the rims missed the other masks before and after, px per 1000 px of the image, in the mean.
         error_px: the reprojection error of the tracks before and after, the same.
+        standing_out: names of the images whose masks, or cameras, contradict the others'.
     """
 
     model: pycolmap.Reconstruction
     cameras: list[Camera]
     missed_px: tuple[float, float]
     error_px: tuple[float, float]
+    standing_out: list[str]
 
 
 def adjust_model_by_outlines(
     model: pycolmap.Reconstruction, image_set: ImageSet, wrong_masks: Collection[str] = (), aligned: bool = False
-) -> tuple[pycolmap.Reconstruction, list[float]]:
+) -> AdjustedModel:
     """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims, but for those of wrong masks.
 
     Args:
         aligned: whether the pictures aligned the tracks.
-
-    Returns:
-        An adjusted copy, and by how much the rays of the rims missed the other masks before and after: the mean, px per 1000 px.
     """
     cameras, masks = undistort_masks(model, image_set)
     right = {name: mask for name, mask in masks.items() if name not in wrong_masks}
-    adjusted = adjust_model_by_masks(model, cameras, right, aligned, image_set.masks_found)
-    return adjusted.model, [round(missed_px, 3) for missed_px in adjusted.missed_px]
+    return adjust_model_by_masks(model, cameras, right, aligned, image_set.masks_found)
 
 
 def adjust_model_by_masks(
@@ -78,7 +77,8 @@ def adjust_model_by_masks(
     # A point that few rays hold may have come to lie behind a camera, where it has no error.
     pycolmap.ObservationManager(copy).filter_observations_with_negative_depth()
     copy.update_point_3d_errors()
-    return AdjustedModel(copy, adjusted, (before_px, after_px), (error_before_px, error_after_px))
+    standing_out = [cameras[number].name for number in adjustment.find_standing_out()]
+    return AdjustedModel(copy, adjusted, (before_px, after_px), (error_before_px, error_after_px), standing_out)
 
 
 def read_tracks(model: pycolmap.Reconstruction, cameras: list[Camera]) -> tuple[list[int], Tracks]:

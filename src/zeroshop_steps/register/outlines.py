@@ -20,7 +20,7 @@ from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
-from zeroshop_steps.register.outline_adjustment import NO_TRACKS, OutlineAdjustment
+from zeroshop_steps.register.outline_adjustment import OutlineAdjustment
 from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
 from zeroshop_steps.register.outline_search import (
     ABOVE_DEG,
@@ -32,6 +32,7 @@ from zeroshop_steps.register.outline_search import (
     search,
     take_outlines,
 )
+from zeroshop_steps.register.outline_state import NO_TRACKS
 from zeroshop_steps.register.outline_tangents import SIZE, Outlines
 from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, name_missing
@@ -97,7 +98,8 @@ def register(image_set: ImageSet, out: Path, options: OutlineOptions) -> dict[st
         poses = {Path(camera.name).stem: to_rigid(camera.camera_from_world) for camera in cameras}
         model = triangulate_points(database, image_set, poses, options.sift)
         stopwatch.lap("triangulate")
-        model, figures["joint_miss_px"] = adjust_model_by_outlines(model, image_set)
+        joint = adjust_model_by_outlines(model, image_set)
+        model, figures["joint_miss_px"] = joint.model, [round(missed_px, 3) for missed_px in joint.missed_px]
         evidence = count_pair_support(model, database)
         stopwatch.lap("outlines")
         pinhole_model = undistort(model, image_set, out)

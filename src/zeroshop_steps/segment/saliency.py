@@ -14,7 +14,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.networks.object_finder import cut_main_things
-from zeroshop_steps.networks.saliency_maps import find_maps
+from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, find_maps
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
@@ -74,7 +74,8 @@ def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argpar
     Raises:
         StepError: the network is missing or damaged, or too few masks are good.
     """
-    masks = cut_main_things(load_network(args).find_maps(paths, args.image_width_px), sizes_px)
+    network = load_network(args)
+    masks = cut_main_things(network.look_closer(paths, network.find_maps(paths, args.image_width_px), FINE_WIDTH_PX), sizes_px)
     _, qualities = assess_masks(masks, None)
     names = [path.name for path in paths]
     check_enough_good(qualities, names, masks)
