@@ -11,14 +11,13 @@ from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
 from zeroshop_steps.evaluate.mask_error import undistort_mask
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
-from zeroshop_steps.geometry.images import read_mask
+from zeroshop_steps.geometry.images import compute_overlap, read_mask
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
 from zeroshop_steps.register.image_set import read_masks
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.mask_agreement import compute_overlap
 
 LENS = {"model": "SIMPLE_RADIAL", "width_px": 160, "height_px": 120, "params": [170.0, 80.0, 60.0, 0.5]}
 

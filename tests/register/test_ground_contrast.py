@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from zeroshop_steps.geometry.images import compute_overlap
 from zeroshop_steps.register.ground_contrast import find_contrasting_thing
-from zeroshop_steps.segment.mask_agreement import compute_overlap
 
 HEIGHT, WIDTH = 180, 240
 THING = (slice(60, 130), slice(90, 150))

@@ -121,7 +121,7 @@ def test_a_view_whose_mask_lacks_a_side_stands_out(views):
     for given, standing_out in ((masks, []), (masks | {cameras[3].name: cut}, [3])):
         adjustment = OutlineAdjustment(shaken(cameras, 0.5, 1.01), given, tracks_of(cameras, 200, 0.05))
         adjustment.adjust(aligned=True, found=True)
-        assert adjustment.find_standing_out().tolist() == standing_out
+        assert adjustment.find_standing_out(adjustment.measure_misses_px()).tolist() == standing_out
 
 
 def test_a_view_without_a_mask_is_held_by_its_tracks(views):

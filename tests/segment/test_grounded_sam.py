@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
+from zeroshop_steps.geometry.images import compute_overlap
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.detector import Box, choose_box
 from zeroshop_steps.segment.grounded_sam import ImageSequence, find_masks
-from zeroshop_steps.segment.mask_agreement import compute_overlap, find_corners, render_common_hull
+from zeroshop_steps.segment.mask_agreement import find_corners, render_common_hull
 from zeroshop_steps.segment.tracker import TrackedMask
 
 SIZE = (160, 120)

@@ -5,10 +5,9 @@ import pytest
 
 from helpers.table_scene import FoundMasks, ball_mask, table_views
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.images import compute_overlap, write_image
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.mask_agreement import compute_overlap
 from zeroshop_steps.segment.own_outlines import OUTGROWN_SHARE, cut_around, find_whole
 
 BALL = (0.0, 0.0, 0.45)

@@ -7,14 +7,14 @@ import pytest
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import write_network
 from helpers.table_scene import table_views
-from zeroshop_steps.geometry.images import list_images, read_mask, write_image
+from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask, write_image
 from zeroshop_steps.networks.object_finder import cut_main_things, keep_main_thing
 from zeroshop_steps.networks.saliency_maps import write_maps
 from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.segment.mask_agreement import compute_overlap, render_common_hull
+from zeroshop_steps.segment.mask_agreement import render_common_hull
 from zeroshop_steps.segment.prior_maps import PRIOR_ODDS, weigh_maps
 from zeroshop_steps.segment.support_plane import find_masks
 

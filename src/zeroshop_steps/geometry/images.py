@@ -108,6 +108,11 @@ def require_one_size(sizes_px: Sequence[tuple[int, int]], what: str, reason: str
     return sizes_px[0]
 
 
+def compute_overlap(one: np.ndarray, other: np.ndarray) -> float:
+    """Intersection over union of two (H, W) bool masks."""
+    return float((one & other).sum() / max((one | other).sum(), 1))
+
+
 def spread_colors(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     """(height, width, C) image in which every pixel that is not (height, width) `known` has the colour of the nearest known one."""
     _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)

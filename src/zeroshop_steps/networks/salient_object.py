@@ -14,7 +14,7 @@ import numpy as np
 import onnxruntime
 from scipy.special import expit
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.images import compute_overlap, read_image
 from zeroshop_steps.networks.object_finder import surround_main_thing
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.progress import track
@@ -123,9 +123,9 @@ class SalientObjectNetwork:
             fine = cv2.resize(found, (width, round(image.shape[0] * width / image.shape[1])))
             part, seen = (_scale_slices(around, found.shape, target.shape) for target in (fine, image))
             whole, inside = fine[part], self.predict(image[seen], fine[part].shape[::-1])
-            both, either = (whole > 0.5) & (inside > 0.5), (whole > 0.5) | (inside > 0.5)
+            agrees = compute_overlap(whole > 0.5, inside > 0.5) >= CLOSER_AGREES
             fine[part] = (whole + inside) / 2
-            closer.append(fine if both.sum() >= CLOSER_AGREES * either.sum() else found)
+            closer.append(fine if agrees else found)
         return closer
 
     @property

@@ -75,7 +75,7 @@ def _judge_ways(
             undistort(adjusted.model, image_set, folder)
             alike = compare_groups(read_views(folder)[0], added)
         miss_px = adjusted.missed_px[1]
-        figures = {"miss_px": round(miss_px, 3), **alike.figures(), "verdict": _judge(miss_px, alike)}
+        figures = {"miss_px": miss_px, **alike.figures(), "verdict": _judge(miss_px, alike)}
         ways.append((adjusted.model, figures))
     return ways
 

@@ -55,7 +55,7 @@ class Improver:
             if doubtful and model.num_reg_images() - len(doubtful) >= self.needed:
                 adjusted = adjust_model_by_outlines(remove_images(model, doubtful), self.image_set, report.wrong_masks, aligned)
                 self.figures["outlines"]["standing_out"] = doubtful
-            self.figures["outlines"] |= {"miss_px": [round(missed_px, 3) for missed_px in adjusted.missed_px]}
+            self.figures["outlines"] |= {"miss_px": list(adjusted.missed_px)}
             return adjusted.model if adjusted.missed_px[1] <= ROUGH_MISS_PX else model
 
         self.figures["outlines"] = {}

@@ -20,7 +20,8 @@ class AdjustedModel:
     Attributes:
         model: an adjusted copy.
         cameras: its pinhole cameras, in the order in which they were given.
-        missed_px: by how much the rays of the rims missed the other masks before and after, px per 1000 px of the image, in the mean.
+        missed_px: by how much the rays of the rims missed the other masks before and after, px per 1000 px of the image, in the mean, to
+            three digits.
         error_px: the reprojection error of the tracks before and after, the same.
         standing_out: names of the images whose masks, or cameras, contradict the others'.
     """
@@ -59,9 +60,9 @@ def adjust_model_by_masks(
     """
     point_ids, tracks = read_tracks(model, cameras)
     adjustment = OutlineAdjustment(cameras, masks, tracks)
-    before_px, error_before_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
+    before_px, error_before_px = adjustment.measure_misses_px(), adjustment.measure_error_px()
     adjustment.adjust(aligned, found)
-    after_px, error_after_px = float(adjustment.measure_misses_px().mean()), adjustment.measure_error_px()
+    after_px, error_after_px = adjustment.measure_misses_px(), adjustment.measure_error_px()
     copy = pycolmap.Reconstruction(model)
     for lens in copy.cameras.values():
         params = lens.params.copy()
@@ -77,8 +78,9 @@ def adjust_model_by_masks(
     # A point that few rays hold may have come to lie behind a camera, where it has no error.
     pycolmap.ObservationManager(copy).filter_observations_with_negative_depth()
     copy.update_point_3d_errors()
-    standing_out = [cameras[number].name for number in adjustment.find_standing_out()]
-    return AdjustedModel(copy, adjusted, (before_px, after_px), (error_before_px, error_after_px), standing_out)
+    standing_out = [cameras[number].name for number in adjustment.find_standing_out(after_px)]
+    missed_px = round(float(before_px.mean()), 3), round(float(after_px.mean()), 3)
+    return AdjustedModel(copy, adjusted, missed_px, (error_before_px, error_after_px), standing_out)
 
 
 def read_tracks(model: pycolmap.Reconstruction, cameras: list[Camera]) -> tuple[list[int], Tracks]:

@@ -77,13 +77,16 @@ class OutlineAdjustment:
             errors_px = np.linalg.norm(self._reprojection_errors(self.state)[0], axis=1)
             self._minimize(Noise(rims_px, float(np.clip(np.median(errors_px), LEAST_TRACKS_PX, 1.0))))
 
-    def find_standing_out(self) -> np.ndarray:
+    def find_standing_out(self, misses_px: np.ndarray) -> np.ndarray:
         """(K,) numbers of the views whose masks, or cameras, contradict the others': their rays miss, or those of the others miss them.
 
         A network may cut off a side of the object, and a view that sees one face squarely is held loosely by points, and follows its mask.
+
+        Args:
+            misses_px: (R,) what `measure_misses_px` says of the cameras as they are.
         """
         views, rays = len(self.cameras), self.rays
-        own_px = np.bincount(rays.view, self.measure_misses_px(), views)
+        own_px = np.bincount(rays.view, misses_px, views)
         by_view_px = (own_px + np.bincount(rays.other, np.maximum(-rays.value, 0.0), views)) / (len(rays.view) / views)
         found: np.ndarray = np.flatnonzero(by_view_px > max(STANDS_OUT * float(np.median(by_view_px)), STANDS_OUT_PX))
         return found

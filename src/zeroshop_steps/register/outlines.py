@@ -102,7 +102,7 @@ def register(image_set: ImageSet, out: Path, options: OutlineOptions) -> dict[st
         model = triangulate_points(database, image_set, poses, options.sift)
         stopwatch.lap("triangulate")
         joint = adjust_model_by_outlines(model, image_set)
-        model, figures["joint_miss_px"] = joint.model, [round(missed_px, 3) for missed_px in joint.missed_px]
+        model, figures["joint_miss_px"] = joint.model, list(joint.missed_px)
         evidence = count_pair_support(model, database)
         stopwatch.lap("outlines")
         pinhole_model = undistort(model, image_set, out)

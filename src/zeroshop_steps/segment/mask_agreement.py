@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import compute_overlap
 from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, compare_with_hull
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouettes
@@ -79,11 +80,6 @@ def assess_masks(masks: list[np.ndarray], cameras: list[Camera] | None) -> tuple
 def _resize_mask(mask: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
     interpolation = cv2.INTER_AREA if size_px[0] < mask.shape[1] else cv2.INTER_LINEAR
     return cv2.resize(mask.astype(np.float32), size_px, interpolation=interpolation) > 0.5
-
-
-def compute_overlap(one: np.ndarray, other: np.ndarray) -> float:
-    """Intersection over union of two (H, W) bool masks."""
-    return float((one & other).sum() / max((one | other).sum(), 1))
 
 
 def find_corners(mask: np.ndarray) -> tuple[float, float, float, float] | None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.bop.scene import read_scene, write_scene
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.images import compute_overlap, write_image
 from zeroshop_steps.grasp.antipodal import GraspOptions
 from zeroshop_steps.grasp.gripper import GRIPPERS, find_gripper
 from zeroshop_steps.runtime.errors import warn
@@ -28,7 +28,7 @@ from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.failure_pictures import draw_failure
 from zeroshop_steps.simulate.known_grasps import grasps_of_model
 from zeroshop_steps.simulate.lifting import SUCCESS, Lift, lift
-from zeroshop_steps.simulate.measure import SEGMENTED_IOU, mask_iou
+from zeroshop_steps.simulate.measure import SEGMENTED_IOU
 from zeroshop_steps.simulate.perception import Perception
 from zeroshop_steps.simulate.physics import USUAL
 from zeroshop_steps.simulate.protocol import ProtocolPose
@@ -145,7 +145,7 @@ class Trial:
         plan = self.robot.plan(look.frame)
         measures = {}
         if plan.sighting:
-            measures["iou"] = mask_iou(look.visible, plan.sighting.mask)
+            measures["iou"] = compute_overlap(look.visible, plan.sighting.mask)
             if plan.sighting.camera_from_model is not None:
                 camera_from_model = look.frame.camera_from_table @ in_mm(look.pose.world_from_object)
                 measures["pose_error_mm"] = self.true.pose_error_mm(plan.sighting.camera_from_model, camera_from_model)

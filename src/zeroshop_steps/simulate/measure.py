@@ -8,11 +8,6 @@ SEGMENTED_IOU = 0.5
 """Of a mask with the true visible one, from which the object counts as segmented."""
 
 
-def mask_iou(mask: np.ndarray, other: np.ndarray) -> float:
-    """Intersection over union of two (height, width) bool masks."""
-    return float((mask & other).sum() / max((mask | other).sum(), 1))
-
-
 def pose_error_mm(
     camera_from_mesh: np.ndarray, truth_from_mesh: np.ndarray, camera_from_model: np.ndarray, vertices: np.ndarray, symmetries: np.ndarray
 ) -> float:

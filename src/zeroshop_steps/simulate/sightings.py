@@ -17,7 +17,7 @@ import numpy as np
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
 from zeroshop_steps.geometry.contact_sheets import GREEN, RED
-from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.images import compute_overlap, write_image
 from zeroshop_steps.pose.confidence import SAME_DIAMETERS
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_directory, read_json
@@ -25,7 +25,7 @@ from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.simulate.camera import in_memory
 from zeroshop_steps.simulate.failure_pictures import draw_outline, silhouette
-from zeroshop_steps.simulate.measure import SEGMENTED_IOU, mask_iou, pose_error_mm
+from zeroshop_steps.simulate.measure import SEGMENTED_IOU, pose_error_mm
 from zeroshop_steps.simulate.perception import Perception
 from zeroshop_steps.simulate.scenes import read_layouts
 
@@ -88,7 +88,7 @@ class Examiner:
             row |= {"segmented": 0, "pose_right": 0}
             sighting = self.perception.find(seen, number, found) if number in self.perception.models else None
             if sighting:
-                iou = mask_iou(visible, sighting.mask)
+                iou = compute_overlap(visible, sighting.mask)
                 row |= {"iou": round(iou, 4), "segmented": int(iou >= SEGMENTED_IOU)}
             if sighting and sighting.camera_from_model is not None:
                 model, transform = self.truth[number], self.truth_from_mesh.get(number, np.eye(4))
