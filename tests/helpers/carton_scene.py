@@ -1,5 +1,6 @@
 """A small printed carton on a table, photographed by ten cameras: everything that `register` hands to `height` and `finish`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +40,17 @@ def printed(mesh: Mesh, size: int) -> np.ndarray:
     return fill_gutters(texture, texels)
 
 
+def finely_printed(mesh: Mesh, size: int) -> np.ndarray:
+    """A texture of blobs, a tenth of an inch apart."""
+    texels = rasterize_atlas(mesh, size)
+    points = (mesh.vertices[mesh.faces[texels.face]] * texels.barycentric[:, :, None]).sum(1)
+    rng = np.random.default_rng(7)
+    waves = np.cos(points @ rng.normal(0, 0.7, (3, 40)) + rng.uniform(0, 2 * np.pi, 40)).sum(1)
+    texture = np.zeros((size, size, 3), np.uint8)
+    texture[texels.row, texels.column] = np.clip(128 + 14 * waves, 0, 255)[:, None]
+    return fill_gutters(texture, texels)
+
+
 def camera_at(name: str, azimuth_deg: float, elevation_deg: float, distance_mm: float = 260.0) -> Camera:
     """A level camera that looks at the origin; azimuth 0 lies on +x."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
@@ -67,11 +79,11 @@ def add_points(sparse: Path, points: np.ndarray) -> None:
     reconstruction.write_binary(str(sparse))
 
 
-def photographed_carton(folder: Path) -> Carton:
+def photographed_carton(folder: Path, make_print: Callable[[Mesh, int], np.ndarray] = printed) -> Carton:
     """Write the carton's model, its registered photos and its capture below `folder`."""
     box = trimesh.creation.box(SIZE_MM).subdivide().subdivide().subdivide().subdivide()
     mesh, _ = unwrap_mesh(Mesh(np.array(box.vertices), np.array(box.faces, np.int64)), 512)
-    mesh = Mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.uv, printed(mesh, 512))
+    mesh = Mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.uv, make_print(mesh, 512))
     cameras = [camera_at(f"{k:06d}.png", 36.0 * k, 35.0 if k % 2 else 5.0) for k in range(10)]
     held_out = [camera_at(f"{k:06d}.png", 20.0 + 170.0 * k, 20.0) for k in range(2)]
     renderer = MeshRenderer(mesh)

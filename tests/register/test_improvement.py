@@ -9,6 +9,7 @@ from zeroshop_steps.register import improvement
 from zeroshop_steps.register.consistency import ConsistencyReport
 from zeroshop_steps.register.improvement import ROUGH_MISS_PX, Improver
 from zeroshop_steps.register.model_outlines import AdjustedModel
+from zeroshop_steps.register.outline_state import TrackKind
 
 
 @dataclass(frozen=True)
@@ -81,17 +82,17 @@ def test_rough_masks_are_not_used(improver, monkeypatch):
 def test_aligned_points_count_by_their_noise_where_the_result_passes(improver, monkeypatch):
     improver, asked = improver(4), []
 
-    def adjust(model, _images, _wrong, aligned):
-        asked.append(aligned)
-        return adjusted(replace(model, changes=("sharpened",) if aligned else ()))
+    def adjust(model, _images, _wrong, kind):
+        asked.append(kind)
+        return adjusted(replace(model, changes=("sharpened",) if kind is TrackKind.ALIGNED else ()))
 
     monkeypatch.setattr(improvement, "adjust_model_by_outlines", adjust)
     improver.figures["sharpened"] = {"points": 100}
     before = Model()
     model, _ = improver.adjust_by_outlines(before, report())
-    assert model == before and model is not before and asked == [True, False]
+    assert model == before and model is not before and asked == [TrackKind.ALIGNED, TrackKind.MATCHED]
     model, _ = improver.adjust_by_outlines(Model(("a", "b", "c", "f")), report())
-    assert model.changes == ("sharpened",) and asked == [True, False, True]
+    assert model.changes == ("sharpened",) and asked[2:] == [TrackKind.ALIGNED]
 
 
 def test_views_that_stand_out_by_found_masks_are_left_out_where_enough_stay(improver, monkeypatch):

@@ -15,7 +15,7 @@ from zeroshop_steps.geometry.cameras import to_rigid
 from zeroshop_steps.register.model_outlines import adjust_model_by_masks
 from zeroshop_steps.register.outline_adjustment import EXACT_MISS_PX, OutlineAdjustment
 from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
-from zeroshop_steps.register.outline_state import NO_TRACKS, Tracks
+from zeroshop_steps.register.outline_state import NO_TRACKS, TrackKind, Tracks
 
 SIZE_MM = (73.0, 28.0, 85.0)
 FINER = 4  # the masks are drawn larger, and then thinned out
@@ -96,7 +96,7 @@ def test_exact_tracks_count_more_than_rims(views):
     """Counted as one pixel each, rims that run along pixels pull the cameras away from tracks that are ten times as exact: 0.46 mm."""
     cameras, masks = views
     adjustment = OutlineAdjustment(shaken(cameras, 0.5, 1.01), masks, tracks_of(cameras, 200, 0.05))
-    adjustment.adjust(aligned=True)
+    adjustment.adjust(TrackKind.ALIGNED)
     assert compare_cameras(adjustment.adjusted_cameras(), cameras).centre_mm.mean() < 0.3
 
 
@@ -107,7 +107,7 @@ def test_exact_tracks_count_even_more_than_the_rims_of_found_masks(views):
     errors_mm = []
     for found in (False, True):
         adjustment = OutlineAdjustment(shaken(cameras, 0.5, 1.01), large, tracks_of(cameras, 200, 0.05))
-        adjustment.adjust(aligned=True, found=found)
+        adjustment.adjust(TrackKind.ALIGNED, found)
         assert adjustment.measure_misses_px().mean() < EXACT_MISS_PX
         errors_mm.append(compare_cameras(adjustment.adjusted_cameras(), cameras).centre_mm.mean())
     assert errors_mm[1] < 0.7 * errors_mm[0], errors_mm
@@ -120,7 +120,7 @@ def test_a_view_whose_mask_lacks_a_side_stands_out(views):
     cut[:, : int(np.flatnonzero(cut.any(axis=0))[0]) + 6] = False
     for given, standing_out in ((masks, []), (masks | {cameras[3].name: cut}, [3])):
         adjustment = OutlineAdjustment(shaken(cameras, 0.5, 1.01), given, tracks_of(cameras, 200, 0.05))
-        adjustment.adjust(aligned=True, found=True)
+        adjustment.adjust(TrackKind.ALIGNED, found=True)
         assert adjustment.find_standing_out(adjustment.measure_misses_px()).tolist() == standing_out
 
 

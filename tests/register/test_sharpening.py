@@ -5,10 +5,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from helpers import carton_scene
-from helpers.carton_scene import SIZE_MM
+from helpers.carton_scene import SIZE_MM, finely_printed, photographed_carton
 from zeroshop_steps.evaluate.camera_error import compare_cameras
-from zeroshop_steps.finish.atlas import fill_gutters, rasterize_atlas
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register.sharpening import LEAST_ALIGNED, align_patch, choose_tracks, sharpen
@@ -16,23 +14,10 @@ from zeroshop_steps.register.sharpening import LEAST_ALIGNED, align_patch, choos
 NOISE_PX = 0.7
 
 
-def finely_printed(mesh, size):
-    """A texture of blobs, a tenth of an inch apart."""
-    texels = rasterize_atlas(mesh, size)
-    points = (mesh.vertices[mesh.faces[texels.face]] * texels.barycentric[:, :, None]).sum(1)
-    rng = np.random.default_rng(7)
-    waves = np.cos(points @ rng.normal(0, 0.7, (3, 40)) + rng.uniform(0, 2 * np.pi, 40)).sum(1)
-    texture = np.zeros((size, size, 3), np.uint8)
-    texture[texels.row, texels.column] = np.clip(128 + 14 * waves, 0, 255)[:, None]
-    return fill_gutters(texture, texels)
-
-
 @pytest.fixture(scope="module")
 def carton(tmp_path_factory):
     """The carton's photos, with finer print, by true cameras; points on its sides and top, and their normals."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(carton_scene, "printed", finely_printed)
-        folder = carton_scene.photographed_carton(tmp_path_factory.mktemp("carton")).cameras
+    folder = photographed_carton(tmp_path_factory.mktemp("carton"), finely_printed).cameras
     rng = np.random.default_rng(3)
     points = rng.uniform(-0.42, 0.42, (300, 3)) * SIZE_MM
     normals = np.zeros((300, 3))

@@ -10,6 +10,7 @@ import pycolmap
 from zeroshop_steps.register.consistency import ConsistencyReport
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
+from zeroshop_steps.register.outline_state import TrackKind
 from zeroshop_steps.register.repair import remove_images
 from zeroshop_steps.register.sharpening import sharpen
 
@@ -49,19 +50,19 @@ class Improver:
     ) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
         """Adjust the cameras by the masks' rims, unless these are rough; points that the pictures aligned count by their noise."""
 
-        def change(model: pycolmap.Reconstruction, aligned: bool) -> pycolmap.Reconstruction:
-            adjusted = adjust_model_by_outlines(model, self.image_set, report.wrong_masks, aligned)
+        def change(model: pycolmap.Reconstruction, kind: TrackKind) -> pycolmap.Reconstruction:
+            adjusted = adjust_model_by_outlines(model, self.image_set, report.wrong_masks, kind)
             doubtful = adjusted.standing_out if self.image_set.masks_found else []
             if doubtful and model.num_reg_images() - len(doubtful) >= self.needed:
-                adjusted = adjust_model_by_outlines(remove_images(model, doubtful), self.image_set, report.wrong_masks, aligned)
+                adjusted = adjust_model_by_outlines(remove_images(model, doubtful), self.image_set, report.wrong_masks, kind)
                 self.figures["outlines"]["standing_out"] = doubtful
             self.figures["outlines"] |= {"miss_px": list(adjusted.missed_px)}
             return adjusted.model if adjusted.missed_px[1] <= ROUGH_MISS_PX else model
 
         self.figures["outlines"] = {}
-        ways = [True, False] if self.figures.get("sharpened", {}).get("points") else [False]
-        for aligned in ways:  # where what fits better lets one image stand out, all count alike
-            changed, again = self._try(partial(change, aligned=aligned), model, report)
+        aligned = [TrackKind.ALIGNED] if self.figures.get("sharpened", {}).get("points") else []
+        for kind in (*aligned, TrackKind.MATCHED):  # where what fits better lets one image stand out, all count alike
+            changed, again = self._try(partial(change, kind=kind), model, report)
             if changed is not model:
                 break
         self.figures["outlines"]["adjusted"] = changed is not model

@@ -9,7 +9,7 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import Camera, to_rigid
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.outline_adjustment import OutlineAdjustment
-from zeroshop_steps.register.outline_state import Tracks
+from zeroshop_steps.register.outline_state import TrackKind, Tracks
 from zeroshop_steps.register.undistort import undistort_masks
 
 
@@ -34,20 +34,24 @@ class AdjustedModel:
 
 
 def adjust_model_by_outlines(
-    model: pycolmap.Reconstruction, image_set: ImageSet, wrong_masks: Collection[str] = (), aligned: bool = False
+    model: pycolmap.Reconstruction, image_set: ImageSet, wrong_masks: Collection[str] = (), kind: TrackKind = TrackKind.MATCHED
 ) -> AdjustedModel:
     """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims, but for those of wrong masks.
 
     Args:
-        aligned: whether the pictures aligned the tracks.
+        kind: of the tracks.
     """
     cameras, masks = undistort_masks(model, image_set)
     right = {name: mask for name, mask in masks.items() if name not in wrong_masks}
-    return adjust_model_by_masks(model, cameras, right, aligned, image_set.masks_found)
+    return adjust_model_by_masks(model, cameras, right, kind, image_set.masks_found)
 
 
 def adjust_model_by_masks(
-    model: pycolmap.Reconstruction, cameras: list[Camera], masks: dict[str, np.ndarray], aligned: bool = False, found: bool = False
+    model: pycolmap.Reconstruction,
+    cameras: list[Camera],
+    masks: dict[str, np.ndarray],
+    kind: TrackKind = TrackKind.MATCHED,
+    found: bool = False,
 ) -> AdjustedModel:
     """Adjust poses, focal lengths (by one factor) and points by the tracks and the masks' rims.
 
@@ -55,13 +59,13 @@ def adjust_model_by_masks(
         model: whose images with a pose are adjusted.
         cameras: their pinhole cameras.
         masks: {image name: (height, width) bool}, of the pinhole cameras' sizes; other images are held by their tracks alone.
-        aligned: whether the pictures aligned the tracks.
+        kind: of the tracks.
         found: whether the masks were found in each photo.
     """
     point_ids, tracks = read_tracks(model, cameras)
     adjustment = OutlineAdjustment(cameras, masks, tracks)
     before_px, error_before_px = adjustment.measure_misses_px(), adjustment.measure_error_px()
-    adjustment.adjust(aligned, found)
+    adjustment.adjust(kind, found)
     after_px, error_after_px = adjustment.measure_misses_px(), adjustment.measure_error_px()
     copy = pycolmap.Reconstruction(model)
     for lens in copy.cameras.values():
@@ -100,3 +104,28 @@ def read_tracks(model: pycolmap.Reconstruction, cameras: list[Camera]) -> tuple[
             point.append(index)
             places.append(pixels[element.image_id][element.point2D_idx])
     return ids, Tracks(np.array(view, int), np.array(point, int), np.array(places).reshape(-1, 2))
+
+
+def replace_tracks(model: pycolmap.Reconstruction, cameras: list[Camera], tracks: Tracks) -> pycolmap.Reconstruction:
+    """The images and cameras of a model without distortion, with the points of other tracks; where these lie is left to an adjustment.
+
+    Args:
+        model: whose images with a pose are taken.
+        cameras: their pinhole cameras, in whose pixels the tracks are.
+    """
+    copy = pycolmap.Reconstruction()
+    for camera in model.cameras.values():
+        copy.add_camera_with_trivial_rig(camera)
+    placed = {image.name: image for image in model.images.values() if image.has_pose}
+    ids, place = [placed[camera.name].image_id for camera in cameras], np.zeros(len(tracks.view), int)
+    for number, camera in enumerate(cameras):
+        image, seen = placed[camera.name], tracks.view == number
+        place[seen] = np.arange(seen.sum())
+        taken = pycolmap.Image(name=image.name, keypoints=tracks.pixels[seen], camera_id=image.camera_id, image_id=image.image_id)
+        copy.add_image_with_trivial_frame(taken, image.cam_from_world())
+    for point in range(tracks.count):
+        track = pycolmap.Track()
+        for observation in np.flatnonzero(tracks.point == point):
+            track.add_element(ids[tracks.view[observation]], int(place[observation]))
+        copy.add_point3D(np.zeros(3), track)
+    return copy

@@ -17,7 +17,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.transforms import make_cross_matrices
 from zeroshop_steps.register.image_set import REFERENCE_PX
 from zeroshop_steps.register.outline_rays import OutlineRays, look_up_many, make_outline_distance
-from zeroshop_steps.register.outline_state import State, Tracks
+from zeroshop_steps.register.outline_state import State, TrackKind, Tracks
 from zeroshop_steps.register.outline_step import Noise, OutlineRows, TrackBlocks, find_information, solve_step
 from zeroshop_steps.register.silhouette_coherence import bound_object
 
@@ -27,9 +27,10 @@ CONVERGED = 0.02
 first two to five rounds found cameras as good as twenty did, and of few views better ones."""
 LEAST_DAMPING = 1e-8
 EXACT_MISS_PX = 0.15  # of exact masks, in the mean, per 1000 px of the image: rims that run along pixels leave 0.04 to 0.06
-EXACT_RIMS_PX, ROUGH_RIMS_PX, LEAST_TRACKS_PX = 0.5, 2.0, 0.1
+EXACT_RIMS_PX, ROUGH_RIMS_PX, LEAST_TRACKS_PX, GUIDED_TRACKS_PX = 0.5, 2.0, 0.1, 0.3
 """Noise of the rims of exact masks, of others, and the least of tracks, likewise. A rim's rays lie side by side and err together: each by
-itself has 0.3 px, and 1 px where a network found the masks. The pictures align points to a tenth of a pixel."""
+itself has 0.3 px, and 1 px where a network found the masks. The pictures align points to a tenth of a pixel, and find those that the hull
+leads to within a few tenths."""
 STANDS_OUT, STANDS_OUT_PX = 2.0, 0.5
 """Views stand out whose masks miss by so many times what the median one does, and by more than this: rays of their own and of others, in
 the mean of a view's rays. In registrations of seven objects, one view stood 11 mm off, and had 2.1 times; others had 1.6, and where a mask
@@ -63,16 +64,18 @@ class OutlineAdjustment:
         self.state = State(rotation, translation, 0.0, np.zeros((tracks.count, 3)))
         self.state = replace(self.state, points=self._triangulate())
 
-    def adjust(self, aligned: bool = False, found: bool = False) -> None:
+    def adjust(self, kind: TrackKind = TrackKind.MATCHED, found: bool = False) -> None:
         """Minimize the robust sum of the outlines' misses and the tracks' reprojection errors, in px per 1000 px of the image.
 
         Args:
-            aligned: whether the pictures aligned the tracks (`sharpening`). Each then counts by its noise, that of the tracks being what
-                is left of their errors: else rims and false observations outweigh those that were aligned.
+            kind: of the tracks. Those that the pictures aligned, and the rims, count by their noise, that of the tracks being what is left
+                of their errors: else rims and false observations outweigh those that were aligned.
             found: whether the masks were found in each photo: rims may then be a pixel off all around, and rays meet them nonetheless.
         """
         self._minimize(Noise())
-        if aligned and self.tracks.count:
+        if kind is TrackKind.GUIDED and self.tracks.count:
+            self._minimize(Noise(tracks=GUIDED_TRACKS_PX))
+        if kind is TrackKind.ALIGNED and self.tracks.count:
             rims_px = ROUGH_RIMS_PX if found or self.measure_misses_px().mean() > EXACT_MISS_PX else EXACT_RIMS_PX
             errors_px = np.linalg.norm(self._reprojection_errors(self.state)[0], axis=1)
             self._minimize(Noise(rims_px, float(np.clip(np.median(errors_px), LEAST_TRACKS_PX, 1.0))))

@@ -1,6 +1,7 @@
 """What is adjusted where an object's outlines hold its cameras: the cameras, and the points of its tracks."""
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,6 +24,14 @@ class Tracks:
     def count(self) -> int:
         """Number of points."""
         return int(self.point.max()) + 1 if len(self.point) else 0
+
+
+class TrackKind(Enum):
+    """How exact the observations of tracks are."""
+
+    MATCHED = "found in each image by itself"
+    GUIDED = "found where the visual hull leads to (guided_matching)"
+    ALIGNED = "aligned by the pictures (sharpening)"
 
 
 NO_TRACKS = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))

@@ -3,7 +3,8 @@
 Masks must be exact and whole. All views are placed by a beam search (`outline_search`), above the object's middle, and where they do not
 fit there, anywhere around it. They are adjusted by all outlines, and judged: the rays must meet all masks, and few views may fit anywhere
 else; these are left out. So objects of revolution, and others whose outlines say no side, are refused.
-SIFT's matches on the object, triangulated from these cameras, then hold them, too, and may contradict them.
+SIFT's matches on the object, triangulated from these cameras, then hold them, too, and may contradict them. Last, corners that are found
+along the visual hull do (`guided_adjustment`).
 """
 
 import math
@@ -16,6 +17,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera, to_rigid
 from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.register.guided_adjustment import adjust_by_guided_tracks
 from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
@@ -102,9 +104,11 @@ def register(image_set: ImageSet, out: Path, options: OutlineOptions) -> dict[st
         model = triangulate_points(database, image_set, poses, options.sift)
         stopwatch.lap("triangulate")
         joint = adjust_model_by_outlines(model, image_set)
-        model, figures["joint_miss_px"] = joint.model, list(joint.missed_px)
-        evidence = count_pair_support(model, database)
+        figures["joint_miss_px"] = list(joint.missed_px)
         stopwatch.lap("outlines")
+        model, figures["guided"] = adjust_by_guided_tracks(joint.model, image_set)
+        stopwatch.lap("guide")
+        evidence = count_pair_support(model, database)
         pinhole_model = undistort(model, image_set, out)
         stopwatch.lap("undistort")
     name_missing(figures, whole, placed)

@@ -17,6 +17,7 @@ import pycolmap
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.register.bundle_adjustment import adjust_robustly
 from zeroshop_steps.register.image_set import REFERENCE_PX
+from zeroshop_steps.register.surface_patches import cut_patch, span_axes
 
 LARGEST_PX = 1600  # images are made so small: patches of larger ones would show nothing but noise
 HALF_PX, MARGIN_PX = 10, 6
@@ -76,13 +77,6 @@ class Picture:
     def project(self, points: np.ndarray) -> np.ndarray:
         """(N, 2) pixels of (N, 3) points."""
         return self.scale * self.camera.img_from_cam(points @ self.pose[:, :3].T + self.pose[:, 3])
-
-    def cut(self, shape: np.ndarray, middle: np.ndarray, half_px: int) -> np.ndarray:
-        """The patch around a pixel, (2 half + 1) squared; the (2, 2) `shape` maps steps of the patch to steps of the image."""
-        corner = middle - 0.5 - shape.sum(1) * half_px  # OpenCV's pixels have their centres at integers
-        side = 2 * half_px + 1
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return cv2.warpAffine(self.grey, np.column_stack([shape, corner]), (side, side), flags=flags, borderMode=cv2.BORDER_REPLICATE)
 
 
 def sharpen(model: pycolmap.Reconstruction, images: dict[str, Path]) -> tuple[pycolmap.Reconstruction, dict[str, float]]:
@@ -156,21 +150,19 @@ def align_point(model: pycolmap.Reconstruction, point_id: int, pictures: dict[in
     normal = looks.sum(0) / np.linalg.norm(looks.sum(0))
     reference = elements[int(np.argmax(looks @ normal))]
     picture = pictures[reference[0]]
-    right = picture.pose[0, :3] - normal * (picture.pose[0, :3] @ normal)
-    right /= np.linalg.norm(right)
-    plane = picture.pixel_size(point.xyz) * HALF_PX * np.array([right, np.cross(normal, -right)])
+    plane = picture.pixel_size(point.xyz) * HALF_PX * span_axes(normal[None], picture.pose[0, :3])[0]
     patches = {}
     for one in elements:
         view = pictures[one[0]]
         middle, *ends = view.project(point.xyz + np.concatenate([np.zeros((1, 3)), plane]))
         shape = ((np.array(ends) - middle) / HALF_PX).T
         patches[one] = view, shape, view.scale * found[one]
-    template = picture.cut(*patches[reference][1:], HALF_PX)
+    template = cut_patch(picture.grey, *patches[reference][1:], HALF_PX)
     if estimate_doubt_px(template) > MOST_DOUBT_PX:
         return {}
     places = {reference: found[reference]}
     for one, (view, shape, middle) in patches.items():
-        if one != reference and (shift := align_patch(template, view.cut(shape, middle, HALF_PX + MARGIN_PX))) is not None:
+        if one != reference and (shift := align_patch(template, cut_patch(view.grey, shape, middle, HALF_PX + MARGIN_PX))) is not None:
             places[one] = found[one] + shape @ shift / view.scale
     return places
 
