@@ -92,7 +92,7 @@ def test_pictures_bring_cameras_back_that_outlines_leave_off(carton):
     )
 
 
-def test_an_object_without_print_is_left_to_its_outlines(carton, tmp_path):
+def test_an_object_without_print_stays_as_outlines_placed_it(carton, tmp_path):
     folder, cameras = carton
     capture = tmp_path / "capture"
     for camera in cameras:
@@ -100,10 +100,9 @@ def test_an_object_without_print_is_left_to_its_outlines(carton, tmp_path):
         grey[:20, :20] = 10 * int(camera.name[:6])  # beside the object: photos that are all alike are refused
         write_image(capture / "images" / camera.name, grey)
     (capture / "masks").symlink_to(folder / "masks")
-    wrong = shaken(cameras, 0.7)
-    model, figures = adjust_by_guided_tracks(make_model(wrong), read_image_set(capture))
-    assert figures["tracks"] == model.num_points3D() == 0
-    assert compare_cameras(read_cameras(model, cameras), cameras).centre_mm.mean() < compare_cameras(wrong, cameras).centre_mm.mean()
+    given = make_model(cameras)
+    model, figures = adjust_by_guided_tracks(given, read_image_set(capture))
+    assert model is given and figures == {"tracks": 0, "observations": 0}
 
 
 def test_a_peak_is_taken_only_where_it_stands_alone():

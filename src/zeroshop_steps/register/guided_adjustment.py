@@ -10,6 +10,7 @@ from zeroshop_steps.register.guided_matching import match_along_hull
 from zeroshop_steps.register.image_set import REFERENCE_PX, ImageSet
 from zeroshop_steps.register.model_outlines import adjust_model_by_masks, replace_tracks
 from zeroshop_steps.register.outline_state import TrackKind
+from zeroshop_steps.register.sharpening import LEAST_ALIGNED
 from zeroshop_steps.register.undistort import undistort_masks
 
 PLAY_PX = (12, 7)  # of each round: how far from where the cameras say a corner is looked for, per 1000 px of the image
@@ -21,7 +22,8 @@ def adjust_by_guided_tracks(model: pycolmap.Reconstruction, image_set: ImageSet)
 
     Returns:
         The copy, and figures: the numbers of `tracks` and of their `observations`; `miss_px` and `error_px`, by how much rims and tracks
-        missed in the mean before and after the last round, px per 1000 px of the image.
+        missed in the mean before and after the last round, px per 1000 px of the image. Where fewer than `LEAST_ALIGNED` corners are found,
+        the model as it was.
     """
     files = dict(zip(image_set.names, image_set.images, strict=True))
     figures: dict[str, Any] = {}
@@ -29,6 +31,8 @@ def adjust_by_guided_tracks(model: pycolmap.Reconstruction, image_set: ImageSet)
         cameras, masks = undistort_masks(model, image_set)
         greys = [cv2.cvtColor(read_image(files[camera.name]), cv2.COLOR_RGB2GRAY) for camera in cameras]
         tracks = match_along_hull(cameras, [masks[camera.name] for camera in cameras], greys, play_px)
+        if tracks.count < LEAST_ALIGNED:
+            return model, {"tracks": tracks.count, "observations": len(tracks.view)}
         adjusted = adjust_model_by_masks(replace_tracks(model, cameras, tracks), cameras, masks, TrackKind.GUIDED, image_set.masks_found)
         model = adjusted.model
         figures |= {"tracks": tracks.count, "observations": len(tracks.view), "miss_px": list(adjusted.missed_px)}

@@ -20,14 +20,15 @@ from zeroshop_steps.register.outline_state import Tracks
 from zeroshop_steps.register.silhouette_coherence import bound_object
 from zeroshop_steps.register.surface_patches import cut_patch, span_axes
 
-HALF_PX = 6  # half of a patch's side, of images of `REFERENCE_PX`: larger ones lie on a curved surface, and give fewer and worse matches
-CORNERS, APART_PX, LEAST_QUALITY = 800, 5, 0.002  # of each view, at most; between them; of their contrast, by the strongest one's
+HALF_PX = 5  # half of a patch's side, of images of `REFERENCE_PX`: larger ones lie on a curved surface, and give fewer and worse matches
+CORNERS, APART_PX, LEAST_QUALITY = 800, 4, 0.002  # of each view, at most; between them; of their contrast, by the strongest one's
 RIM_PX = 2  # by which a patch may reach over the mask's rim, so that thin things have some
 BLOCK_PX = 7  # side of the window in which a corner's contrast is measured
 LEAST_CONTRAST = 3.0  # standard deviation of a patch's grey, of 255
 LARGEST_DEG, LEAST_COSINE = 60.0, 0.3  # between two views' directions; between the surface's normal and those to both cameras
-LEAST_CORRELATION, LEAST_LEAD, PEAK_PX = 0.8, 0.1, 3
-"""A patch is found where it correlates so well, and by so much better than anywhere farther off than this."""
+LEAST_CORRELATION, LEAST_LEAD, PEAK_PX = 0.8, 0.2, 3
+"""A patch is found where it correlates so well, and by so much better than anywhere farther off than this. Half of the lead gave twice as
+many matches of clamps, and worse cameras."""
 VOXELS, DEPTHS = 128, 256  # along each edge of the hull, for its normals; along each ray, to its surface
 MISSING_SHARE = 0.05  # of the views whose masks may lack a part of the object
 
