@@ -31,12 +31,14 @@ def adjust_by_guided_tracks(model: pycolmap.Reconstruction, image_set: ImageSet)
         cameras, masks = undistort_masks(model, image_set)
         greys = [cv2.cvtColor(read_image(files[camera.name]), cv2.COLOR_RGB2GRAY) for camera in cameras]
         tracks = match_along_hull(cameras, [masks[camera.name] for camera in cameras], greys, play_px)
+        figures |= {"tracks": tracks.count, "observations": len(tracks.view)}
         if tracks.count < LEAST_ALIGNED:
-            return model, {"tracks": tracks.count, "observations": len(tracks.view)}
+            break
         adjusted = adjust_model_by_masks(replace_tracks(model, cameras, tracks), cameras, masks, TrackKind.GUIDED, image_set.masks_found)
         model = adjusted.model
-        figures |= {"tracks": tracks.count, "observations": len(tracks.view), "miss_px": list(adjusted.missed_px)}
-        figures |= {"error_px": [round(error_px, 3) for error_px in adjusted.error_px]}
+        figures |= {"miss_px": list(adjusted.missed_px), "error_px": [round(error_px, 3) for error_px in adjusted.error_px]}
+    if "miss_px" not in figures:
+        return model, figures
     largest_px = max(max(camera.width, camera.height) for camera in model.cameras.values())
     pycolmap.ObservationManager(model).filter_all_points3D(MOST_ERROR_PX * largest_px / REFERENCE_PX, LEAST_ANGLE_DEG)
     model.update_point_3d_errors()
