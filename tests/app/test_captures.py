@@ -1,5 +1,6 @@
 """The table behind `zeroshop`: one name, one input; the workflow reads it as a table of objects."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -56,3 +57,10 @@ def test_a_damaged_table_is_named(tmp_path):
     (tmp_path / TABLE).write_text("nothing\there\n1\n")
     with pytest.raises(StepError, match="captures.tsv is not the table"):
         read_captures(tmp_path)
+
+
+def test_runs_that_begin_together_all_find_their_rows(tmp_path):
+    names = [f"mug_{number}" for number in range(24)]
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda name: add_capture(tmp_path, Capture(name, f"/films/{name}.mp4")), names))
+    assert sorted(read_captures(tmp_path)) == sorted(names)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.files import atomic_write, locked
 from zeroshop_steps.runtime.settings import RESERVED_NAMES
 
 DATASET = "photos"
@@ -62,13 +62,19 @@ def read_captures(folder: Path) -> dict[str, Capture]:
 
 
 def add_capture(folder: Path, capture: Capture) -> Capture:
-    """Put a capture into the table of a folder, and return its row.
+    """Put a capture into the table of a folder, and return its row; another run that does so at the same time waits.
 
     What is given again for the same input replaces what was; what is left out stays as it was.
 
     Raises:
         StepError: the name belongs to another input, or its results were made from another table.
     """
+    table = folder / TABLE
+    with locked(table.with_name(f".{table.name}.lock")):
+        return _add(folder, capture)
+
+
+def _add(folder: Path, capture: Capture) -> Capture:
     captures = read_captures(folder)
     earlier = captures.get(capture.object)
     if earlier and earlier.images != capture.images:

@@ -19,9 +19,9 @@ from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import Frame, Instance, list_scenes, write_scene
 from zeroshop_steps.bop.targets import Frames, find_targets, read_target_frames, read_targets, write_targets
 from zeroshop_steps.geometry.images import write_mask
-from zeroshop_steps.runtime.downloads import download, locked
+from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.runtime.files import atomic_directory, locked, read_json, write_json
 
 HOST = "https://huggingface.co/datasets/bop-benchmark/{name}/resolve/main/{file}"
 HOSTED_TESTS = {"ycbv": ("ycbv_test_bop19.zip", "ycbv_base.zip")}

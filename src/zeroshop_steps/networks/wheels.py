@@ -10,9 +10,9 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from zeroshop_steps.runtime.downloads import locked, verify
+from zeroshop_steps.runtime.downloads import verify
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.files import atomic_write, locked
 from zeroshop_steps.runtime.temporary import temporary_folder
 
 SCHEME = "pip:"

@@ -12,8 +12,6 @@ Pooch 1.9.0, tried instead, would replace the loop of `_download_once` alone, an
 | file: URLs, a lock between processes, room on the disk | yes | no |
 """
 
-import contextlib
-import fcntl
 import hashlib
 import http.client
 import shutil
@@ -21,11 +19,10 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.files import atomic_write, locked
 from zeroshop_steps.runtime.progress import ProgressReport
 
 TIMEOUT_S = 30.0
@@ -101,19 +98,6 @@ def verify(path: Path, sha256: str | None = None) -> None:
             f"{path} has sha256 {found}, expected {expected} as recorded at first use in {record}: it is damaged or was replaced."
             f" Delete {path} to fetch it again; delete {record} too if the new file is wanted."
         )
-
-
-@contextlib.contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold a lock file, so that parallel steps do not write the same file."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = open(path, "w")  # noqa: SIM115
-    except OSError as error:
-        raise StepError(f"cannot write {path}: {error.strerror}. Check free disk space and permissions.") from error
-    with file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def _download_once(url: str, path: Path, size_bytes: int | None = None) -> None:

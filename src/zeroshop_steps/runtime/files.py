@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -152,3 +153,16 @@ def read_json_value(path: Path) -> Any:
         raise StepError(f"{path} is nested deeper than any record; delete it and run its step again") from None
     except OSError as error:
         raise StepError(f"{path} cannot be read: {error.strerror}. {remedy_for(error)}") from error
+
+
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a lock file, so that parallel steps do not write the same file."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = open(path, "w")  # noqa: SIM115
+    except OSError as error:
+        raise StepError(f"cannot write {path}: {error.strerror}. Check free disk space and permissions.") from error
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

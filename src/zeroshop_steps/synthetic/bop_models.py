@@ -13,9 +13,9 @@ import numpy as np
 from zeroshop_steps.bop.models import check_diameter_mm, read_models_info
 from zeroshop_steps.bop.symmetry import check_symmetries
 from zeroshop_steps.geometry.meshes import Mesh, find_texture, read_ply, write_ply
-from zeroshop_steps.runtime.downloads import download, locked
+from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_directory, write_json
+from zeroshop_steps.runtime.files import atomic_directory, locked, write_json
 
 HOSTED_MODELS = {"ycbv": "https://huggingface.co/datasets/bop-benchmark/ycbv/resolve/main/ycbv_models.zip"}
 """The archives that hold `models/obj_*.ply`, by dataset."""
