@@ -202,7 +202,7 @@ def _keep_placed(
 
     What held the others may go with a view that is left out, so all are asked again.
     """
-    left_out = dict[str, float]()
+    left_out, unfit = dict[str, float](), len(image_set.names) - len(kept)
     while True:
         elsewhere = find_alternatives(way.take(kept), take_outlines(outlines, kept), elevations_deg)
         names = [image_set.names[number] for number in kept]
@@ -214,7 +214,8 @@ def _keep_placed(
         kept = kept[~free]
         if len(kept) < needed:
             told = f"{len(left_out)} of {len(image_set.names)} photos, such as {image_set.shown[next(iter(left_out))]}"
-            raise RegistrationFailed(f"the outlines fit in several ways: {told}, could have been taken from elsewhere; {SURFACE}", figures)
+            told += ", could have been taken from elsewhere" + (f", and {unfit} do not fit the others" if unfit else "")
+            raise RegistrationFailed(f"the outlines fit in several ways: {told}; {SURFACE}", figures)
 
 
 def _require_one_way(found: Way, others: list[Way], figures: dict[str, Any]) -> None:
