@@ -58,9 +58,9 @@ def read_cameras(model, cameras):
 
 
 def read_pictures(folder, cameras):
-    """Grey photos and masks, in the order of the cameras."""
+    """Grey photos, in the order of the cameras, and masks by image name."""
     greys = [cv2.cvtColor(read_image(folder / "images" / camera.name), cv2.COLOR_RGB2GRAY) for camera in cameras]
-    return greys, [read_mask(folder / "masks" / camera.name) for camera in cameras]
+    return greys, {camera.name: read_mask(folder / "masks" / camera.name) for camera in cameras}
 
 
 def test_corners_are_found_where_true_cameras_see_them(carton):
@@ -68,16 +68,14 @@ def test_corners_are_found_where_true_cameras_see_them(carton):
     greys, masks = read_pictures(folder, cameras)
     tracks = match_along_hull(shaken(cameras, 0.7), masks, greys, 12)
     assert tracks.count > 200 and (np.bincount(tracks.point) >= 2).all() and len(set(tracks.view.tolist())) == len(cameras)
-    by_name = {camera.name: mask for camera, mask in zip(cameras, masks, strict=True)}
-    assert OutlineAdjustment(cameras, by_name, tracks).measure_error_px() < 0.6  # 0.2 of 320 px: points where true rays nearly meet
+    assert OutlineAdjustment(cameras, masks, tracks).measure_error_px() < 0.6  # 0.2 of 320 px: points where true rays nearly meet
 
 
 def test_pictures_bring_cameras_back_that_outlines_leave_off(carton):
     folder, cameras = carton
     wrong = shaken(cameras, 0.7)
     _, masks = read_pictures(folder, cameras)
-    by_name = {camera.name: mask for camera, mask in zip(cameras, masks, strict=True)}
-    by_outlines = OutlineAdjustment(wrong, by_name, NO_TRACKS)
+    by_outlines = OutlineAdjustment(wrong, masks, NO_TRACKS)
     by_outlines.adjust()
     outlined = by_outlines.adjusted_cameras()
     model, figures = adjust_by_guided_tracks(make_model(outlined), read_image_set(folder))

@@ -25,12 +25,11 @@ def adjust_by_guided_tracks(model: pycolmap.Reconstruction, image_set: ImageSet)
         missed in the mean before and after the last round, px per 1000 px of the image. Where fewer than `LEAST_ALIGNED` corners are found,
         the model as it was.
     """
-    files = dict(zip(image_set.names, image_set.images, strict=True))
+    greys = {path.name: cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY) for path in image_set.images}
     figures: dict[str, Any] = {}
     for play_px in PLAY_PX:
         cameras, masks = undistort_masks(model, image_set)
-        greys = [cv2.cvtColor(read_image(files[camera.name]), cv2.COLOR_RGB2GRAY) for camera in cameras]
-        tracks = match_along_hull(cameras, [masks[camera.name] for camera in cameras], greys, play_px)
+        tracks = match_along_hull(cameras, masks, [greys[camera.name] for camera in cameras], play_px)
         figures |= {"tracks": tracks.count, "observations": len(tracks.view)}
         if tracks.count < LEAST_ALIGNED:
             break

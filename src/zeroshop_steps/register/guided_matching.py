@@ -13,11 +13,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.transforms import shrink_camera, transform_camera
+from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.geometry.visual_hull import VisualHull, find_inside_masks
-from zeroshop_steps.register.image_set import REFERENCE_PX
+from zeroshop_steps.register.neighbour_agreement import MISSING_SHARE
 from zeroshop_steps.register.outline_state import Tracks
-from zeroshop_steps.register.silhouette_coherence import bound_object
+from zeroshop_steps.register.silhouette_coherence import bound_object, shrink_masks
 from zeroshop_steps.register.surface_patches import cut_patch, span_axes
 
 HALF_PX = 5  # half of a patch's side, of images of `REFERENCE_PX`: larger ones lie on a curved surface, and give fewer and worse matches
@@ -30,7 +30,6 @@ LEAST_CORRELATION, LEAST_LEAD, PEAK_PX = 0.8, 0.2, 3
 """A patch is found where it correlates so well, and by so much better than anywhere farther off than this. Half of the lead gave twice as
 many matches of clamps, and worse cameras."""
 VOXELS, DEPTHS = 128, 256  # along each edge of the hull, for its normals; along each ray, to its surface
-MISSING_SHARE = 0.05  # of the views whose masks may lack a part of the object
 
 
 @dataclass(frozen=True)
@@ -40,13 +39,6 @@ class _SmallView:
     camera: Camera
     mask: np.ndarray
     grey: np.ndarray
-
-    @staticmethod
-    def shrink(camera: Camera, mask: np.ndarray, image: np.ndarray) -> "_SmallView":
-        small = shrink_camera(camera, REFERENCE_PX)
-        size_px = small.width_px, small.height_px
-        covered = cv2.resize(mask.astype(np.float32), size_px, interpolation=cv2.INTER_AREA)
-        return _SmallView(small, covered > 0.5, cv2.resize(image, size_px, interpolation=cv2.INTER_AREA).astype(np.float32))
 
     def find_corners(self) -> np.ndarray:
         """(K, 2) pixels of corners whose patches lie in the mask, but for a rim."""
@@ -128,25 +120,23 @@ class _Corners:
                 yield number, middles[number] + axes[number] @ (peak - play_px)
 
 
-def match_along_hull(cameras: Sequence[Camera], masks: Sequence[np.ndarray], images: Sequence[np.ndarray], play_px: int) -> Tracks:
+def match_along_hull(cameras: Sequence[Camera], masks: dict[str, np.ndarray], images: Sequence[np.ndarray], play_px: int) -> Tracks:
     """Tracks of the corners of each view, with the places at which the other views show them.
 
     Args:
         cameras: N pinhole cameras, a few pixels off.
-        masks: (height, width) bool, of the cameras' sizes.
-        images: (height, width) uint8 grey.
+        masks: {image name: (height, width) bool}, of the cameras' sizes.
+        images: (height, width) uint8 grey, in the order of the cameras.
         play_px: how far from where the cameras say a corner may lie, of images of `REFERENCE_PX`.
 
     Returns:
         In pixels of the given cameras. A corner that no other view shows has no track.
     """
-    centre, radius = bound_object(list(cameras), list(masks))
+    centre, radius = bound_object(list(cameras), [masks[camera.name] for camera in cameras])
     to_centre = np.eye(4)
     to_centre[:3, 3] = -centre
-    views = [
-        _SmallView.shrink(transform_camera(camera, to_centre), mask, image)
-        for camera, mask, image in zip(cameras, masks, images, strict=True)
-    ]
+    small, small_masks = shrink_masks([transform_camera(camera, to_centre) for camera in cameras], masks)
+    views = [_SmallView(camera, small_masks[camera.name], _resize(image, camera)) for camera, image in zip(small, images, strict=True)]
     hull = _Hull.carve(views, radius)
     directions = np.array([view.camera.centre_in_world / np.linalg.norm(view.camera.centre_in_world) for view in views])
     view_numbers, point_numbers, pixels, count = list[int](), list[int](), list[np.ndarray](), 0
@@ -164,6 +154,11 @@ def match_along_hull(cameras: Sequence[Camera], masks: Sequence[np.ndarray], ima
                 pixels += [place * cameras[number].width_px / views[number].camera.width_px for number, place in found.items()]
                 count += 1
     return Tracks(np.array(view_numbers, int), np.array(point_numbers, int), np.array(pixels).reshape(-1, 2))
+
+
+def _resize(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """An image as float32, of a camera's size."""
+    return cv2.resize(image, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
 def _face(points: np.ndarray, normals: np.ndarray, camera: Camera) -> np.ndarray:
