@@ -1,5 +1,6 @@
 """The command `zeroshop`, and the version that the project's papers name."""
 
+import json
 import re
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from zeroshop_steps.app.captures import read_captures
 from zeroshop_steps.app.command import main
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.methods import REGISTRATIONS
+from zeroshop_steps.runtime.failures import Failure, write_failure
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -112,6 +114,43 @@ def test_photos_whose_background_was_removed_are_their_own_masks(tmp_path, monke
     rows = read_captures(tmp_path)
     assert rows["cut"].masks == rows["cut"].images == str(tmp_path / "cut") and rows["whole"].masks == ""
     assert capsys.readouterr().err.count("what is left of them is taken as masks") == 1
+
+
+@pytest.mark.parametrize(
+    ("taken", "step", "words", "counts"),
+    [
+        (31, "register.auto", [], ["", "60"]),
+        (31, "register.auto", ["--count", "31"], ["31"]),
+        (50, "register.auto", [], [""]),
+        (31, "segment.saliency", [], [""]),
+    ],
+)
+def test_a_film_whose_cameras_are_refused_is_tried_with_more_of_its_frames(tmp_path, monkeypatch, taken, step, words, counts):
+    """Once; not where there are hardly more, where something else failed, or where the user chose. What helped is kept."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "can.mp4").touch()
+    asked = []
+
+    def fail(target, folder, *args):
+        asked.append(read_captures(folder)["can"].picture_count)
+        capture = folder / "results/photos/can/video/capture"
+        capture.mkdir(parents=True, exist_ok=True)
+        (capture / "capture.json").write_text(json.dumps({"source_frames": list(range(taken)), "video_frames": 700}))
+        write_failure([f"{capture.parent}/auto/scene/"], Failure(step, "the camera would turn by 162 degrees"))
+        args[2].parent.mkdir(parents=True, exist_ok=True)
+        args[2].write_text("error: refused\n")
+        return False
+
+    monkeypatch.setattr(workflow, "run_workflow", fail)
+    assert main(["can.mp4", *words]) == 1
+    assert asked == counts and read_captures(tmp_path)["can"].picture_count == counts[-1]
+
+
+@pytest.mark.parametrize("count", ["7", "2000"])
+def test_too_few_or_too_many_pictures_are_refused(tmp_path, capsys, count):
+    (tmp_path / "can.mp4").touch()
+    assert main([str(tmp_path / "can.mp4"), "--count", count]) == 1
+    assert f"--count is {count}; expected 8 to 1000" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -38,7 +38,15 @@ def test_columns_that_may_be_missing_are_empty(read):
     [row] = read(f"{HEADER}\nphotos\tcup\ta\tb\t\n").values()
     assert (row["height_method"], row["marker_images"], row["depth"]) == ("", "", "")
     [row] = read(f"{HEADER}\theight_method\tmarker_images\nphotos\tcup\ta\tb\t\tmarker\tempty table\n").values()
-    assert (row["height_method"], row["marker_images"], row["depth"]) == ("marker", "empty table", "")
+    assert (row["height_method"], row["marker_images"], row["depth"], row["picture_count"]) == ("marker", "empty table", "", None)
+
+
+def test_a_number_of_pictures_is_a_whole_one(read):
+    [row] = read(f"{HEADER}\tpicture_count\nphotos\tcup\ta\tb\t\t60\n").values()
+    assert row["picture_count"] == 60 and isinstance(row["picture_count"], int)
+    for text in ("7", "60.5", "many"):
+        with pytest.raises(StepError, match="line 2: picture_count"):
+            read(f"{HEADER}\tpicture_count\nphotos\tcup\ta\tb\t\t{text}\n")
 
 
 def test_a_header_alone_is_an_empty_table(read):

@@ -45,3 +45,17 @@ def test_photos_registered_by_the_object_alone(snakemake, tmp_path):
     assert "--pictures results/photos/cup/video/auto/cameras " in run.stdout
     assert "--method support_plane --scene results/photos/cup/video/auto/scene" in run.stdout
     assert "--method user_masks --scene results/photos/cup/video_segmented/auto/scene" in run.stdout
+
+
+def test_a_capture_takes_as_many_pictures_as_its_row_says(snakemake, tmp_path):
+    """Frames of a film, and half as many again in between; photos of a folder at most."""
+    (tmp_path / "images").mkdir()
+    for path in ("images/a.png", "can.mp4"):
+        (tmp_path / path).touch()
+    table = tmp_path / "objects.tsv"
+    header = "dataset\tobject\timages\tmasks\theight_m\tpicture_count"
+    table.write_text(f"{header}\nphotos\tcan\t{tmp_path}/can.mp4\t\t\t61\nphotos\tbox\t{tmp_path}/images\t\t\t100\n")
+    targets = [f"results/photos/{name}/video/capture" for name in ("can", "box")]
+    run = snakemake("-n", *targets, "--config", f"objects_table={table}")
+    assert run.returncode == 0, run.stdout
+    assert "--frames 61 --spacing view --most-frames 92" in run.stdout and "--most-images 100" in run.stdout

@@ -1,11 +1,14 @@
 """Capture: the user's own photos or the frames of a video, checked and copied; a row of config/objects.tsv says where they lie."""
 
+import math
+
 from zeroshop_steps.geometry.image_files import is_text
 from zeroshop_steps.runtime.errors import remedy_for
 
 # The scenes of later passes, for which the object was turned over, and the columns that name their pictures; and all passes joined (join.smk).
 LATER_PASSES = {"video_2": "images_2", "video_3": "images_3"}
 JOINED_PHOTOS = "video_joined"
+MOST_SHARE = 1.5  # of a row's picture_count: frames in all, with those between two that share too little
 CLOCK_TOLERANCE_S = 5  # clocks of file servers differ by a second or two; a capture takes longer
 
 
@@ -24,7 +27,7 @@ def photos_of(
         row |= {"height_method": "", "marker_images": ""}  # nothing tells where photos of an empty plain table lie: unknown scale
     if film_passes(wildcards.dataset) > 1:
         row["images_2"] = f"{folder}_2/film.mp4"
-    return {**dict.fromkeys(("masks", "prompt", "depth", *LATER_PASSES.values()), ""), "height_m": None, **row}
+    return {**dict.fromkeys(("masks", "prompt", "depth", *LATER_PASSES.values()), ""), "height_m": None, "picture_count": None, **row}
 
 
 def later_passes(
@@ -147,14 +150,17 @@ def capture_options(
     wildcards,
 ):
     """The options of this method: how many frames of a video, or how many photos, and their masks, if there are any."""
-    masks = photos_of(wildcards)["masks"]
+    row = photos_of(wildcards)
+    masks, count = row["masks"], row["picture_count"]
     if capture_method(wildcards) == "photos":
-        return step_options({**({"masks": shlex.quote(photo_place(wildcards, "masks"))} if masks else {}), **config["photos"]})
+        own = {"most_images": count} if count else {}
+        return step_options({**({"masks": shlex.quote(photo_place(wildcards, "masks"))} if masks else {}), **config["photos"], **own})
     if masks:
         raise WorkflowError(
             f"{config['objects_table']}: {wildcards.dataset} {wildcards.object}: a video has no masks; leave the masks empty, they are found"
         )
-    return step_options(config["video"])
+    own = {"frames": count, "most_frames": max(config["video"]["most_frames"], math.ceil(MOST_SHARE * count))} if count else {}
+    return step_options({**config["video"], **own})
 
 
 rule capture_photos:

@@ -26,6 +26,7 @@ class Capture:
     images_3: str = ""
     masks: str = ""
     prompt: str = ""
+    picture_count: str = ""
     height_m: str = ""
     height_method: str = ""
     marker_images: str = ""

@@ -6,6 +6,7 @@ import sys
 import time
 import webbrowser
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from zeroshop_steps import __version__
@@ -14,6 +15,11 @@ from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
 HEIGHT_M = (0.005, 3.0)
 MOST_PASSES = 3
+PICTURES = (8, 1000)
+MORE = 3
+"""So many times as many frames are taken where those of a film have no sure cameras: sides that look alike lie on each other where few
+frames show the way from one to the other. A can with two like labels: 31 frames are refused, 52 of 60 are right."""
+MUCH_MORE = 1.5  # frames to those before; fewer show little that is new
 
 DESCRIPTION = """\
 Photos or a film of an object become a closed, textured mesh of true size.
@@ -71,6 +77,8 @@ def _mesh_parser() -> argparse.ArgumentParser:
         "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
     parser.add_argument("--network", type=Path, metavar="FILE", help=(
         "ONNX file of a salient-object network of yours: finds objects on plain tables and of the table's colours"))  # fmt: skip
+    parser.add_argument("--count", type=int, metavar="N", help=(
+        "frames to take of a film, or photos at most (default: 20, and more where a film needs them; 60 photos)"))  # fmt: skip
     names = list(SURFACES)
     parser.add_argument("--method", default=names[0], help=f"surface method: {' or '.join(names)} (default: %(default)s)")
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 2, help="processor cores to use (default: all, %(default)s)")
@@ -111,6 +119,8 @@ def _make(args: argparse.Namespace) -> int:
     source = sources[0]
     if args.height is not None and not HEIGHT_M[0] <= args.height <= HEIGHT_M[1]:
         raise StepError(f"--height is {args.height:g}; it is in metres, {HEIGHT_M[0]:g} to {HEIGHT_M[1]:g}: write 0.19 for 19 cm")
+    if args.count is not None and not PICTURES[0] <= args.count <= PICTURES[1]:
+        raise StepError(f"--count is {args.count}; expected {PICTURES[0]} to {PICTURES[1]} frames or photos")
     if args.cores < 1:
         raise StepError(f"--cores is {args.cores}; at least 1 is needed")
     if args.network and not args.network.is_file():
@@ -126,6 +136,7 @@ def _make(args: argparse.Namespace) -> int:
         height_method="marker" if by_board else "known" if args.height is not None else "",
         marker_images=str(_require_folder(args.board, "--board")) if by_board and args.board != Path() else "",
         masks=str(_require_folder(args.masks, "--masks")) if args.masks else _find_cut_outs(sources),
+        picture_count=str(args.count or ""),
     )
     folder.mkdir(parents=True, exist_ok=True)
     capture = add_capture(folder, capture)
@@ -133,12 +144,37 @@ def _make(args: argparse.Namespace) -> int:
     print(f"{', '.join(map(str, sources))} -> {results}", file=sys.stderr)
     start_s = time.time()
     log = results / "logs/zeroshop.log"
-    done = run_workflow(f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log, settings)
+    target = f"results/photos/{capture.object}/{args.method}.ply"
+    done = run_workflow(target, folder, folder / TABLE, args.cores, log, settings)
     scene, registration = read_chosen_cell(settings)
+    if not (done or capture.picture_count or capture.images_2) and (count := _count_more_frames(results / scene / registration)):
+        print(f"The frames have no sure cameras; trying again with {count} of the film", file=sys.stderr)
+        add_capture(folder, replace(capture, picture_count=str(count)))
+        done = run_workflow(target, folder, folder / TABLE, args.cores, log, settings)
     _print_outcome(results / (JOINED_PHOTOS if capture.images_2 else scene) / registration / args.method, log, done, start_s)
     if done and args.open:
         _open_report(folder, folder / TABLE, args.cores)
     return 0 if done else 1
+
+
+def _count_more_frames(run: Path) -> int:
+    """How many frames of a film to try next, as its cameras were refused; 0 where other things failed, or more hardly help.
+
+    Args:
+        run: the folder of its registration.
+    """
+    from zeroshop_steps.app.workflow import find_project
+    from zeroshop_steps.runtime.failures import read_failure
+    from zeroshop_steps.runtime.files import read_json
+    from zeroshop_steps.runtime.settings import read_yaml
+
+    failure = read_failure(run / "scene")
+    if not failure or not failure.step.startswith("register."):
+        return 0
+    film = read_json(run.parent / "capture/capture.json")
+    taken, there = len(film.get("source_frames", [])), film.get("video_frames", 0)
+    count = MORE * read_yaml(find_project() / "config/config.yaml")["video"]["frames"]
+    return count if MUCH_MORE * taken <= count <= there else 0
 
 
 def _print_outcome(cell: Path, log: Path, done: bool, start_s: float) -> None:

@@ -123,7 +123,8 @@ def read_objects(
         given_heights: those of them that need a height_m.
 
     Returns:
-        rows by (dataset, object), in the table's order. `height_m` and `mass_kg` are floats or None; a column that is not there is empty.
+        rows by (dataset, object), in the table's order. `height_m` and `mass_kg` are floats or None, `picture_count` is an integer or
+        None; a column that is not there is empty.
 
     Raises:
         StepError: names the table, the line and the column.
@@ -155,10 +156,11 @@ def read_objects(
             )
         cells = [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells))
         row: Row = dict.fromkeys(schema["properties"], "") | dict(zip(columns, cells, strict=True))
-        row |= {name: _number(row[name]) if row[name] else None for name in ("height_m", "mass_kg")}
+        row |= {name: _number(row[name]) if row[name] else None for name in ("height_m", "mass_kg", "picture_count")}
         faults = _faults(row, schema)
         if faults:
             raise StepError(f"{table}, line {number}: " + "; ".join(faults))
+        row["picture_count"] = int(row["picture_count"]) if row["picture_count"] else None
         if row["object"] in RESERVED_NAMES:
             raise StepError(f"{table}, line {number}: {row['object']} is a folder of the whole dataset; give the object another name")
         if row["height_method"] in set(given_heights) and row["height_m"] is None:
