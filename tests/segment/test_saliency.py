@@ -1,5 +1,7 @@
 """A salient-object network gives the prior: what photos agree on counts, and the file is refused with its name where it is none."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -139,6 +141,16 @@ def test_values_before_the_sigmoid_mean_the_same(workplace):
     ]
     assert sure.shape == (30, 40) and np.allclose(sure, raw, atol=1e-5)
     assert (sure[10:18, 12:28] > 0.9).all() and (sure[:6] < 0.1).all()
+
+
+def test_shares_that_rounding_lifts_above_one_are_no_values_before_the_sigmoid(workplace, monkeypatch):
+    """IS-Net gives 1.0000001 now and then: taken for a value before the sigmoid, no pixel was below a half."""
+    network = SalientObjectNetwork(workplace[0] / "saliency.onnx", IMAGE_MEAN, IMAGE_DEVIATION)
+    answer = np.zeros((1, 1, 30, 40), np.float32)
+    answer[..., 8:20, 10:30] = np.nextafter(np.float32(1), np.float32(2))
+    monkeypatch.setattr(network, "_session", SimpleNamespace(run=lambda *_: [answer]))
+    found = network.predict(np.full((30, 40, 3), 90, np.uint8), (40, 30))
+    assert found.min() == 0.0 and found.max() == 1.0
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ IMAGE_MEAN, IMAGE_DEVIATION = [128.0, 128.0, 128.0], [256.0, 256.0, 256.0]  # of
 USUAL_SIDE_PX = 1024  # of the image, where the file leaves it open; IS-Net and BiRefNet were trained on this
 THREADS = 2  # always the same number, because sums in another order change single pixels
 CHANNELS = 3
+ROUNDING = 0.01  # of answers that are shares: of half precision, with room; those before the last sigmoid reach several units
 CLOSER_MARGIN = 0.15  # around the main thing, of its longer side, that is left when the network looks closer
 CLOSER_SHARE = 0.5  # of the photo: what fills more of it is not seen much finer from closer
 CLOSER_AGREES = 0.9  # overlap of the two looks: of 20 photos of a drill, 19 agree to 0.98, and of one the closer look lost a quarter
@@ -87,8 +88,9 @@ class SalientObjectNetwork:
         found = found.reshape(found.shape[-2:])
         if not np.isfinite(found).all():
             raise StepError(f"{self.path} gives what is no number; check segment.saliency.mean and deviation, or use another network")
-        if found.min() < 0 or found.max() > 1:  # networks differ in whether the last step, a sigmoid, is in the file
-            found = expit(found)
+        # Networks differ in whether the last step, a sigmoid, is in the file; what lies outside 0 to 1 by rounding has had it.
+        logits = found.min() < -ROUNDING or found.max() > 1 + ROUNDING
+        found = expit(found) if logits else found.clip(0, 1)
         shrinks = size_px[0] < self._size_px[0]
         return np.asarray(cv2.resize(found, size_px, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR))
 
