@@ -7,8 +7,9 @@ command, one row of the CSV for each capture and seed; rows that are there are n
 
     python tests/helpers/camera_subsets.py results/ycbv/obj_000001/{su_l,se}/capture --seeds 0 1 2 3 4 5 --out subsets.csv
 
-SIFT's views that match badly get features of stretched copies as in the whole capture. A pair of views that the network first meets in a
-subset is matched then, and kept.
+With `--network`, an ONNX file, masks are those that it finds in each photo alone. Leave the attempt by COLMAP out then: here it would be
+led by these masks, and in `auto` it sees the whole photos. SIFT's views that match badly get features of stretched copies as in the whole
+capture. A pair of views that the network first meets in a subset is matched then, and kept.
 """
 
 import argparse
@@ -27,9 +28,13 @@ import pycolmap
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import LEAST_PAIRS, Camera, read_sparse_model
+from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.networks.aliked import FeatureMatcher
+from zeroshop_steps.networks.object_finder import cut_main_things
+from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
 from zeroshop_steps.register import aliked, auto, colmap, outlines
+from zeroshop_steps.register.found_masks import find_object_maps
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed
@@ -104,17 +109,24 @@ class SubsetMatcher:
 
 @dataclass
 class StoredCapture:
-    """A capture with the features and matches of all its views; `read_matches` and `matcher` compute them where they are not kept yet."""
+    """A capture with the features and matches of all its views; `read_matches` and `matcher` compute them where they are not kept yet.
+
+    Attributes:
+        network: finds the masks, in place of those that the renderer gave.
+    """
 
     capture: Path
     folder: Path
     weights: Path
+    network: Path | None = None
     images: ImageSet = field(init=False)
     truth: tuple[Camera, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.images = read_image_set(self.capture)
+        if self.network:
+            self.images = replace(self.images, masks=self._find_masks(self.network), masks_found=True)
         self.truth = read_sparse_model(self.capture / "truth").cameras
         self._matcher: StoredMatcher | None = None
 
@@ -122,6 +134,14 @@ class StoredCapture:
     def scene(self) -> str:
         """Its name in the path."""
         return self.capture.parent.name
+
+    def _find_masks(self, network: Path) -> tuple[Path, ...]:
+        paths = tuple(self.folder / "masks" / name for name in self.images.names)
+        if not all(path.is_file() for path in paths):
+            maps = find_object_maps(SalientObjectNetwork(network, IMAGE_MEAN, IMAGE_DEVIATION), self.images.images)
+            for path, mask in zip(paths, cut_main_things(maps, self.images.sizes_px), strict=True):
+                write_mask(path, mask)
+        return paths
 
     def matcher(self) -> StoredMatcher:
         """ALIKED's features and LightGlue's matches."""
@@ -269,13 +289,14 @@ def main() -> None:
     parser.add_argument(
         "--weights", type=Path, default=aliked.WEIGHTS_FOLDER / aliked.FOLDER, help="of the networks (default: %(default)s)"
     )
+    parser.add_argument("--network", type=Path, help="ONNX file of a salient-object network that finds the masks (default: given ones)")
     parser.add_argument("--store", type=Path, default=Path("results/subsets"), help="what is kept, and records (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="CSV to complete")
     args = parser.parse_args()
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     rows = read_table(args.out).to_dict("records") if args.out.is_file() else []
     for capture in args.captures:
-        stored = StoredCapture(capture, args.store / "-".join(capture.parent.parts[-3:]), args.weights)
+        stored = StoredCapture(capture, args.store / "-".join(capture.parent.parts[-3:]), args.weights, args.network)
         for seed in args.seeds:
             kind = args.kind or KINDS[seed % len(KINDS)]
             key = (capture.parent.as_posix(), str(seed), kind, "+".join(args.attempts))
