@@ -65,7 +65,8 @@ def _blur(images, window, scratch, out):
     for line in numba.prange(count * height):
         k, y = line // height, line % height
         padded = np.zeros(width + 2 * _HALF, np.float32)
-        padded[_HALF : _HALF + width] = images[k, y]
+        for x in range(width):
+            padded[_HALF + x] = images[k, y, x]
         for x in range(width):
             total = np.float32(0.0)
             for t in range(2 * _HALF + 1):
@@ -80,9 +81,11 @@ def _blur(images, window, scratch, out):
                     total += window[t] * scratch[k, y + t - _HALF, x]
                 out[k, y, x] = total
         else:
-            out[k, y] = 0.0
+            for x in range(width):
+                out[k, y, x] = 0.0
             for t in range(max(0, _HALF - y), min(len(window), height + _HALF - y)):
-                out[k, y] += window[t] * scratch[k, y + t - _HALF]
+                for x in range(width):
+                    out[k, y, x] += window[t] * scratch[k, y + t - _HALF, x]
 
 
 # Without the reordering of sums and divisions: the compiler would order the last pixels of a row otherwise than the vectors before
