@@ -37,7 +37,8 @@ def find_jump(model: pycolmap.Reconstruction, cuts: Sequence[int] = ()) -> tuple
     first = int(jumps[0])
     reason = (
         f"the reconstruction hangs together but is wrong: between {names[first]} and {names[first + 1]}, which follow each other in the"
-        f" film, the camera would turn by {turns[first]:.0f} degrees; put the object on a surface with more print, or film more slowly"
+        f" film, the camera would turn by {turns[first]:.0f} degrees; put the object on a surface with more print, film more"
+        " slowly, or take more of the film's frames (picture_count in the table of objects)"
     )
     alone = [index + 1 for index in jumps[:-1] if index + 1 in jumps]
     return reason, (names[alone[0]],) if alone else ()
