@@ -1,6 +1,5 @@
 """Torn surfaces are closed: what was measured stays, holes follow the true shape, ground around the foot goes."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,8 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
-from zeroshop_steps.finish import watertight
+from helpers.masked_view import MaskedView
+from zeroshop_steps.finish import close, watertight
 from zeroshop_steps.finish.close import close_in_space, fill_small_holes, find_floor
 from zeroshop_steps.finish.underside import close_underside, find_open_borders
 from zeroshop_steps.finish.watertight import GroundPlane
@@ -25,16 +25,6 @@ pytestmark = pytest.mark.slow
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS_MM, FOOT_MM = 30.0, -27.0
 MAX_FACES = 12_000
-
-
-@dataclass(frozen=True)
-class MaskedView(View):
-    """A view with its mask in memory."""
-
-    pixels: np.ndarray
-
-    def mask(self) -> np.ndarray:
-        return self.pixels
 
 
 def ball() -> Mesh:
@@ -167,7 +157,8 @@ def test_wide_holes_are_left_to_the_closing_in_space(views):
         (["--holes", "open"], "camera_roll", "open", "none"),
     ],
 )
-def test_the_step_says_what_it_did(tmp_path, options, up_source, state, method):
+def test_the_step_says_what_it_did(tmp_path, views, monkeypatch, options, up_source, state, method):
+    monkeypatch.setattr(close, "read_views", lambda _: (views, None))
     write_ply(tmp_path / "clean.ply", ball())
     write_json(tmp_path / "height.json", {"up": [0.0, 0.0, 1.0], "bottom": FOOT_MM, "up_source": up_source, "up_uncertainty": {}})
     words = ["--method", "close", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json", *options]
