@@ -1,4 +1,4 @@
-"""An object that touches its support in the middle alone does not get walls below its ends."""
+"""An object that touches its support in the middle alone does not stand on walls below its ends."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,9 @@ import trimesh
 
 from helpers.carton_scene import camera_at
 from helpers.masked_view import MaskedView
-from zeroshop_steps.finish import close, watertight
-from zeroshop_steps.finish.overhang import fills_open_space
-from zeroshop_steps.finish.underside import close_underside
+from zeroshop_steps.finish import close
+from zeroshop_steps.finish.overhang import lift_underside
+from zeroshop_steps.finish.underside import close_underside, find_open_borders
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.runtime.cli import stage_main
@@ -36,35 +36,49 @@ def photographed(whole: trimesh.Trimesh) -> tuple[Mesh, list[MaskedView]]:
     return Mesh(mesh.vertices, mesh.faces[whole.face_normals[:, 2] > DOWN]).without_loose_vertices().with_normals(), views
 
 
-@pytest.mark.parametrize("overhangs", [True, False])
-def test_what_photos_look_through_is_told_from_what_stands_on_the_plane(overhangs):
-    mesh, views = photographed(solid(overhangs))
-    for bottom in (0.0, -0.5):  # the plane is known to half a millimetre or so
-        whole, underside = close_underside(mesh, UP, bottom)
-        assert underside.state == "closed" and underside.faces
-        assert fills_open_space(whole, underside.first_face, views) == overhangs
+def closed_flat(mesh: Mesh, bottom: float) -> tuple[Mesh, int]:
+    """The mesh closed flat, and the first face that was added."""
+    whole, underside = close_underside(mesh, UP, bottom)
+    assert underside.state == "closed" and underside.watertight
+    return whole, underside.first_face
 
 
-def test_one_wrong_mask_does_not_tell_open_space():
+def test_the_space_below_the_ends_stays_open():
+    mesh, views = photographed(solid(True))
+    flat, first_face = closed_flat(mesh, 0.0)
+    lifted = lift_underside(flat, len(mesh.vertices), first_face, UP, views)
+    true = solid(True).volume
+    assert abs(lifted.as_trimesh().volume / true - 1) < 0.03 < 0.06 < flat.as_trimesh().volume / true - 1
+    assert lifted.as_trimesh().is_watertight and not find_open_borders(lifted.faces)
+    assert np.array_equal(lifted.vertices[: len(mesh.vertices)], mesh.vertices) and np.array_equal(lifted.faces, flat.faces)
+    added = lifted.vertices[len(mesh.vertices) :]
+    assert added[:, 2].min() < 0.5  # it still stands on the plane
+    assert (added[:, 2] <= RISE_MM * (2 * added[:, 0] / BAR_MM[0]) ** 2 + 1.5).all()  # and nothing is cut into
+
+
+@pytest.mark.parametrize("bottom", [0.0, -0.5, 0.5])
+def test_what_stands_on_the_plane_stays_flat(bottom):
+    """The plane is known to half a millimetre or so."""
+    mesh, views = photographed(solid(False))
+    flat, first_face = closed_flat(mesh, bottom)
+    assert lift_underside(flat, len(mesh.vertices), first_face, UP, views) is flat
+
+
+def test_a_single_wrong_mask_lifts_nothing():
     mesh, views = photographed(solid(False))
     views[0] = MaskedView(views[0].camera, views[0].image_path, None, np.zeros_like(views[0].mask()))
-    whole, underside = close_underside(mesh, UP, 0.0)
-    assert not fills_open_space(whole, underside.first_face, views)
+    flat, first_face = closed_flat(mesh, 0.0)
+    assert lift_underside(flat, len(mesh.vertices), first_face, UP, views) is flat
 
 
-@pytest.mark.slow
-def test_the_step_leaves_the_space_below_the_ends_open(tmp_path, monkeypatch):
+def test_the_step_lifts_it(tmp_path, monkeypatch):
     mesh, views = photographed(solid(True))
     monkeypatch.setattr(close, "read_views", lambda _: (views, None))
-    monkeypatch.setattr(watertight, "COARSE", 64)  # an eighth of the voxels
-    monkeypatch.setattr(watertight, "FINE", 128)
     write_ply(tmp_path / "clean.ply", mesh)
     write_json(tmp_path / "height.json", {"up": UP.tolist(), "bottom": 0.0, "up_source": "support_plane", "up_uncertainty": {}})
     words = ["--method", "close", "--mesh", tmp_path / "clean.ply", "--height", tmp_path / "height.json"]
     words += ["--cameras", tmp_path / "cameras", "--hollows", "kept", "--out", tmp_path / "closed.ply"]
     assert stage_main("zeroshop_steps.finish", [str(word) for word in words]) == 0
-    assert read_json(tmp_path / "closed.json")["closing"]["method"] == "volume"
-    closed = read_ply(tmp_path / "closed.ply").as_trimesh()
-    flat, _ = close_underside(mesh, UP, 0.0)
-    true = solid(True).volume
-    assert closed.is_watertight and abs(closed.volume / true - 1) < 0.05 < flat.as_trimesh().volume / true - 1
+    facts = read_json(tmp_path / "closed.json")
+    assert facts["closing"] == {"method": "flat", "ground_share": 0.0, "watertight": True}
+    assert read_ply(tmp_path / "closed.ply").as_trimesh().volume == pytest.approx(solid(True).volume, rel=0.03)

@@ -1,6 +1,6 @@
 """Close the surface: the underside flat at the support plane, and every other hole.
 
-The underside is closed flat (underside.py), unless photos look through what that would fill (overhang.py). A few small holes besides
+The underside is closed flat (underside.py), but for what photos look through (overhang.py). A few small holes besides
 are filled with triangles between the vertices of their borders, and the rest of the mesh stays as it is. Where more is open, or a strip
 of ground lies around the foot, the whole surface is closed in space (watertight.py) and simplified again. A generated mesh, if there is
 one, proposes all of that (generated.py). The faces that were added and that fewer than two photos see come last: neither quality nor
@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the closed mesh."""
-    from zeroshop_steps.finish.overhang import fills_open_space
+    from zeroshop_steps.finish.overhang import lift_underside
     from zeroshop_steps.finish.watertight import GroundPlane
 
     start_s = time.monotonic()
@@ -85,7 +85,6 @@ def run(args: argparse.Namespace) -> None:
     plane = GroundPlane(np.array(height["up"]), height["bottom"]) if height["up_source"] == "support_plane" else None
     floor = plane or find_floor(mesh, height)
     method, ground_share = "none", plane.ground_share(mesh) if plane else 0.0
-    in_space = ground_share > GROUND_SHARE
     closed, underside = leave_open(mesh)
     proposed: dict[str, Any] = {}
     if args.generated and args.underside == args.holes == "closed":
@@ -96,10 +95,12 @@ def run(args: argparse.Namespace) -> None:
     elif args.underside == "closed" and plane:
         closed, underside = close_underside(mesh, plane.normal, plane.offset)
         method = "flat" if underside.faces else "none"
-        in_space = in_space or (underside.faces > 0 and fills_open_space(closed, underside.first_face, read_views(args.cameras)[0]))
-    if method != "generated" and args.underside == args.holes == "closed" and (in_space or not underside.watertight):
+        if underside.faces:
+            views, _ = read_views(args.cameras)
+            closed = lift_underside(closed, len(mesh.vertices), underside.first_face, plane.normal, views)
+    if method != "generated" and args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
         views, _ = read_views(args.cameras)
-        filled = None if in_space else fill_small_holes(closed, underside, views)
+        filled = None if ground_share > GROUND_SHARE else fill_small_holes(closed, underside, views)
         closed, underside = filled or close_in_space(mesh, views, floor, args.max_faces)
         method = "holes" if filled else "volume"
     hollow = None
