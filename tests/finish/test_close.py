@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
-from helpers.masked_view import MaskedView
+from helpers.memory_view import MemoryView
 from zeroshop_steps.finish import close, watertight
 from zeroshop_steps.finish.close import close_in_space, fill_small_holes, find_floor
 from zeroshop_steps.finish.underside import close_underside, find_open_borders
@@ -55,7 +55,7 @@ def views() -> list[View]:
         mask = renderer.cast_rays(camera).mask
         if index % 10 == 3:
             mask = mask & (np.arange(len(mask))[:, None] > len(mask) / 2)
-        found.append(MaskedView(camera, Path(camera.name), None, mask))
+        found.append(MemoryView(camera, Path(camera.name), None, mask))
     return found
 
 
@@ -132,7 +132,7 @@ def test_without_a_support_plane_nothing_is_closed_far_below_what_was_measured(m
     block = trimesh.creation.box((40.0, 40.0, 30.0)).subdivide().subdivide().subdivide().subdivide()
     mesh = Mesh(np.array(block.vertices), np.array(block.faces)).with_normals()
     steep = [camera_at(f"{k}.png", 60.0 * k, 50.0, 200.0) for k in range(6)]
-    seen = [MaskedView(camera, Path(camera.name), None, MeshRenderer(mesh).cast_rays(camera).mask) for camera in steep]
+    seen = [MemoryView(camera, Path(camera.name), None, MeshRenderer(mesh).cast_rays(camera).mask) for camera in steep]
     torn = without_faces(mesh, np.array([0.0, 0.0, -15.0]), 29.0)
     height = {"up": UP.tolist(), "bottom": float(torn.vertices[:, 2].min())}
     assert find_floor(torn, height | {"up_uncertainty": {"roll_certainty": 0.5}}) is None

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from helpers.carton_scene import camera_at
-from helpers.masked_view import MaskedView
+from helpers.memory_view import MemoryView
 from zeroshop_steps.finish import close
 from zeroshop_steps.finish.overhang import lift_underside
 from zeroshop_steps.finish.underside import close_underside, find_open_borders
@@ -27,12 +27,12 @@ def solid(overhangs: bool) -> trimesh.Trimesh:
     return bar
 
 
-def photographed(whole: trimesh.Trimesh) -> tuple[Mesh, list[MaskedView]]:
+def photographed(whole: trimesh.Trimesh) -> tuple[Mesh, list[MemoryView]]:
     """Its surface without what faces down, and views of it from all around."""
     mesh = Mesh(np.array(whole.vertices), np.array(whole.faces)).with_normals()
     renderer = MeshRenderer(mesh)
     rings = [camera_at(f"{k}_{elevation}.png", 36.0 * k, elevation, 260.0) for k in range(10) for elevation in (8.0, 45.0)]
-    views = [MaskedView(camera, camera.name, None, renderer.cast_rays(camera).mask) for camera in rings]
+    views = [MemoryView(camera, camera.name, None, renderer.cast_rays(camera).mask) for camera in rings]
     return Mesh(mesh.vertices, mesh.faces[whole.face_normals[:, 2] > DOWN]).without_loose_vertices().with_normals(), views
 
 
@@ -66,7 +66,7 @@ def test_what_stands_on_the_plane_stays_flat(bottom):
 
 def test_a_single_wrong_mask_lifts_nothing():
     mesh, views = photographed(solid(False))
-    views[0] = MaskedView(views[0].camera, views[0].image_path, None, np.zeros_like(views[0].mask()))
+    views[0] = MemoryView(views[0].camera, views[0].image_path, None, np.zeros_like(views[0].mask()))
     flat, first_face = closed_flat(mesh, 0.0)
     assert lift_underside(flat, len(mesh.vertices), first_face, UP, views) is flat
 

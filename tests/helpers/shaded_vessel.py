@@ -1,13 +1,13 @@
 """A plain mug and its photos: the inside has the shading of a hollow, the outside is printed; and the same mug with a lid."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import manifold3d
 import numpy as np
 
 from helpers.carton_scene import camera_at
+from helpers.memory_view import MemoryView
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
@@ -24,20 +24,6 @@ DARKENING_MM = 30.0
 RED = np.array([200.0, 70.0, 50.0])
 Paint = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """(N, 3) sRGB, or (N,) grey, of (N, 3) places with (N, 3) unit normals, seen along (N, 3) unit directions towards the camera."""
-
-
-@dataclass(frozen=True)
-class PaintedView(View):
-    """A view with its pixels in memory."""
-
-    pixels: np.ndarray
-    shown: np.ndarray
-
-    def image(self) -> np.ndarray:
-        return self.pixels
-
-    def mask(self) -> np.ndarray:
-        return self.shown
 
 
 def mug(hollow_mm: float = HEIGHT_MM - FLOOR_MM) -> Mesh:
@@ -105,4 +91,4 @@ def _photograph(renderer: MeshRenderer, camera: Camera, paint: Paint, random: np
     painted = paint(places, renderer.mesh.face_normals()[hits.face[hits.mask]], towards)
     image[hits.mask] = painted if painted.ndim == 2 else painted[:, None]
     image = np.clip(np.rint(image + random.normal(0, noise, image.shape)), 0, 255).astype(np.uint8)
-    return PaintedView(camera, Path(camera.name), None, pixels=image, shown=hits.mask)
+    return MemoryView(camera, Path(camera.name), None, hits.mask, image)

@@ -8,7 +8,8 @@ import pycolmap
 import pytest
 
 from helpers.camera_ring import ring_camera
-from helpers.camera_subsets import StoredMatcher, SubsetMatcher, copy_matches, draw_views, judge, restrict
+from helpers.camera_subsets import draw_views, judge, restrict
+from helpers.stored_captures import StoredMatcher, SubsetMatcher, copy_matches
 from zeroshop_steps.register.image_set import ImageSet
 from zeroshop_steps.register.match_database import write_matches
 

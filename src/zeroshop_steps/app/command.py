@@ -7,6 +7,7 @@ import time
 import webbrowser
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from zeroshop_steps import __version__
@@ -16,10 +17,6 @@ from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 HEIGHT_M = (0.005, 3.0)
 MOST_PASSES = 3
 PICTURES = (8, 1000)
-MORE = 3
-"""So many times as many frames are taken where those of a film have no sure cameras: sides that look alike lie on each other where few
-frames show the way from one to the other. A can with two like labels: 31 frames are refused, 52 of 60 are right."""
-MUCH_MORE = 1.5  # frames to those before; fewer show little that is new
 
 DESCRIPTION = """\
 Photos or a film of an object become a closed, textured mesh of true size.
@@ -109,7 +106,7 @@ def _check(args: argparse.Namespace) -> int:
 
 def _make(args: argparse.Namespace) -> int:
     from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name
-    from zeroshop_steps.app.workflow import JOINED_PHOTOS, read_chosen_cell, run_workflow, settings_of_inputs
+    from zeroshop_steps.app.workflow import JOINED_PHOTOS, count_more_frames, read_chosen_cell, run_workflow, settings_of_inputs
 
     sources = [_require_source(path) for path in args.source]
     if len(sources) > MOST_PASSES or len(set(sources)) < len(sources):
@@ -144,37 +141,17 @@ def _make(args: argparse.Namespace) -> int:
     print(f"{', '.join(map(str, sources))} -> {results}", file=sys.stderr)
     start_s = time.time()
     log = results / "logs/zeroshop.log"
-    target = f"results/photos/{capture.object}/{args.method}.ply"
-    done = run_workflow(target, folder, folder / TABLE, args.cores, log, settings)
+    run = partial(run_workflow, f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log, settings)
+    done = run()
     scene, registration = read_chosen_cell(settings)
-    if not (done or capture.picture_count or capture.images_2) and (count := _count_more_frames(results / scene / registration)):
+    if not (done or capture.picture_count or capture.images_2) and (count := count_more_frames(results / scene / registration)):
         print(f"The frames have no sure cameras; trying again with {count} of the film", file=sys.stderr)
         add_capture(folder, replace(capture, picture_count=str(count)))
-        done = run_workflow(target, folder, folder / TABLE, args.cores, log, settings)
+        done = run()
     _print_outcome(results / (JOINED_PHOTOS if capture.images_2 else scene) / registration / args.method, log, done, start_s)
     if done and args.open:
         _open_report(folder, folder / TABLE, args.cores)
     return 0 if done else 1
-
-
-def _count_more_frames(run: Path) -> int:
-    """How many frames of a film to try next, as its cameras were refused; 0 where other things failed, or more hardly help.
-
-    Args:
-        run: the folder of its registration.
-    """
-    from zeroshop_steps.app.workflow import find_project
-    from zeroshop_steps.runtime.failures import read_failure
-    from zeroshop_steps.runtime.files import read_json
-    from zeroshop_steps.runtime.settings import read_yaml
-
-    failure = read_failure(run / "scene")
-    if not failure or not failure.step.startswith("register."):
-        return 0
-    film = read_json(run.parent / "capture/capture.json")
-    taken, there = len(film.get("source_frames", [])), film.get("video_frames", 0)
-    count = MORE * read_yaml(find_project() / "config/config.yaml")["video"]["frames"]
-    return count if MUCH_MORE * taken <= count <= there else 0
 
 
 def _print_outcome(cell: Path, log: Path, done: bool, start_s: float) -> None:

@@ -22,6 +22,7 @@ from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
+from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.settings import read_yaml
 
 TYPICAL_S = {
@@ -31,6 +32,10 @@ TYPICAL_S = {
 }  # fmt: skip
 """Seconds of each rule for 25 photos of 1558 x 1039 px on two cores: what the time left is estimated from, scaled to this run."""
 OTHER_S = 3
+MORE_FRAMES = 3
+"""So many times as many frames are taken where those of a film have no sure cameras: sides that look alike lie on each other where few
+frames show the way from one to the other. A can with two like labels: 31 frames are refused, 52 of 60 are right."""
+LEAST_MORE_FRAMES = 1.5  # times those before; fewer show little that is new
 JOB = re.compile(r"^(?:Job|localrule|checkpoint|Checkpoint) (\d+): (.*)$")
 FINISHED = re.compile(r"^Finished jobid: (\d+) \(Rule: (\w+)\)")
 STATS_ROW = re.compile(r"^(\w+)\s+(\d+)$")
@@ -104,9 +109,13 @@ def find_project() -> Path:
     return root
 
 
+def _read_config() -> dict[str, Any]:
+    return read_yaml(find_project() / "config/config.yaml")
+
+
 def read_chosen_cell(settings: Mapping[str, Any]) -> tuple[str, str]:
     """The scene and the registration that the config chooses for photos, with these settings on top."""
-    chosen = read_yaml(find_project() / "config/config.yaml")["chosen"]["photos"] | settings.get("chosen", {}).get("photos", {})
+    chosen = _read_config()["chosen"]["photos"] | settings.get("chosen", {}).get("photos", {})
     return chosen["scene"], chosen["registration"]
 
 
@@ -162,6 +171,21 @@ def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, 
             process.wait()
             raise
     return process.returncode == 0
+
+
+def count_more_frames(run: Path) -> int:
+    """How many frames of a film to try next, as its cameras were refused; 0 where other things failed, or more hardly help.
+
+    Args:
+        run: the folder of its registration.
+    """
+    failure = read_failure(run / "scene")
+    if not failure or not failure.step.startswith("register."):
+        return 0
+    film = read_json(run.parent / "capture/capture.json")
+    taken, there = len(film.get("source_frames", [])), film.get("video_frames", 0)
+    count = MORE_FRAMES * _read_config()["video"]["frames"]
+    return count if LEAST_MORE_FRAMES * taken <= count <= there else 0
 
 
 def find_failed_step(results: Path, since_s: float) -> str:

@@ -183,10 +183,8 @@ def _trim_to_masks(mesh: Mesh, views: list[View]) -> Mesh:
         if mask.all() or not mask.any():
             continue
         distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-        pixels, depth = view.camera.project(mesh.vertices)
-        x, y = np.floor(np.nan_to_num(pixels, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64).T
-        inside_image = (depth > 0) & (x >= 0) & (y >= 0) & (x < mask.shape[1]) & (y < mask.shape[0])
-        outside[inside_image] += distance[y[inside_image], x[inside_image]] > MASK_MARGIN_PX
+        rows, columns, _, inside_image = view.camera.find_pixels(mesh.vertices)
+        outside[inside_image] += distance[rows[inside_image], columns[inside_image]] > MASK_MARGIN_PX
     keep = (outside[mesh.faces] < OUTSIDE_VIEWS).all(1)
     if not keep.any():
         raise StepError("the mesh lies outside the masks: mesh and cameras do not belong together, or the masks show another object")

@@ -87,8 +87,8 @@ def run(args: argparse.Namespace) -> None:
     method, ground_share = "none", plane.ground_share(mesh) if plane else 0.0
     closed, underside = leave_open(mesh)
     proposed: dict[str, Any] = {}
+    views = read_views(args.cameras)[0] if args.underside == "closed" else []
     if args.generated and args.underside == args.holes == "closed":
-        views, _ = read_views(args.cameras)
         confirmed = read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3))
         closed, underside, proposed = close_by_generated(mesh, read_ply(args.generated), views, confirmed, floor, args.max_faces)
         method = "generated"
@@ -96,16 +96,14 @@ def run(args: argparse.Namespace) -> None:
         closed, underside = close_underside(mesh, plane.normal, plane.offset)
         method = "flat" if underside.faces else "none"
         if underside.faces:
-            views, _ = read_views(args.cameras)
             closed = lift_underside(closed, len(mesh.vertices), underside.first_face, plane.normal, views)
     if method != "generated" and args.underside == args.holes == "closed" and (not underside.watertight or ground_share > GROUND_SHARE):
-        views, _ = read_views(args.cameras)
         filled = None if ground_share > GROUND_SHARE else fill_small_holes(closed, underside, views)
         closed, underside = filled or close_in_space(mesh, views, floor, args.max_faces)
         method = "holes" if filled else "volume"
     hollow = None
     if args.hollows == "opened" and args.underside == args.holes == "closed" and method != "generated" and floor and underside.watertight:
-        closed, underside, hollow = open_plain_hollow(closed, underside, args.cameras, args.stereo, floor.normal)
+        closed, underside, hollow = open_plain_hollow(closed, underside, views, args.stereo, floor.normal)
     write_ply(args.out, closed)
     facts = {
         "underside": underside.as_record(),
@@ -157,7 +155,7 @@ def close_by_generated(
 
 
 def open_plain_hollow(
-    mesh: Mesh, underside: Underside, cameras: Path, stereo: Path | None, up: np.ndarray
+    mesh: Mesh, underside: Underside, views: Sequence[View], stereo: Path | None, up: np.ndarray
 ) -> tuple[Mesh, Underside, dict[str, Any] | None]:
     """The closed mesh with its plain hollow opened, where photos tell it; otherwise as it was.
 
@@ -172,7 +170,6 @@ def open_plain_hollow(
 
     if not has_room_for_mouth(mesh, up):
         return mesh, underside, None
-    views, _ = read_views(cameras)
     opened = open_hollow(mesh, views, read_confirmed_points(stereo, views) if stereo else np.zeros((0, 3)), up)
     if opened is None:
         return mesh, underside, None

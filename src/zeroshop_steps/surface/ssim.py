@@ -61,7 +61,8 @@ _ONE, _TWO = np.float32(1.0), np.float32(2.0)
 def _blur(images, window, scratch, out):
     """Blur (K, H, W) images with zeros outside; scratch and out have the same shape."""
     count, height, width = images.shape
-    # Loops of known length within the loop over x: each pixel's sum stays in a register, and pixels fill vector instructions.
+    # No slices: they take three more seconds to compile. Loops of known length lie within the loop over x: each pixel's sum stays in a
+    # register, and pixels fill vector instructions.
     for line in numba.prange(count * height):
         k, y = line // height, line % height
         padded = np.zeros(width + 2 * _HALF, np.float32)
