@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 
 from helpers.shoot import HEIGHT, WIDTH, Shoot
+from zeroshop_steps.capture.frames import is_copy, make_thumbnail
 from zeroshop_steps.capture.photos import import_photos
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image, write_mask
 from zeroshop_steps.runtime.errors import StepError
@@ -133,10 +134,26 @@ def test_images_all_alike(shoot):
     assert "only 1 of 9 differ" in message and "IMG_0008.jpg (like IMG_0000.jpg)" in message
 
 
-def test_one_copy_is_only_a_warning(shoot, capsys):
+def test_a_copy_is_left_out_and_told(shoot, capsys):
     shoot.image(4).write_bytes(shoot.image(3).read_bytes())
     shoot.take()
-    assert "IMG_0004.jpg (like IMG_0003.jpg)" in capsys.readouterr().err
+    assert "left out, copies of other photos: IMG_0004.jpg (like IMG_0003.jpg)" in capsys.readouterr().err
+    names = read_json(shoot.out / "capture.json")["source_names"]
+    assert "IMG_0003.jpg" in names and "IMG_0004.jpg" not in names and len(names) == 8
+
+
+def test_a_photo_that_was_compressed_anew_is_a_copy():
+    scene = cv2.resize(np.random.default_rng(5).integers(0, 255, (60, 80, 3), dtype=np.uint8), (1280, 960), interpolation=cv2.INTER_CUBIC)
+    encoded = cv2.imencode(".jpg", scene, [cv2.IMWRITE_JPEG_QUALITY, 60])[1]
+    one, again, moved = map(make_thumbnail, (scene, cv2.imdecode(encoded, cv2.IMREAD_COLOR), np.roll(scene, 2, axis=1)))
+    assert is_copy(one, again) and not is_copy(one, moved)
+
+
+def test_copies_that_are_needed_are_refused_by_name(shoot, capsys):
+    """Of eight photos at least, seven that differ are too few, and the reason says so."""
+    for number in (4, 5):
+        shoot.image(number).write_bytes(shoot.image(3).read_bytes())
+    assert "only 7 of 9 differ" in shoot.refused()
 
 
 def test_object_cut_off(shoot, capsys):

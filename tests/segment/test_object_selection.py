@@ -1,5 +1,7 @@
 """Which of several things on the ground is meant."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,14 +20,22 @@ CAMERAS = [
 ]
 
 
-def blocks(*boxes):
+WIDE_CAMERAS = [
+    replace(camera, width_px=320, height_px=320, intrinsics=np.array([[120.0, 0, 160], [0, 120, 210], [0, 0, 1]])) for camera in CAMERAS
+]
+
+
+def blocks(*boxes, cameras=CAMERAS):
     """Evidence of boxes (x, y, half width, height) that stand on the ground, in all views."""
     points = []
     for x, y, half, height in boxes:
         grid = np.stack(np.meshgrid(*[np.linspace(-half, half, 15)] * 2, np.linspace(0, height, 15), indexing="ij"), -1).reshape(-1, 3)
         points.append(grid + [x, y, 0])
-    points = np.concatenate(points)
-    return [np.where(splat_voxels(points, 1.5, camera), 1.0, -1.0).astype(np.float32) for camera in CAMERAS]
+    return silhouettes(np.concatenate(points), cameras)
+
+
+def silhouettes(points, cameras):
+    return [np.where(splat_voxels(points, 1.5, camera), 1.0, -1.0).astype(np.float32) for camera in cameras]
 
 
 def extent(selection):
@@ -67,3 +77,19 @@ def test_the_thing_in_the_middle_is_meant_though_the_photos_cut_it_off():
     close = [camera.cropped(60, 40, 40, 40) for camera in CAMERAS]
     middle, _ = extent(select_object(SUPPORT, close, [odds[40:80, 60:100] for odds in blocks((1, 0, 9, 20), (24, 5, 4, 10))]))
     assert np.abs(middle - [1, 0]).max() < 3
+
+
+@pytest.mark.parametrize("size", [(6, 6, 96), (104, 6, 6), (6, 110, 12)])
+def test_a_tall_or_long_thing_is_found_whole(size):
+    axes = [np.arange(0, extent, 1.0) - (0 if axis == 2 else extent / 2) for axis, extent in enumerate(size)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    selection = select_object(SUPPORT, WIDE_CAMERAS, silhouettes(points, WIDE_CAMERAS))
+    found = np.ptp(selection.grid.centres(np.argwhere(selection.cluster)), axis=0)
+    assert (np.abs(found - size) < 6).all()  # as above, and higher up the cones are longer
+
+
+def test_a_thing_in_front_of_a_room_of_its_colours_stays_within_the_block():
+    """Where all around counts as the object, too, no block is large enough."""
+    everywhere = [np.ones((320, 320), np.float32) for _ in WIDE_CAMERAS]
+    selection = select_object(SUPPORT, WIDE_CAMERAS, everywhere)
+    assert np.ptp(selection.grid.centres(np.argwhere(selection.cluster)), axis=0).max() < 85

@@ -7,6 +7,7 @@ Photos that cannot be used are left out and named, as long as enough are left; o
 
 import argparse
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from PIL import Image
 from zeroshop_steps.capture.frames import (
     collect_image_warnings,
     draw_contact_sheet,
+    is_copy,
     look_alike,
     make_thumbnail,
     measure_edge_blur_px,
@@ -94,7 +96,8 @@ def import_photos(
     """Check photos and masks and copy them to `out` as images/000000.jpg, masks/000000.png and so on, in the order of their names.
 
     Photos may differ in size, orientation and camera. Left out, and named in a warning, are photos that cannot be read, whose mask
-    is missing or wrong, that are much more blurred than the others, and, of more than `most_images`, those that add least.
+    is missing or wrong, that are copies of others, that are much more blurred than the others, and, of more than `most_images`, those
+    that add least.
     Refused are fewer than `min_images` photos that are left, differ from each other, and show the whole object (its mask keeps off
     the border).
 
@@ -180,8 +183,13 @@ def _read_mask(path: Path, masks: Path, photo: PhotoPixels) -> np.ndarray:
 
 
 def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[list[Photo], list[str]]:
-    """Without the photos that are much more blurred than the others, and at most `most_images`; with warnings that name the others."""
+    """Without copies of photos and those that are much more blurred than the others, and at most `most_images`; warnings name these."""
     warnings = []
+    copies = _find_twins(photos, is_copy)
+    if copies and len(photos) - len(copies) >= min_images:
+        # Matches between copies do not move, as those of a background that stands still while the object turns.
+        warnings.append(f"left out, copies of other photos: {_name_twins(photos, copies)}")
+        photos = [photo for number, photo in enumerate(photos) if number not in copies]
     blurred = set(find_blurred([photo.sharpness for photo in photos], [photo.blur_px for photo in photos]))
     if blurred and len(photos) - len(blurred) >= min_images:
         names = _join_names([photos[number].path.name for number in sorted(blurred)])
@@ -202,21 +210,15 @@ def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[
 def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
     """Problems and warnings that only the set of photos shows: copies of one view, and the object cut off."""
     problems, warnings = [], []
-    distinct: list[Photo] = []
-    copies = []
-    for photo in photos:
-        twin = next((other for other in distinct if look_alike(photo.thumbnail, other.thumbnail)), None)
-        if twin is None:
-            distinct.append(photo)
-        else:
-            copies.append(f"{photo.path.name} (like {twin.path.name})")
-    if len(distinct) < min_images:
+    copies = _find_twins(photos, look_alike)
+    distinct = len(photos) - len(copies)
+    if distinct < min_images:
         problems.append(
-            f"images in {photos[0].path.parent} are alike: only {len(distinct)} of {len(photos)} differ, {min_images} are needed;"
-            f" move the camera around the object between photos. Alike: {_join_names(copies)}"
+            f"images in {photos[0].path.parent} are alike: only {distinct} of {len(photos)} differ, {min_images} are needed;"
+            f" move the camera around the object between photos. Alike: {_name_twins(photos, copies)}"
         )
     elif copies:
-        warnings.append(f"images that add nothing: {_join_names(copies)}")
+        warnings.append(f"images that add nothing: {_name_twins(photos, copies)}")
     names, sharpnesses = [photo.path.name for photo in photos], [photo.sharpness for photo in photos]
     warnings += collect_image_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
     cut = [photo.path.name for photo in photos if photo.mask is not None and _touches_border(photo.mask)]
@@ -224,6 +226,20 @@ def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str]
         missing = "; a part that no photo shows will be missing, step back to have all of it" if len(photos) - len(cut) < min_images else ""
         warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_join_names(cut)}{missing}")
     return problems, warnings
+
+
+def _find_twins(photos: list[Photo], alike: Callable[[np.ndarray, np.ndarray], bool]) -> dict[int, int]:
+    """The numbers of the photos whose thumbnail is like that of one before, and the number of that."""
+    twins: dict[int, int] = {}
+    for number, photo in enumerate(photos):
+        before = (other for other in range(number) if other not in twins and alike(photo.thumbnail, photos[other].thumbnail))
+        if (twin := next(before, None)) is not None:
+            twins[number] = twin
+    return twins
+
+
+def _name_twins(photos: list[Photo], twins: dict[int, int]) -> str:
+    return _join_names([f"{photos[number].path.name} (like {photos[twin].path.name})" for number, twin in twins.items()])
 
 
 def _touches_border(mask: np.ndarray) -> bool:

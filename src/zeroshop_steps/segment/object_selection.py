@@ -15,6 +15,7 @@ from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, fill_do
 # Set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
 COARSE_VOXELS = 72  # along each edge of the searched block
 REACH_DISTANCES = 0.42  # half the side of the searched block, in distances of the cameras from the focus
+ENLARGED_TIMES, ENLARGED_VOXELS = 2, 18  # where the object reaches a side of the block, that side is moved so often and so far
 BELOW_VOXELS = 2  # of the block's lower face below the plane, which is not exact
 SURE_ODDS = 0.4  # log odds from which on a view votes
 EMPTY_SHARE = 0.12  # of the votes; a voxel that more views show empty is empty
@@ -92,10 +93,63 @@ def select_object(
         NothingFound: nothing stands there.
         StepError: two objects are equally near to the focus.
     """
+    parts = _find_whole(_Scene(support, cameras, evidence, risen, images))
+    return _cut_fine_grid(parts.grid, parts.own, parts.others, parts.count)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Arguments of `select_object`."""
+
+    support: SceneSupport
+    cameras: list[Camera]
+    evidence: list[np.ndarray]
+    risen: np.ndarray | None
+    images: list[np.ndarray] | None
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What stands in a block: (X, Y, Z) bool, the voxels of the object and of other things; and the number of clusters."""
+
+    grid: VoxelGrid
+    own: np.ndarray
+    others: np.ndarray
+    count: int
+
+    def reached_sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) bool each: whether the object reaches the block's lower and upper end along each axis; it always stands on the ground."""
+        ends = [np.moveaxis(self.own, axis, 0)[[0, -1]].any(axis=(1, 2)) for axis in range(3)]
+        at_low, at_high = np.array(ends).T
+        return at_low & [True, True, False], at_high
+
+
+def _find_whole(scene: _Scene) -> _Parts:
+    """Tell the object from other things in a block that is enlarged where the object reaches its sides."""
+    low = np.array([-COARSE_VOXELS // 2, -COARSE_VOXELS // 2, -BELOW_VOXELS])
+    high = low + COARSE_VOXELS
+    parts = first = _find_parts(scene, low, high)
+    for _ in range(ENLARGED_TIMES):
+        at_low, at_high = parts.reached_sides()
+        if not (at_low | at_high).any():
+            break
+        low, high = low - ENLARGED_VOXELS * at_low, high + ENLARGED_VOXELS * at_high
+        try:
+            parts = _find_parts(scene, low, high)
+        except StepError:
+            return first
+        # What ends outside of the photos is the room behind, which the object has run into; and so is what ends nowhere.
+        if _is_cut_off(parts.grid.centres(np.argwhere(parts.own)), scene.cameras):
+            return first
+    return first if np.any(parts.reached_sides()) else parts
+
+
+def _find_parts(scene: _Scene, low: np.ndarray, high: np.ndarray) -> _Parts:
+    """Carve the block between two corners, (3,) voxels from the foot of the focus, and tell the object from other things."""
+    support, cameras, evidence, risen, images = scene.support, scene.cameras, scene.evidence, scene.risen, scene.images
     side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
     axes = np.vstack([support.axes(), support.normal])
-    corner = support.foot - REACH_DISTANCES * support.distance * (axes[0] + axes[1]) - BELOW_VOXELS * side * axes[2]
-    grid = VoxelGrid(axes, corner, side, (COARSE_VOXELS,) * 3)
+    grid = VoxelGrid(axes, support.foot + low * side @ axes, side, tuple((high - low).tolist()))
     index = np.argwhere(np.ones(grid.shape, bool))
     index = index[index[:, 2] >= BELOW_VOXELS]
     full, empty = count_votes(grid, index, cameras, evidence, SURE_ODDS)
@@ -115,8 +169,7 @@ def select_object(
             "nothing stands on the ground where the cameras look: put the object there, keep it in the middle of the picture, "
             "see that it differs in colour from the ground, and that it is not moved between the first picture and the last"
         )
-    middle = np.array([COARSE_VOXELS / 2, COARSE_VOXELS / 2])
-    places = {name: np.argwhere(labels == name)[:, :2] + 0.5 - middle for name in names.tolist()}
+    places = {name: np.argwhere(labels == name)[:, :2] + 0.5 + low[:2] for name in names.tolist()}
     # The nearest edge counts most, because a large object may stand off the middle; then the mean.
     away = {name: np.linalg.norm(p, axis=1).min() + 0.5 * np.linalg.norm(p.mean(0)) for name, p in places.items()}
     cut_off = _find_cut_off(grid, labels, names, cameras) if len(names) > 1 else set()
@@ -128,18 +181,16 @@ def select_object(
     others = (labels > 0) & ~own
     if images is not None:
         own = grow_beyond_ground(grid, own, others, BELOW_VOXELS, cameras, images, evidence, SURE_ODDS)
-    return _cut_fine_grid(grid, own, others & ~own, count)
+    return _Parts(grid, own, others & ~own, count)
 
 
 def _find_cut_off(grid: VoxelGrid, labels: np.ndarray, names: np.ndarray, cameras: list[Camera]) -> set[int]:
     """The clusters of which a part lies outside of most photos: the room behind, or another thing at the photos' borders."""
-    found = set()
-    for name in names.tolist():
-        points = grid.centres(np.argwhere(labels == name))
-        outside = [1 - camera.find_pixels(points)[3].mean() for camera in cameras]
-        if np.median(outside) > OUTSIDE_SHARE:
-            found.add(name)
-    return found
+    return {name for name in names.tolist() if _is_cut_off(grid.centres(np.argwhere(labels == name)), cameras)}
+
+
+def _is_cut_off(points: np.ndarray, cameras: list[Camera]) -> bool:
+    return bool(np.median([1 - camera.find_pixels(points)[3].mean() for camera in cameras]) > OUTSIDE_SHARE)
 
 
 def _choose(names: np.ndarray, away: dict[int, float], sizes: np.ndarray, cut_off: set[int]) -> int:
