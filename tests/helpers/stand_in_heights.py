@@ -1,13 +1,12 @@
 """Heights by MASt3R's alignment of a rendered object, with stand-ins for the network: the truth with noise.
 
-    python tests/helpers/stand_in_heights.py --object results/demo/mug [--registration colmap --nvs 2dgs --scale-noise 0.05]
+    PYTHONPATH=tests python tests/helpers/stand_in_heights.py --object results/demo/mug [--nvs 2dgs --scale-noise 0.05]
 
 Two photos of the object and four of the empty scene, as in the thesis. What the network would say of a pair is made from true depth and
 cameras; only what it has learned is left out. So this tries the way from pairs to a height, not the network.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
 import cv2
@@ -81,5 +80,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))
     main()
