@@ -12,8 +12,10 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.registered_views import read_deviations
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source
+from zeroshop_steps.register import colmap
+from zeroshop_steps.register.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.record import TooFewRegistered
+from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source, refine
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json
@@ -128,3 +130,27 @@ def test_the_mapper_starts_from_the_focal_length_in_exif(tmp_path, focal_35mm, s
     with pycolmap.Database.open(tmp_path / "database.db") as opened:
         (camera,) = opened.read_all_cameras()
     assert camera.mean_focal_length() == pytest.approx(focal_35mm / 36 * 640 if focal_35mm else 1.2 * 640, rel=0.04)
+
+
+def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypatch):
+    """Photos that overlap little: what the coarse features leave apart, those at twice the resolution may join."""
+    image_set = ImageSet(tuple(tmp_path / f"{number}.png" for number in range(40)), None, ((1280, 720),) * 40)
+    tried = []
+
+    def reconstruct(images, out, options, figures, stopwatch, match=None):
+        tried.append(options.sift)
+        figures["first_octave"] = 0
+        if len(tried) == 1:
+            raise TooFewRegistered("19 of 40 images registered", figures)
+        return figures
+
+    monkeypatch.setattr(colmap, "match_and_reconstruct", reconstruct)
+    record = colmap.register(image_set, tmp_path, colmap.ColmapOptions())
+    assert [(sift.first_octave, sift.max_features, sift.max_side_px) for sift in tried] == [(0, 3000, 1280), (-1, 4000, 1600)]
+    assert record["coarser_features"]["reason"] == "19 of 40 images registered"
+
+
+@pytest.mark.parametrize(("octave", "finer"), [(0, -1), (-1, None)])
+def test_few_images_have_finer_features_only_where_coarse_ones_were_used(octave, finer):
+    found = refine(SiftOptions(), octave, 20)
+    assert (found and found.first_octave) == finer

@@ -16,8 +16,16 @@ import pycolmap
 
 from zeroshop_steps.register.consistency import WRONG
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, write_registration
-from zeroshop_steps.register.sift import SiftOptions, choose_name_pairs, extract_features, find_focal_source, fit_to_count, match_features
+from zeroshop_steps.register.record import RegistrationFailed, TooFewRegistered, write_registration
+from zeroshop_steps.register.sift import (
+    SiftOptions,
+    choose_name_pairs,
+    extract_features,
+    find_focal_source,
+    fit_to_count,
+    match_features,
+    refine,
+)
 from zeroshop_steps.register.still_background import (
     STILL_REMEDY,
     StillMatches,
@@ -101,11 +109,24 @@ def register(image_set: ImageSet, out: Path, options: ColmapOptions, match: Matc
     Raises:
         RegistrationFailed: too few images, or an inconsistent model.
     """
-    stopwatch = Stopwatch()
     count = len(image_set.images)
-    options = replace(options, sift=fit_to_count(options.sift, count))
-    figures: dict[str, Any] = {"method": "colmap", "images": count, "registered": 0, "seconds": stopwatch.seconds}
-    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
+    try:
+        return _register_by(image_set, out, replace(options, sift=fit_to_count(options.sift, count)), match)
+    except TooFewRegistered as error:
+        finer = None if match else refine(options.sift, error.figures["first_octave"], count)
+        if finer is None:
+            raise
+        coarser = {"reason": str(error), "seconds": error.figures["seconds"]}
+    print(f"{coarser['reason']}; trying finer features")
+    return _register_by(image_set, out, replace(options, sift=finer), None, {"coarser_features": coarser})
+
+
+def _register_by(
+    image_set: ImageSet, out: Path, options: ColmapOptions, match: Match | None, facts: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    stopwatch = Stopwatch()
+    figures: dict[str, Any] = {"method": "colmap", "images": len(image_set.images), "registered": 0, "seconds": stopwatch.seconds}
+    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}, **(facts or {})}
     return match_and_reconstruct(image_set, out, options, figures, stopwatch, match=match)
 
 
@@ -138,7 +159,7 @@ def match_and_reconstruct(
             if still is None:
                 raise
             reason = f"{still.describe()}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
-            raise RegistrationFailed(reason, error.figures, error.rejected) from None
+            raise type(error)(reason, error.figures, error.rejected) from None
 
 
 def _reconstruct_from_wide_pairs(
@@ -183,7 +204,7 @@ def match_images(
     """
     structure = options.structure
     mask_folder = database.parent / "masks" if structure.object_only else None
-    figures["median_features"] = extract_features(database, image_set, options.sift, mask_folder)
+    figures["median_features"], figures["first_octave"] = extract_features(database, image_set, options.sift, mask_folder)
     figures["focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
     stopwatch.lap("extract")
     pairs = choose_name_pairs(image_set, options.sift, structure.object_only)

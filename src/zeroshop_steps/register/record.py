@@ -43,6 +43,10 @@ class RegistrationFailed(StepError):
         write_json(folder / "registration.json", {"status": "failed", "reason": str(self), **self.figures})
 
 
+class TooFewRegistered(RegistrationFailed):
+    """Too few images match."""
+
+
 def add_common_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that all registration methods share."""
     parser.add_argument("--capture", type=Path, required=True, help="folder with images/ and, unless the whole scene is meant, masks/")

@@ -18,6 +18,7 @@ from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.pair_selection import choose_alike_pairs
 
+FINEST_OCTAVE = -1  # starts at twice the image's resolution
 RIM_SHARE = 1 / 500  # of the longer side: width of the rim of a mask that gives no features
 
 
@@ -60,7 +61,7 @@ def extract_features(
     options: SiftOptions,
     mask_folder: Path | None = None,
     known_cameras: dict[str, pycolmap.Camera] | None = None,
-) -> float:
+) -> tuple[float, int]:
     """Write a camera for each lens and the features of all images into a new database.
 
     Args:
@@ -71,14 +72,14 @@ def extract_features(
         known_cameras: {image stem: camera} to write instead of unknown lenses; shared where they are all equal.
 
     Returns:
-        The median number of features an image.
+        The median number of features an image, and the first octave that they were taken from.
     """
     reader = pycolmap.ImageReaderOptions()
     if mask_folder is not None:
         reader.mask_path = _write_feature_masks(mask_folder, image_set)
     folder = image_set.images[0].parent
-    median = 0.0
-    for octave in sorted({options.first_octave, -1}, reverse=True):
+    median, octave = 0.0, options.first_octave
+    for octave in sorted({options.first_octave, FINEST_OCTAVE}, reverse=True):
         Path(database).unlink(missing_ok=True)
         # Images get their numbers here, in order of name; extraction alone numbers them in the order its threads finish.
         if known_cameras is None:
@@ -91,7 +92,7 @@ def extract_features(
             median = float(np.median([opened.num_keypoints_for_image(image.image_id) for image in opened.read_all_images()]))
         if median >= min(options.enough_features, options.max_features // 2):
             break
-    return median
+    return median, octave
 
 
 def match_features(database: Path, options: SiftOptions, pairs: list[tuple[str, str]] | None = None) -> None:
@@ -157,6 +158,17 @@ def fit_to_count(options: SiftOptions, count: int) -> SiftOptions:
         return options
     features, side_px = min(options.max_features, options.many_max_features), min(options.max_side_px, options.many_max_side_px)
     return replace(options, max_features=features, max_side_px=side_px)
+
+
+def refine(options: SiftOptions, octave: int, count: int) -> SiftOptions | None:
+    """The options that find more features, though slower, where those that fit to so many images found too few; None if there are none.
+
+    Args:
+        octave: the first one that features were taken from.
+    """
+    used = replace(fit_to_count(options, count), first_octave=octave)
+    finer = replace(options, first_octave=FINEST_OCTAVE)
+    return None if used == finer else finer
 
 
 def find_focal_source(database: Path) -> str:

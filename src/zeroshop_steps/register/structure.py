@@ -23,6 +23,7 @@ from zeroshop_steps.register.record import (
     OBJECT_ONLY,
     PHOTO_SCENES,
     RegistrationFailed,
+    TooFewRegistered,
     add_common_arguments,
     add_estimation_arguments,
     describe_lenses,
@@ -138,7 +139,7 @@ def reconstruct(
     if options.leave_out and not image_set.film:  # a film shows one scene: frames without matches are not foreign, but missing
         expected, apart = _count_common(database, image_set, options, figures)
     if apart and not by_object:
-        raise RegistrationFailed(apart, figures)
+        raise TooFewRegistered(apart, figures)
     needed = max(options.min_images, math.ceil(options.min_share * expected))
     mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
     model = start
@@ -159,10 +160,10 @@ def reconstruct(
             options = replace(options, limits=replace(options.limits, cut_matches=0))
             report = check_consistency(model, image_set, database, options.limits)
     if apart and not joined:
-        raise RegistrationFailed(apart, figures)
+        raise TooFewRegistered(apart, figures)
     if model is None or registered < needed:
         way_out = "register the whole scene, with its ground" if options.object_only else "put the object on a strongly textured surface"
-        raise RegistrationFailed(
+        raise TooFewRegistered(
             f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, or {way_out}",
             figures,
         )
