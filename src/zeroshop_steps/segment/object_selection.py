@@ -15,7 +15,7 @@ from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, fill_do
 # Set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
 COARSE_VOXELS = 72  # along each edge of the searched block
 REACH_DISTANCES = 0.42  # half the side of the searched block, in distances of the cameras from the focus
-ENLARGED_TIMES, ENLARGED_VOXELS = 2, 18  # where the object reaches a side of the block, that side is moved so often and so far
+ENLARGED_TIMES, ENLARGED_VOXELS = 2, 18  # a side that the object comes near is moved so often and so far
 BELOW_VOXELS = 2  # of the block's lower face below the plane, which is not exact
 SURE_ODDS = 0.4  # log odds from which on a view votes
 EMPTY_SHARE = 0.12  # of the votes; a voxel that more views show empty is empty
@@ -117,20 +117,20 @@ class _Parts:
     others: np.ndarray
     count: int
 
-    def reached_sides(self) -> tuple[np.ndarray, np.ndarray]:
-        """(3,) bool each: whether the object reaches the block's lower and upper end along each axis; it always stands on the ground."""
-        ends = [np.moveaxis(self.own, axis, 0)[[0, -1]].any(axis=(1, 2)) for axis in range(3)]
-        at_low, at_high = np.array(ends).T
+    def reached_sides(self, margin: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) bool each: whether the object comes within a margin of the block's lower and upper end along an axis, but for the ground."""
+        index = np.argwhere(self.own)
+        at_low, at_high = index.min(0) <= margin, index.max(0) >= np.array(self.own.shape) - 1 - margin
         return at_low & [True, True, False], at_high
 
 
 def _find_whole(scene: _Scene) -> _Parts:
-    """Tell the object from other things in a block that is enlarged where the object reaches its sides."""
+    """Tell the object from other things in a block that is enlarged where the object, with the margin around it, reaches its sides."""
     low = np.array([-COARSE_VOXELS // 2, -COARSE_VOXELS // 2, -BELOW_VOXELS])
     high = low + COARSE_VOXELS
     parts = first = _find_parts(scene, low, high)
     for _ in range(ENLARGED_TIMES):
-        at_low, at_high = parts.reached_sides()
+        at_low, at_high = parts.reached_sides(_find_margin(np.argwhere(parts.own)))
         if not (at_low | at_high).any():
             break
         low, high = low - ENLARGED_VOXELS * at_low, high + ENLARGED_VOXELS * at_high
@@ -237,10 +237,15 @@ def _join_near(chosen: int, places: dict[int, np.ndarray]) -> list[int]:
     return parts
 
 
+def _find_margin(index: np.ndarray) -> int:
+    """The margin around (P, 3) voxels of an object, in voxels."""
+    return max(2, int(np.ceil(MARGIN * (np.ptp(index, axis=0) + 1).max())))
+
+
 def _cut_fine_grid(grid: VoxelGrid, own: np.ndarray, others: np.ndarray, count: int) -> ObjectSelection:
     index = np.argwhere(own)
     low, high = index.min(0), index.max(0) + 1
-    margin = max(2, int(np.ceil(MARGIN * (high - low).max())))
+    margin = _find_margin(index)
     low, high = np.maximum(low - margin, 0), np.minimum(high + margin, grid.shape)
     side = grid.side * float((high - low).max()) / FINE_VOXELS
     ground = (BELOW_VOXELS - float(low[2])) * grid.side / side
