@@ -8,7 +8,7 @@ from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.point_silhouettes import draw_silhouette, drop_flat_columns, find_point_silhouettes
+from zeroshop_steps.segment.point_silhouettes import draw_silhouette, drop_flat_columns, find_point_silhouettes, find_single_thing
 from zeroshop_steps.segment.prior_maps import find_without_ground
 
 COUNT, DISTANCE, RADIUS, SIZE_PX = 12, 2.5, 0.6, (160, 120)
@@ -64,6 +64,19 @@ def test_a_few_points_or_those_of_several_things_tell_nothing(scene, points, rea
     others = [ball[:points] * 0.3 + middle for middle in ([0.2, 0, 0], [-0.9, 0, 0], [0, 0.9, 0])]
     with pytest.raises(StepError, match=reason):
         find_point_silhouettes(views, make_model(views, np.concatenate(others)))
+
+
+@pytest.mark.parametrize(("width", "whole"), [(0.3, True), (1.6, False)])
+def test_a_tall_thing_is_one_but_not_all_of_a_room(width, whole):
+    """A statue that fills the photos reaches as far as the points of a room do."""
+    views = [View(ring_camera(index, COUNT, DISTANCE, (20.0, 35.0), (0, 0, 0), 130.0, SIZE_PX), None, None) for index in range(COUNT)]
+    points = np.random.default_rng(2).uniform([-width, -width, -0.98], [width, width, 0.98], (12_000, 3))
+    model = make_model(views, points)
+    if whole:
+        assert len(find_single_thing(model)[0]) > 0.9 * len(points)
+    else:
+        with pytest.raises(StepError, match="no single thing"):
+            find_single_thing(model)
 
 
 def test_points_beyond_the_border_close_the_silhouette_there(scene):

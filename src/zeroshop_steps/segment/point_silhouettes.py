@@ -21,7 +21,11 @@ from zeroshop_steps.segment.windows import cut_views, take_whole
 WIDTH_PX = 320  # of the photos that are cut; time grows with its square
 # Lengths are shares of the cameras' distance. Set on the photos of a marble head (docs/results.md).
 LINK_DISTANCES = 0.06  # points this close to each other are of one thing: smooth parts have few
-MOST_RADIUS = 0.35  # of a thing that fits into the photos
+MOST_RADIUS = 0.35  # of a thing that fits into the photos, ...
+LONG_RADIUS, ACROSS_RADIUS = (
+    0.6,
+    0.25,
+)  # ... and of one that is long or tall, such as a statue: about its middle, and about its longest axis
 LEAST_SHARE = 0.5  # of the points around what the cameras look at; with fewer, they show several things, or the ground
 FLAT_SHARE = 0.15  # of the thing's height: columns that rise less are on what it stands on
 BAND_SHARE = 0.07  # of the square root of its area: half the width of the band in which the outline is looked for
@@ -33,15 +37,8 @@ def find_point_silhouettes(views: list[View], model: SparseModel) -> list[np.nda
     Raises:
         StepError: there is no single dense cluster of points.
     """
-    focus, distance = find_scene_focus(model)
-    found = find_thing(model.points, focus, distance, LINK_DISTANCES)
-    if found is None:
-        raise StepError("what the cameras look at has too few points to be told by them")
-    thing, near_count = found
+    thing, distance = find_single_thing(model)
     middle = thing.mean(0)
-    radius, share = float(np.percentile(np.linalg.norm(thing - middle, axis=1), 90)) / distance, len(thing) / near_count
-    if radius > MOST_RADIUS or share < LEAST_SHARE:
-        raise StepError(f"the points that the cameras look at are no single thing: {share:.0%} of them are in a cluster of {radius:.2f}")
     up, certainty = estimate_up_from_roll(views)
     if certainty >= MIN_CERTAINTY:
         thing = drop_flat_columns(thing, up, LINK_DISTANCES * distance)
@@ -52,6 +49,26 @@ def find_point_silhouettes(views: list[View], model: SparseModel) -> list[np.nda
         band_px = BAND_SHARE * float(np.sqrt(silhouette.sum()))
         maps.append(cut_outline(image.astype(np.uint8), silhouette, band_px, band_px).astype(np.float32))
     return maps
+
+
+def find_single_thing(model: SparseModel) -> tuple[np.ndarray, float]:
+    """The points (P, 3) of the single thing that the cameras look at, and their distance.
+
+    Raises:
+        StepError: there is no single dense cluster of points.
+    """
+    focus, distance = find_scene_focus(model)
+    found = find_thing(model.points, focus, distance, LINK_DISTANCES)
+    if found is None:
+        raise StepError("what the cameras look at has too few points to be told by them")
+    thing, near_count = found
+    away = thing - thing.mean(0)
+    axis = np.linalg.svd(away, full_matrices=False)[2][0]
+    radius, across = (float(np.percentile(np.linalg.norm(part, axis=1), 90)) / distance for part in (away, np.cross(away, axis)))
+    share = len(thing) / near_count
+    if share < LEAST_SHARE or radius > (LONG_RADIUS if across < ACROSS_RADIUS else MOST_RADIUS):
+        raise StepError(f"the points that the cameras look at are no single thing: {share:.0%} of them are in a cluster of {radius:.2f}")
+    return thing, distance
 
 
 def measure_gap_px(camera: Camera, middle: np.ndarray, distance: float) -> float:
