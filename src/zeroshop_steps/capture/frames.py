@@ -15,9 +15,7 @@ SMALL_WIDTH_PX = 320  # of grey images that are compared from frame to frame
 THUMBNAIL_PX = (64, 48)  # of images that are compared for being alike
 ALIKE_LEVELS = 4.0  # noise and compression change a thumbnail by less, another view by more
 ALIKE_PERCENTILE = 99  # of the pixels' differences, so that a few may differ
-COPY_LEVELS = (
-    1.0  # no pixel of a copy's thumbnail differs by so much, though it was compressed anew; where the camera's noise is new, some do
-)
+COPY_LEVELS = 2.0  # by which a thumbnail differs at most where the photo was compressed anew, or taken anew from a tripod
 DARK_LEVEL, DARK_SHARE = 45.0, 0.5  # mean level of a dark image, and the share of such images that speaks of the light, not of them
 BLURRED_SHARE = 0.35  # of the usual sharpness
 SHARPNESS_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5  # width to which images are reduced; deviations of the two blurs
