@@ -134,7 +134,7 @@ def _find_cameras(
 ) -> list[Camera]:
     """The cameras that outlines place in one way, adjusted by them. Raises RegistrationFailed where too few do, or they do not fit."""
     rng = np.random.default_rng(options.seed)
-    best_px = np.inf
+    best_px, adjusted_px = np.inf, list[tuple[float, float]]()
     for elevations_deg in ATTEMPTS:
         way, *others = search(outlines, rng.permutation(len(image_set.images)).tolist(), elevations_deg)
         if elevations_deg == ANYWHERE_DEG and way.cost < HOPELESS_PX:
@@ -147,6 +147,7 @@ def _find_cameras(
         adjusted, misses, by_view = _adjust(make_cameras(way, outlines, image_set, focal_px), masks)
         figures["outlines"] |= {"miss_px": round(misses, 3), "worst_view_px": round(float(by_view.max()), 3)}
         stopwatch.lap("adjust")
+        adjusted_px.append((misses, float(by_view.max())))
         if misses > FINE_MISS_PX or by_view.max() > WRONG_MISS_PX:
             continue
         needed = max(options.min_images, math.ceil(options.min_share * len(adjusted)))
@@ -164,8 +165,17 @@ def _find_cameras(
         stopwatch.lap("elsewhere")
         return adjusted
     raise RegistrationFailed(
-        f"the outlines of the masks do not fit together ({best_px:.1f} px per 1000 px at best); {UPRIGHT}, and masks must be exact", figures
+        f"the outlines of the masks do not fit together ({_describe_fit(best_px, adjusted_px)}); {UPRIGHT}, and masks must be exact",
+        figures,
     )
+
+
+def _describe_fit(best_px: float, adjusted_px: list[tuple[float, float]]) -> str:
+    """By how much outlines miss each other: as cameras were found, or, where these were likely, on average and at worst once adjusted."""
+    if not adjusted_px:
+        return f"{best_px:.1f} px per 1000 px at best"
+    mean_px, worst_px = min(adjusted_px)
+    return f"of 1000 px, they miss by {mean_px:.1f} px in the mean, and by {worst_px:.1f} px in the worst photo"
 
 
 def _mend_ways(way: Way, others: list[Way], outlines: Outlines) -> list[Way]:
