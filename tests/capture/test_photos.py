@@ -149,7 +149,7 @@ def test_a_photo_that_was_compressed_anew_is_a_copy():
     assert is_copy(one, again) and not is_copy(one, moved)
 
 
-def test_copies_that_are_needed_are_refused_by_name(shoot, capsys):
+def test_copies_that_are_needed_are_refused_by_name(shoot):
     """Of eight photos at least, seven that differ are too few, and the reason says so."""
     for number in (4, 5):
         shoot.image(number).write_bytes(shoot.image(3).read_bytes())

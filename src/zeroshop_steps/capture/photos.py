@@ -210,15 +210,15 @@ def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[
 def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str], list[str]]:
     """Problems and warnings that only the set of photos shows: copies of one view, and the object cut off."""
     problems, warnings = [], []
-    copies = _find_twins(photos, look_alike)
-    distinct = len(photos) - len(copies)
+    alike = _find_twins(photos, look_alike)
+    distinct = len(photos) - len(alike)
     if distinct < min_images:
         problems.append(
             f"images in {photos[0].path.parent} are alike: only {distinct} of {len(photos)} differ, {min_images} are needed;"
-            f" move the camera around the object between photos. Alike: {_name_twins(photos, copies)}"
+            f" move the camera around the object between photos. Alike: {_name_twins(photos, alike)}"
         )
-    elif copies:
-        warnings.append(f"images that add nothing: {_name_twins(photos, copies)}")
+    elif alike:
+        warnings.append(f"images that add nothing: {_name_twins(photos, alike)}")
     names, sharpnesses = [photo.path.name for photo in photos], [photo.sharpness for photo in photos]
     warnings += collect_image_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
     cut = [photo.path.name for photo in photos if photo.mask is not None and _touches_border(photo.mask)]

@@ -1,6 +1,8 @@
 """Select the object among all objects on the ground: the one nearest to the point that all cameras look at."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import ndimage
@@ -93,19 +95,8 @@ def select_object(
         NothingFound: nothing stands there.
         StepError: two objects are equally near to the focus.
     """
-    parts = _find_whole(_Scene(support, cameras, evidence, risen, images))
+    parts = _find_whole(partial(_find_parts, support, cameras, evidence, risen, images), cameras)
     return _cut_fine_grid(parts.grid, parts.own, parts.others, parts.count)
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """Arguments of `select_object`."""
-
-    support: SceneSupport
-    cameras: list[Camera]
-    evidence: list[np.ndarray]
-    risen: np.ndarray | None
-    images: list[np.ndarray] | None
 
 
 @dataclass(frozen=True)
@@ -117,36 +108,50 @@ class _Parts:
     others: np.ndarray
     count: int
 
+    @cached_property
+    def index(self) -> np.ndarray:
+        """(P, 3) voxels of the object."""
+        return np.argwhere(self.own)
+
     def reached_sides(self, margin: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """(3,) bool each: whether the object comes within a margin of the block's lower and upper end along an axis, but for the ground."""
-        index = np.argwhere(self.own)
-        at_low, at_high = index.min(0) <= margin, index.max(0) >= np.array(self.own.shape) - 1 - margin
+        at_low, at_high = self.index.min(0) <= margin, self.index.max(0) >= np.array(self.own.shape) - 1 - margin
         return at_low & [True, True, False], at_high
 
 
-def _find_whole(scene: _Scene) -> _Parts:
+def _find_whole(find_parts: Callable[[np.ndarray, np.ndarray], _Parts], cameras: list[Camera]) -> _Parts:
     """Tell the object from other things in a block that is enlarged where the object, with the margin around it, reaches its sides."""
     low = np.array([-COARSE_VOXELS // 2, -COARSE_VOXELS // 2, -BELOW_VOXELS])
     high = low + COARSE_VOXELS
-    parts = first = _find_parts(scene, low, high)
+    parts = first = find_parts(low, high)
     for _ in range(ENLARGED_TIMES):
-        at_low, at_high = parts.reached_sides(_find_margin(np.argwhere(parts.own)))
+        at_low, at_high = parts.reached_sides(_find_margin(parts.index))
         if not (at_low | at_high).any():
             break
         low, high = low - ENLARGED_VOXELS * at_low, high + ENLARGED_VOXELS * at_high
         try:
-            parts = _find_parts(scene, low, high)
+            parts = find_parts(low, high)
         except StepError:
             return first
         # What ends outside of the photos is the room behind, which the object has run into; and so is what ends nowhere.
-        if _is_cut_off(parts.grid.centres(np.argwhere(parts.own)), scene.cameras):
+        if _is_cut_off(parts.grid.centres(parts.index), cameras):
             return first
     return first if np.any(parts.reached_sides()) else parts
 
 
-def _find_parts(scene: _Scene, low: np.ndarray, high: np.ndarray) -> _Parts:
-    """Carve the block between two corners, (3,) voxels from the foot of the focus, and tell the object from other things."""
-    support, cameras, evidence, risen, images = scene.support, scene.cameras, scene.evidence, scene.risen, scene.images
+def _find_parts(
+    support: SceneSupport,
+    cameras: list[Camera],
+    evidence: list[np.ndarray],
+    risen: np.ndarray | None,
+    images: list[np.ndarray] | None,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> _Parts:
+    """Carve the block between two corners, (3,) voxels from the foot of the focus, and tell the object from other things.
+
+    Arguments and errors otherwise as of `select_object`.
+    """
     side = 2 * REACH_DISTANCES * support.distance / COARSE_VOXELS
     axes = np.vstack([support.axes(), support.normal])
     grid = VoxelGrid(axes, support.foot + low * side @ axes, side, tuple((high - low).tolist()))
@@ -190,6 +195,7 @@ def _find_cut_off(grid: VoxelGrid, labels: np.ndarray, names: np.ndarray, camera
 
 
 def _is_cut_off(points: np.ndarray, cameras: list[Camera]) -> bool:
+    """Whether much of (P, 3) points lies outside of the median photo."""
     return bool(np.median([1 - camera.find_pixels(points)[3].mean() for camera in cameras]) > OUTSIDE_SHARE)
 
 

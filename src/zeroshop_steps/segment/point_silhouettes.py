@@ -21,11 +21,8 @@ from zeroshop_steps.segment.windows import cut_views, take_whole
 WIDTH_PX = 320  # of the photos that are cut; time grows with its square
 # Lengths are shares of the cameras' distance. Set on the photos of a marble head (docs/results.md).
 LINK_DISTANCES = 0.06  # points this close to each other are of one thing: smooth parts have few
-MOST_RADIUS = 0.35  # of a thing that fits into the photos, ...
-LONG_RADIUS, ACROSS_RADIUS = (
-    0.6,
-    0.25,
-)  # ... and of one that is long or tall, such as a statue: about its middle, and about its longest axis
+MOST_RADIUS = 0.35  # of a thing that fits into the photos
+LONG_RADIUS, ACROSS_RADIUS = 0.6, 0.25  # of one that is long or tall, such as a statue: about its middle, and its longest axis
 LEAST_SHARE = 0.5  # of the points around what the cameras look at; with fewer, they show several things, or the ground
 FLAT_SHARE = 0.15  # of the thing's height: columns that rise less are on what it stands on
 BAND_SHARE = 0.07  # of the square root of its area: half the width of the band in which the outline is looked for
