@@ -34,8 +34,8 @@ def blocks(*boxes, cameras=CAMERAS):
     return silhouettes(np.concatenate(points), cameras)
 
 
-def silhouettes(points, cameras):
-    return [np.where(splat_voxels(points, 1.5, camera), 1.0, -1.0).astype(np.float32) for camera in cameras]
+def silhouettes(points, cameras, spacing=1.5):
+    return [np.where(splat_voxels(points, spacing, camera), 1.0, -1.0).astype(np.float32) for camera in cameras]
 
 
 def extent(selection):
@@ -83,7 +83,7 @@ def test_the_thing_in_the_middle_is_meant_though_the_photos_cut_it_off():
 def test_a_tall_or_long_thing_is_found_whole(size):
     axes = [np.arange(0, extent, 1.0) - (0 if axis == 2 else extent / 2) for axis, extent in enumerate(size)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    selection = select_object(SUPPORT, WIDE_CAMERAS, silhouettes(points, WIDE_CAMERAS))
+    selection = select_object(SUPPORT, WIDE_CAMERAS, silhouettes(points, WIDE_CAMERAS, spacing=1.0))
     found = np.ptp(selection.grid.centres(np.argwhere(selection.cluster)), axis=0)
     assert (np.abs(found - size) < 6).all()  # as above, and higher up the cones are longer
 

@@ -10,15 +10,17 @@ from zeroshop_steps.geometry.cameras import SparseModel
 from zeroshop_steps.geometry.scene_support import fit_scene_support
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment import support_plane
-from zeroshop_steps.segment.ground import build_ground_picture
+from zeroshop_steps.segment.ground import GroundPicture, build_ground_picture
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_points_covered
 from zeroshop_steps.segment.plain_ground import MOST_ODDS, SHADOW_ODDS, find_print, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import find_scene_support, guess_scene_support, propose_supports
+from zeroshop_steps.segment.plane_search import find_scene_support, find_support_below, guess_scene_support, propose_supports
 from zeroshop_steps.segment.support_plane import find_masks
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouettes
 from zeroshop_steps.segment.windows import Window, choose_windows, cut_map, cut_views, lay_back, take_whole
 
 BALL = (0.0, 0.0, 0.45)
 VIEWS, FEW_VIEWS = 12, 8
+NO_POINTS = np.zeros((0, 3))
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +94,31 @@ def test_a_plane_through_the_things_on_the_table_is_not_taken(plain_scene, carto
     support, fitted = find_scene_support(mixed, views, seed=0)
     assert not fitted and abs(support.offset) < 0.1 * support.distance
     assert find_scene_support(carton_scene[1], carton_scene[0], seed=0)[1]
+
+
+def test_the_top_of_a_plate_is_no_ground_where_the_masks_show_it(plain_scene):
+    """Most points lie on the print of a plate. The table around it has fewer."""
+    views, model = plain_scene
+    rng = np.random.default_rng(0)
+    plate = np.column_stack([rng.uniform(-1, 1, (1500, 2)), np.full(1500, 0.25)])
+    table = rng.uniform(-2, 2, (500, 2))
+    table = table[np.abs(table).max(axis=1) > 1.05]
+    points = np.concatenate([plate, np.column_stack([table, np.zeros(len(table))])])
+    mixed = SparseModel(model.cameras, points, np.zeros((len(points), 3), np.uint8), np.full(len(points), 3))
+    top = fit_scene_support(mixed, views)
+    assert abs(top.offset - 0.25) < 0.01
+
+    def see_box(half, low, high):
+        side = half / 30
+        occupied = np.ones((60, 60, round((high - low) / side)), bool)
+        return render_silhouettes(VoxelGrid(np.eye(3), np.array([-half, -half, low]), side, occupied.shape), occupied, list(model.cameras))
+
+    below = find_support_below(mixed, views, top, 0, see_box(1.0, 0.0, 0.25))
+    assert abs(below.offset) < 0.01 and below.normal @ [0, 0, 1] > np.cos(np.radians(1.0))
+    # What stands on the plate alone leaves it the ground; and where there is none below, it stays.
+    assert find_support_below(mixed, views, top, 0, see_box(0.4, 0.25, 0.9)) is None
+    alone = SparseModel(model.cameras, plate, np.zeros((1500, 3), np.uint8), np.full(1500, 3))
+    assert find_support_below(alone, views, top, 0, see_box(1.0, 0.0, 0.25)) is None
 
 
 def test_a_few_points_on_a_tilted_plane_are_not_taken(plain_scene):
@@ -186,15 +213,29 @@ def test_a_print_is_not_plain(plain_scene, tmp_path):
         views, model = table_views(tmp_path / str(plain), [[BALL]] * FEW_VIEWS, plain)
         support = guess_scene_support(plain_scene[1], plain_scene[0])
         cameras, images = cut_views(views, take_whole(views), 240)
-        found = fit_plain_ground(build_ground_picture(support, cameras, images))
+        found = fit_plain_ground(build_ground_picture(support, cameras, images), NO_POINTS)
         assert (found is not None) == plain
+
+
+def test_the_color_of_a_large_flat_thing_is_not_the_tables():
+    """A book covers most of what the photos see of the table."""
+    cells, side = 300, 0.01
+    book, table = (200.0, 160.0, 120.0), (70.0, 70.0, 60.0)
+    color = np.full((cells, cells, 3), table, np.float32)
+    half = 110
+    color[cells // 2 - half : cells // 2 + half, cells // 2 - half : cells // 2 + half] = book
+    world_from_cell = np.array([[side, 0, -side * cells / 2], [0, side, -side * cells / 2], [0, 0, 0], [0, 0, 1.0]])
+    picture = GroundPicture(color, np.zeros((cells, cells), np.float32), np.ones((cells, cells), bool), world_from_cell)
+    on_book = np.column_stack([np.random.default_rng(0).uniform(-half * side, half * side, (2000, 2)), np.full(2000, 0.1)])
+    assert fit_plain_ground(picture, NO_POINTS).coefficients[0] == pytest.approx(book, abs=2)
+    assert fit_plain_ground(picture, on_book).coefficients[0] == pytest.approx(table, abs=2)
 
 
 def test_a_shadow_says_little_and_another_hue_much(plain_scene):
     views, model = plain_scene
     support = guess_scene_support(model, views)
     cameras, images = cut_views(views, take_whole(views), 240)
-    ground = fit_plain_ground(build_ground_picture(support, cameras, images))
+    ground = fit_plain_ground(build_ground_picture(support, cameras, images), NO_POINTS)
     camera = cameras[0]
 
     def odds_of(color):

@@ -84,14 +84,30 @@ class PlainGround:
         return np.where(find_in_front(camera, homography), odds, 0.0).astype(np.float32)
 
 
-def fit_plain_ground(picture: GroundPicture) -> PlainGround | None:
-    """Learn the table's colour; None where the ground is printed, or too little of it is seen."""
+def fit_plain_ground(picture: GroundPicture, risen: np.ndarray) -> PlainGround | None:
+    """Learn the table's colour; None where the ground is printed, or too little of it is seen.
+
+    Args:
+        picture: of the ground.
+        risen: (P, 3) sparse points above it. A book's cover may fill more of the picture than the table, and be plainer; what lies below
+            the points is left out where the colour is not also that of what lies beside them.
+    """
     count = picture.known.shape[0]
     y, x = np.nonzero(picture.known)
     inside = np.hypot(x - count / 2, y - count / 2) < RING_DISTANCES / CELL_DISTANCES
     y, x = y[inside], x[inside]
-    if not len(y):
+    beside = ~_mark_below(picture, risen)[y, x]
+    if not beside.any():
         return None
+    plain, table = _fit_color(picture, x, y)
+    if plain is None or table[beside].mean() < LEAST_SHARE:
+        plain, _ = _fit_color(picture, x[beside], y[beside])
+    return plain
+
+
+def _fit_color(picture: GroundPicture, x: np.ndarray, y: np.ndarray) -> tuple[PlainGround | None, np.ndarray]:
+    """The colour of most of the cells at (P,) x and y, None where they are not plain; and (P,) bool: which of them have it."""
+    count = picture.known.shape[0]
     colors = picture.color[y, x].astype(float)
     basis = _basis(x, y, count)
     weights = np.ones(len(y))
@@ -107,8 +123,8 @@ def fit_plain_ground(picture: GroundPicture) -> PlainGround | None:
     light_levels = np.abs(light - 1) * np.linalg.norm(fitted[table], axis=1) / np.sqrt(3)
     hue_spread, light_spread = (DEVIATION_OF_MEDIAN * float(np.median(part)) for part in (hue, light_levels))
     if hue_spread > MOST_HUE_SPREAD or light_spread > MOST_LIGHT_SPREAD or table.mean() < LEAST_SHARE:
-        return None
-    return PlainGround(picture, coefficients, hue_spread, light_spread)
+        return None, table
+    return PlainGround(picture, coefficients, hue_spread, light_spread), table
 
 
 def find_print(image: np.ndarray, table: np.ndarray) -> np.ndarray:
@@ -132,6 +148,16 @@ def find_risen_points(points: np.ndarray, support: SceneSupport) -> np.ndarray:
         return high[:0]
     distances, _ = cKDTree(high).query(high, COMPANY + 1)
     return high[distances[:, -1] < COMPANY_DISTANCES * support.distance]
+
+
+def _mark_below(picture: GroundPicture, points: np.ndarray) -> np.ndarray:
+    """(N, N) bool: the cells below (P, 3) points and near to that."""
+    axes = picture.world_from_cell[:3, :2]
+    x, y = np.round((points - picture.world_from_cell[:3, 2]) @ axes / (axes**2).sum(0)).astype(int).T
+    below = np.ones(picture.known.shape, np.uint8)
+    inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < len(below))
+    below[y[inside], x[inside]] = 0
+    return cv2.distanceTransform(below, cv2.DIST_L2, 5) < COMPANY_DISTANCES / CELL_DISTANCES
 
 
 def join_odds(by_place: np.ndarray, by_table: np.ndarray) -> np.ndarray:

@@ -15,10 +15,17 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus, fit_scene_support, measure_aside
+from zeroshop_steps.geometry.scene_support import (
+    THRESHOLD_DISTANCES,
+    SceneSupport,
+    find_scene_focus,
+    fit_scene_support,
+    measure_aside,
+)
 from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import sample_ground, take_largest
+from zeroshop_steps.segment.plain_ground import RISEN_DISTANCES
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, splat_voxels
 
 # Lengths are shares of the cameras' distance from the focus. Set by hand on six rendered objects on four tables each (docs/results.md).
@@ -36,6 +43,9 @@ HIGH_DISTANCES = 0.025
 """A fitted plane this far above the lowest points goes through things on the table, by chance."""
 LINK_DISTANCES, LINKS = 0.03, 5  # points this close to each other, and to so many, are one thing
 ABOVE_DISTANCES = 0.1  # a guess this far above the first is of a table, and not of an object's print above its foot
+FACE_SHOWN, FACE_SHARE = 0.9, 0.5
+"""A plane is a face of the object if at least this share of the masks shows at least this share of its points. In eight captures of
+photos, masks show 0.00 to 0.01 of the points on the ground so, and 0.96 of those on the top of a plate."""
 SETTLED_DISTANCES = 0.003  # a plane that moves less than this needs no new masks
 
 
@@ -57,6 +67,8 @@ def propose_supports(model: SparseModel, views: list[View], seed: int) -> Iterat
 def find_scene_support(model: SparseModel, views: list[View], seed: int) -> tuple[SceneSupport, bool]:
     """The plane among the sparse points and True; where there is none, or it cannot hold the object, the guess and False.
 
+    A plane that goes through the object, such as the top of a book, is left for one below it.
+
     Raises:
         StepError: as `guess_scene_support`.
     """
@@ -68,9 +80,53 @@ def find_scene_support(model: SparseModel, views: list[View], seed: int) -> tupl
         guess = guess_scene_support(model, views)
     except StepError:
         return fitted, True
-    foot = guess.foot + BELOW_DISTANCES * guess.distance * guess.normal
-    high = fitted.heights(foot[None])[0] < -HIGH_DISTANCES * guess.distance
-    return (guess, False) if high or fitted.inliers < FEW_INLIERS else (fitted, True)
+    lowest = guess.foot + BELOW_DISTANCES * guess.distance * guess.normal
+
+    def may_hold(plane: SceneSupport) -> bool:
+        return plane.inliers >= FEW_INLIERS and plane.heights(lowest[None])[0] >= -HIGH_DISTANCES * guess.distance
+
+    if may_hold(fitted):
+        return fitted, True
+    below = _fit_below(model, views, fitted, seed, _lie_on(fitted, model.points))
+    return (guess, False) if below is None or not may_hold(below) else (below, True)
+
+
+def find_support_below(
+    model: SparseModel, views: list[View], support: SceneSupport, seed: int, masks: list[np.ndarray]
+) -> SceneSupport | None:
+    """The plane below one that turns out to be a face of the object; None where there is none, or where it is no such face.
+
+    The top of a plate with print may hold more points than the table around it. Then the masks, (H, W) bool of the views, show most of
+    these points from all sides. The ground is hidden by the object in some views only.
+    """
+    face = _lie_on(support, model.points) & (measure_shown(model.points, [view.camera for view in views], masks) > FACE_SHOWN)
+    return _fit_below(model, views, support, seed, face) if face.sum() >= FACE_SHARE * support.inliers else None
+
+
+def _lie_on(support: SceneSupport, points: np.ndarray) -> np.ndarray:
+    """(P,) bool: the inliers of a plane among (P, 3) points."""
+    return np.abs(support.heights(points)) < THRESHOLD_DISTANCES * support.distance
+
+
+def _fit_below(model: SparseModel, views: list[View], support: SceneSupport, seed: int, without: np.ndarray) -> SceneSupport | None:
+    """The plane among the sparse points without some, (P,) bool, if it lies below this one."""
+    left = ~without
+    rest = SparseModel(model.cameras, model.points[left], model.colors[left], model.track_lengths[left])
+    try:
+        below = fit_scene_support(rest, views, seed)
+    except StepError:
+        return None
+    return below if support.heights(below.foot[None])[0] < -RISEN_DISTANCES * support.distance else None
+
+
+def measure_shown(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
+    """(P,) share of the cameras that see (P, 3) points in their (H, W) bool masks, among those that have them in the photo."""
+    inside, shown = np.zeros(len(points)), np.zeros(len(points))
+    for camera, mask in zip(cameras, masks, strict=True):
+        rows, columns, _, within = camera.find_pixels(points)
+        inside += within
+        shown[within] += mask[rows[within], columns[within]]
+    return shown / np.maximum(inside, 1)
 
 
 def guess_scene_support(model: SparseModel, views: list[View]) -> SceneSupport:

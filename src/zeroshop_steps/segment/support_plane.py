@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.led_by_points import Found, find_with_points
@@ -27,7 +27,7 @@ from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection, select_object
 from zeroshop_steps.segment.own_outlines import find_whole
 from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import has_settled, propose_supports, settle_support
+from zeroshop_steps.segment.plane_search import find_support_below, has_settled, propose_supports, settle_support
 from zeroshop_steps.segment.point_silhouettes import find_point_silhouettes
 from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, find_without_ground, weigh_contrast
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
@@ -89,20 +89,31 @@ def find_masks(
     Raises:
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
+
+    def find_on(support: SceneSupport, fitted: bool) -> tuple[Found, list[np.ndarray] | None]:
+        def find(odds: list[np.ndarray] | None) -> Found:
+            return _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, odds)
+
+        if prior is not None:
+            return find(prior), prior
+        found, weighed = find_with_points(views, model, find_cluster(model, support), find)
+        return find_whole(views, found, weighed, find) if found.plain else (found, weighed)
+
     failure: StepError | None = None
     guessed = True
     for support, fitted in propose_supports(model, views, seed):
-
-        def find(odds: list[np.ndarray] | None, support: SceneSupport = support, fitted: bool = fitted) -> Found:
-            return _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, odds)
-
         try:
-            found, weighed = find_with_points(views, model, find_cluster(model, support), find) if prior is None else (find(prior), prior)
-            if prior is None and found.plain:
-                found, weighed = find_whole(views, found, weighed, find)
+            found, weighed = find_on(support, fitted)
         except StepError as error:
             failure, guessed = failure or error, guessed and not fitted
             continue
+        below = find_support_below(model, views, support, seed, found.masks) if fitted else None
+        if below is not None:
+            print("the plane that holds the most points is a side of the object: trying the one below")
+            try:
+                found, weighed = find_on(below, True)
+            except StepError as error:
+                warn(f"the masks may lack what lies below the top of the object: {error}")
         found = _look_closer(found, views, model, image_width_px, weighed)
         return found.masks, found.record
     assert failure is not None  # there is one support at least
@@ -165,7 +176,7 @@ def _find_in_windows(
     cameras, images = cut_views(views, windows, image_width_px)
     images = equalize_exposure(support, cameras, images)
     ground = build_ground_picture(support, cameras, images)
-    plain = fit_plain_ground(ground)
+    plain = fit_plain_ground(ground, find_risen_points(model.points, support))
     priors = [np.zeros((camera.height_px, camera.width_px), np.float32) for camera in cameras]
     if prior is not None:
         priors = [cut_map(*parts) for parts in zip(prior, windows, views, cameras, strict=True)]
@@ -219,7 +230,9 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
     settled = None if scene.fitted else settle_support(support, cameras, scene.images, refined.masks, selection.grid, refined.occupied)
     if settled and not has_settled(support, settled):
         support, ground = settled, build_ground_picture(settled, cameras, scene.images)
-        selection, refined, own = _find_on_plane(scene, support, ground, fit_plain_ground(ground) if by_color else None, priors)
+        selection, refined, own = _find_on_plane(
+            scene, support, ground, fit_plain_ground(ground, find_risen_points(scene.model.points, support)) if by_color else None, priors
+        )
     tidied = [tidy_mask(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = compare_with_hull([mask > 0.5 for mask in tidied], refined.hulls)

@@ -66,8 +66,14 @@ def splat_voxels(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
     if not len(points):
         return np.zeros((camera.height_px, camera.width_px), bool)
     rows, columns, depth, inside = camera.find_pixels(points)
-    width_px = int(np.ceil(SPLAT_WIDTH * side * camera.intrinsics[0, 0] / float(np.median(depth)))) | 1
-    return _mark_squares(camera, rows[inside], columns[inside], width_px)
+    rows, columns = rows[inside], columns[inside]
+    # The top of something tall is much nearer than its foot: with one width for all, gaps remain between its cubes.
+    widths_px = np.ceil(SPLAT_WIDTH * side * camera.intrinsics[0, 0] / depth[inside]).astype(int) | 1
+    picture = np.zeros((camera.height_px, camera.width_px), bool)
+    for width_px in np.unique(widths_px).tolist():
+        alike = widths_px == width_px
+        picture |= _mark_squares(camera, rows[alike], columns[alike], width_px)
+    return picture
 
 
 def mark_points(points: np.ndarray, width_px: int, camera: Camera) -> np.ndarray:

@@ -1,0 +1,19 @@
+"""Voxels as the views see them."""
+
+import cv2
+import numpy as np
+
+from helpers.camera_ring import ring_camera
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouettes
+
+
+def test_silhouettes_of_something_tall_have_no_gaps():
+    """From near above, the top of a tower is twice as near as its foot: its voxels are twice as far apart in the picture."""
+    camera = ring_camera(0, 2, distance=2.3, elevations_deg=(80.0, 80.0), at=(0.0, 0.0, 0.5), focal_px=1200.0, size_px=(1400, 1400))
+    occupied = np.ones((24, 24, 60), bool)
+    side = 1.5 / 60
+    grid = VoxelGrid(np.eye(3), np.array([-12 * side, -12 * side, 0.0]), side, occupied.shape)
+    (silhouette,) = render_silhouettes(grid, occupied, [camera])
+    outline = cv2.convexHull(np.argwhere(silhouette)[:, ::-1].astype(np.int32))  # that of a box is convex
+    midst = cv2.erode(cv2.fillConvexPoly(np.zeros(silhouette.shape, np.uint8), outline, 1), np.ones((51, 51))) > 0
+    assert midst.sum() > 400_000 and silhouette[midst].all()
