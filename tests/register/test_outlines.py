@@ -11,6 +11,7 @@ from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.register import outline_search
+from zeroshop_steps.register import outlines as outlines_module
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.outline_coherence import measure_misses, try_places
 from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
@@ -31,13 +32,14 @@ from zeroshop_steps.register.record import RegistrationFailed
 VIEWS, FOCAL_PX, DISTANCE_MM, SIZE_PX, FINER = 8, 1050.0, 330.0, (800, 600), 4
 ARMS_MM = (((-50, -10, 0), (50, 10, 20)), ((20, -10, 0), (50, 60, 15)), ((-50, -12, 0), (-30, 12, 70)))
 """Corners of boxes: an object with arms of different lengths."""
+WRONG_OF = 10
 GUESSED_PX = np.full(VIEWS, 960.0)
 
 
-def make_camera(index, rng, below=False):
+def make_camera(index, rng, below=False, count=VIEWS):
     """A camera that is held by hand: not quite level, not at quite one distance, and anywhere around the object."""
     distance_mm = DISTANCE_MM * np.exp(rng.normal(scale=0.04))
-    azimuth, elevation = 2 * np.pi * index / VIEWS + rng.uniform(-0.2, 0.2), np.radians(rng.uniform(12, 55))
+    azimuth, elevation = 2 * np.pi * index / count + rng.uniform(-0.2, 0.2), np.radians(rng.uniform(12, 55))
     centre = distance_mm * direction_at(azimuth, -elevation if below else elevation)
     pose = look_at(centre + [0, 0, 25.0], np.array([0, 10.0, 25.0]) + rng.normal(scale=4.0, size=3))
     roll = rng.normal(scale=0.02)
@@ -110,7 +112,7 @@ def outlines_all_around(cameras_all_around):
 
 
 @pytest.mark.slow
-def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_path):
+def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_path, narrow_beam):
     image_set = write_capture(tmp_path / "capture", masks_of_arms)
     (tmp_path / "out").mkdir()
     record = register(image_set, tmp_path / "out", OutlineOptions())
@@ -198,3 +200,22 @@ def test_an_object_that_is_cut_off_is_refused(masks_of_arms, tmp_path):
     masks[first][:, :200] = True
     with pytest.raises(RegistrationFailed, match=f"cut off in 1, such as {first}"):
         register(write_capture(tmp_path, masks), tmp_path / "out", OutlineOptions())
+
+
+@pytest.mark.slow
+def test_a_wrong_mask_is_left_out(tmp_path, monkeypatch):
+    """Of ten, one shows less below, so that rays of others miss it. The search, which is tested above, places all views where they are."""
+    rng = np.random.default_rng(4)
+    cameras = [make_camera(index, rng, count=WRONG_OF) for index in range(WRONG_OF)]
+    masks = {camera.name: draw_mask(camera, arms()) for camera in cameras}
+    wrong = masks["000003.png"]
+    below = int(np.median(np.flatnonzero(wrong.any(axis=1))))
+    wrong[below:] = cv2.erode(wrong.astype(np.uint8), np.ones((13, 13)))[below:] > 0
+    guessed_px = np.full(WRONG_OF, GUESSED_PX[0])
+    way = read_way(scale(cameras, DISTANCE_MM), prepare_outlines(list(masks.values()), guessed_px), guessed_px)
+    monkeypatch.setattr(outlines_module, "search", lambda *_: [way])
+    (tmp_path / "out").mkdir()
+    record = register(write_capture(tmp_path / "capture", masks), tmp_path / "out", OutlineOptions())
+    assert set(record["outlines"]["wrong_px"]) == {"000003.png"} == set(record["unregistered"])
+    error = compare_cameras(read_sparse_model(tmp_path / "out/sparse").cameras, cameras)
+    assert len(error.names) == WRONG_OF - 1 and error.centre_mm.max() < 6.0, error

@@ -88,11 +88,22 @@ class OutlineAdjustment:
         Args:
             misses_px: (R,) what `measure_misses_px` says of the cameras as they are.
         """
-        views, rays = len(self.cameras), self.rays
-        own_px = np.bincount(rays.view, misses_px, views)
-        by_view_px = (own_px + np.bincount(rays.other, np.maximum(-rays.value, 0.0), views)) / (len(rays.view) / views)
+        by_view_px = self.measure_contradictions_px(misses_px)
         found: np.ndarray = np.flatnonzero(by_view_px > max(STANDS_OUT * float(np.median(by_view_px)), STANDS_OUT_PX))
         return found
+
+    def measure_contradictions_px(self, misses_px: np.ndarray) -> np.ndarray:
+        """(N,) by how much the rays of each view miss the other masks, and those of the others miss its mask, in the mean of a view's rays.
+
+        A mask that shows too much has rays that miss; one that lacks a part is missed by those of others.
+
+        Args:
+            misses_px: (R,) what `measure_misses_px` says of the cameras as they are.
+        """
+        views, rays = len(self.cameras), self.rays
+        own_px = np.bincount(rays.view, misses_px, views)
+        summed_px: np.ndarray = own_px + np.bincount(rays.other, np.maximum(-rays.value, 0.0), views)
+        return summed_px / (len(rays.view) / views)
 
     def _minimize(self, noise: Noise) -> None:
         damping = 1e-3
