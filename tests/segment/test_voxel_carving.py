@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouettes
+from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouettes, splat_voxels
 
 
 def test_silhouettes_of_something_tall_have_no_gaps():
@@ -17,3 +17,10 @@ def test_silhouettes_of_something_tall_have_no_gaps():
     outline = cv2.convexHull(np.argwhere(silhouette)[:, ::-1].astype(np.int32))  # that of a box is convex
     midst = cv2.erode(cv2.fillConvexPoly(np.zeros(silhouette.shape, np.uint8), outline, 1), np.ones((51, 51))) > 0
     assert midst.sum() > 400_000 and silhouette[midst].all()
+
+
+def test_a_camera_among_the_voxels_sees_what_is_before_it():
+    camera = ring_camera(0, 2, distance=0.5, elevations_deg=(0.0, 0.0), at=(0.0, 0.0, 0.0), focal_px=40.0, size_px=(40, 30))
+    beside = camera.centre_in_world + [[-1e-9, 0.0, 0.0]]
+    assert splat_voxels(beside, 0.1, camera).all()
+    assert not splat_voxels(camera.centre_in_world + [[0.3, 0.0, 0.0]], 0.1, camera).any()

@@ -42,8 +42,10 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
         if len(chosen) < 2:
             break
         grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
-        hulls = render_silhouettes(grid, occupied, cameras) if occupied.any() else [np.zeros_like(masks[0]) for _ in cameras]
-        if number == len(ROUNDS) - 1:
+        last = number == len(ROUNDS) - 1
+        # Limits of the overlap were set with one width. Of a coarse hull, what lies before the object is large when it is drawn as near.
+        hulls = render_silhouettes(grid, occupied, cameras, not last) if occupied.any() else [np.zeros_like(masks[0]) for _ in cameras]
+        if last:
             judged = [(cameras[index], masks[index], hulls[index]) for index in chosen]
             whole = _add_parts(grid, occupied, judged)
             return render_silhouettes(grid, whole, cameras) if whole.any() else hulls

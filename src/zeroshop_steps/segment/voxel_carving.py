@@ -61,15 +61,24 @@ def count_votes(
     return full, empty
 
 
-def splat_voxels(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:
-    """(H, W) bool: where cubes of edge `side` around (P, 3) points fall in a view."""
-    if not len(points):
-        return np.zeros((camera.height_px, camera.width_px), bool)
-    rows, columns, depth, inside = camera.find_pixels(points)
-    rows, columns = rows[inside], columns[inside]
-    # The top of something tall is much nearer than its foot: with one width for all, gaps remain between its cubes.
-    widths_px = np.ceil(SPLAT_WIDTH * side * camera.intrinsics[0, 0] / depth[inside]).astype(int) | 1
+def splat_voxels(points: np.ndarray, side: float, camera: Camera, one_width: bool = False) -> np.ndarray:
+    """(H, W) bool: where cubes of edge `side` around (P, 3) points fall in a view.
+
+    All are drawn as wide as the median one, and nearer ones wider. With `one_width` they are not: then the cubes of something tall that is
+    seen from near have gaps between them.
+    """
     picture = np.zeros((camera.height_px, camera.width_px), bool)
+    if not len(points):
+        return picture
+    rows, columns, depth, inside = camera.find_pixels(points)
+    if not inside.any():
+        return picture
+    rows, columns = rows[inside], columns[inside]
+    edge_px = side * camera.intrinsics[0, 0]  # at a depth of 1
+    least_px = SPLAT_WIDTH * edge_px / float(np.median(depth[depth > 0]))
+    # Among the cubes, a camera has some right before it, which hide all.
+    most_px = least_px if one_width else 2 * max(camera.width_px, camera.height_px)
+    widths_px = np.ceil(np.clip(edge_px / depth[inside], least_px, most_px)).astype(int) | 1
     for width_px in np.unique(widths_px).tolist():
         alike = widths_px == width_px
         picture |= _mark_squares(camera, rows[alike], columns[alike], width_px)
@@ -88,11 +97,11 @@ def _mark_squares(camera: Camera, rows: np.ndarray, columns: np.ndarray, width_p
     return cv2.dilate(picture, np.ones((width_px, width_px), np.uint8)) > 0
 
 
-def render_silhouettes(grid: VoxelGrid, occupied: np.ndarray, cameras: list[Camera]) -> list[np.ndarray]:
-    """For each view, (H, W) bool: where it sees occupied voxels, (X, Y, Z) bool."""
+def render_silhouettes(grid: VoxelGrid, occupied: np.ndarray, cameras: list[Camera], one_width: bool = False) -> list[np.ndarray]:
+    """For each view, (H, W) bool: where it sees occupied voxels, (X, Y, Z) bool, drawn as `splat_voxels` does."""
     shell = occupied & ~ndimage.binary_erosion(occupied, border_value=0)
     centres = grid.centres(np.argwhere(shell))
-    return [splat_voxels(centres, grid.side, camera) for camera in cameras]
+    return [splat_voxels(centres, grid.side, camera, one_width) for camera in cameras]
 
 
 def label_clusters(occupied: np.ndarray) -> tuple[np.ndarray, int]:
