@@ -1,10 +1,11 @@
 """The plane under a reconstructed object, fitted to sparse points; or else the up direction, from how the cameras were held."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
 
 # Lengths are shares of the object's diagonal.
@@ -72,13 +73,19 @@ def find_background_points(points: np.ndarray, views: list[View]) -> np.ndarray:
 
     A point behind the object falls inside some masks, so it need not be outside in all views that show it.
     """
-    outside, held = np.zeros(len(points), int), np.zeros(len(points), int)
-    for view in views:
-        mask = view.mask()
-        rows, columns, _, inside_image = view.camera.find_pixels(points)
-        held += inside_image
-        outside[inside_image] += ~mask[rows[inside_image], columns[inside_image]]
+    shown, held = count_showing_masks(points, [view.camera for view in views], (view.mask() for view in views))
+    outside = held - shown
     return (outside >= OUTSIDE_VIEWS) & (outside >= OUTSIDE_SHARE * held)
+
+
+def count_showing_masks(points: np.ndarray, cameras: Iterable[Camera], masks: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) in how many of the masks, (H, W) bool, (P, 3) points fall, and (P,) how many of the cameras have them in the image."""
+    shown, held = np.zeros(len(points), int), np.zeros(len(points), int)
+    for camera, mask in zip(cameras, masks, strict=True):
+        rows, columns, _, inside_image = camera.find_pixels(points)
+        held += inside_image
+        shown[inside_image] += mask[rows[inside_image], columns[inside_image]]
+    return shown, held
 
 
 def fit_support_plane(points: np.ndarray, vertices: np.ndarray, views: list[View], seed: int = 0) -> SupportPlane | None:

@@ -22,7 +22,7 @@ from zeroshop_steps.geometry.scene_support import (
     fit_scene_support,
     measure_aside,
 )
-from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, estimate_up_from_roll
+from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, count_showing_masks, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.ground import sample_ground, take_largest
 from zeroshop_steps.segment.plain_ground import RISEN_DISTANCES
@@ -99,7 +99,8 @@ def find_support_below(
     The top of a plate with print may hold more points than the table around it. Then the masks, (H, W) bool of the views, show most of
     these points from all sides. The ground is hidden by the object in some views only.
     """
-    face = _lie_on(support, model.points) & (measure_shown(model.points, [view.camera for view in views], masks) > FACE_SHOWN)
+    shown, held = count_showing_masks(model.points, [view.camera for view in views], masks)
+    face = _lie_on(support, model.points) & (shown > FACE_SHOWN * held)
     return _fit_below(model, views, support, seed, face) if face.sum() >= FACE_SHARE * support.inliers else None
 
 
@@ -117,16 +118,6 @@ def _fit_below(model: SparseModel, views: list[View], support: SceneSupport, see
     except StepError:
         return None
     return below if support.heights(below.foot[None])[0] < -RISEN_DISTANCES * support.distance else None
-
-
-def measure_shown(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> np.ndarray:
-    """(P,) share of the cameras that see (P, 3) points in their (H, W) bool masks, among those that have them in the photo."""
-    inside, shown = np.zeros(len(points)), np.zeros(len(points))
-    for camera, mask in zip(cameras, masks, strict=True):
-        rows, columns, _, within = camera.find_pixels(points)
-        inside += within
-        shown[within] += mask[rows[within], columns[within]]
-    return shown / np.maximum(inside, 1)
 
 
 def guess_scene_support(model: SparseModel, views: list[View]) -> SceneSupport:

@@ -230,9 +230,8 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
     settled = None if scene.fitted else settle_support(support, cameras, scene.images, refined.masks, selection.grid, refined.occupied)
     if settled and not has_settled(support, settled):
         support, ground = settled, build_ground_picture(settled, cameras, scene.images)
-        selection, refined, own = _find_on_plane(
-            scene, support, ground, fit_plain_ground(ground, find_risen_points(scene.model.points, support)) if by_color else None, priors
-        )
+        plain = fit_plain_ground(ground, find_risen_points(scene.model.points, support)) if by_color else None
+        selection, refined, own = _find_on_plane(scene, support, ground, plain, priors)
     tidied = [tidy_mask(mask, hull) for mask, hull in zip(refined.masks, refined.hulls, strict=True)]
     names = [camera.name for camera in cameras]
     qualities = compare_with_hull([mask > 0.5 for mask in tidied], refined.hulls)

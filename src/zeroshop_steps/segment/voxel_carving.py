@@ -68,8 +68,6 @@ def splat_voxels(points: np.ndarray, side: float, camera: Camera, one_width: boo
     seen from near have gaps between them.
     """
     picture = np.zeros((camera.height_px, camera.width_px), bool)
-    if not len(points):
-        return picture
     rows, columns, depth, inside = camera.find_pixels(points)
     if not inside.any():
         return picture
