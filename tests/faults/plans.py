@@ -102,6 +102,7 @@ FAULTS = [
         (r"datasets\.demo\.objects: report is a folder",),
     ),
     Fault("a film of an object named bop", plan_config("datasets: {films: {of: {demo: [bop]}}}"), (r"datasets\.films\.of\.demo: bop is",)),
+    Fault("a dataset without a kind", plan_config("datasets: {mine: {models_folder: x}}"), (r"datasets\.mine: 'kind' is a required",)),
     Fault("a short checksum", plan_config("datasets: {ycbv: {models_sha256: abc}}"), (r"datasets\.ycbv.*models_sha256",)),
     *(
         Fault(f"an object named {name}", plan_row(f"photos\t{name}\tIMAGES\t\t0.1\t"), (f"line 2: {name} is a folder", "another name"))
