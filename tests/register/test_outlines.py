@@ -13,6 +13,7 @@ from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intri
 from zeroshop_steps.register import outline_search
 from zeroshop_steps.register import outlines as outlines_module
 from zeroshop_steps.register.image_set import read_image_set
+from zeroshop_steps.register.outline_cameras import make_cameras, read_way
 from zeroshop_steps.register.outline_coherence import measure_misses, try_places
 from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
 from zeroshop_steps.register.outline_search import (
@@ -26,7 +27,7 @@ from zeroshop_steps.register.outline_search import (
     search,
 )
 from zeroshop_steps.register.outline_tangents import adjust_by_tangents
-from zeroshop_steps.register.outlines import LIKELY_PX, OutlineOptions, make_cameras, read_way, register
+from zeroshop_steps.register.outlines import LIKELY_PX, OutlineOptions, register
 from zeroshop_steps.register.record import RegistrationFailed
 
 VIEWS, FOCAL_PX, DISTANCE_MM, SIZE_PX, FINER = 8, 1050.0, 330.0, (800, 600), 4
@@ -146,11 +147,23 @@ def test_right_cameras_of_an_object_of_revolution_fit_elsewhere_too(cameras, tmp
 
 
 @pytest.mark.slow
+def test_a_mask_of_another_object_is_set_aside(cameras, masks_of_arms, narrow_beam):
+    masks = [masks_of_arms[camera.name] for camera in cameras]
+    masks[5] = draw_mask(cameras[5], cone())
+    outlines = prepare_outlines(masks, GUESSED_PX)
+    order = [5, *np.random.default_rng(0).permutation(np.delete(np.arange(VIEWS), 5))][::-1]
+    (way, *_), placed = search(outlines, order, ABOVE_DEG, most_misfits=1)
+    assert way.cost < LIKELY_PX and placed.tolist() == np.delete(np.arange(VIEWS), 5).tolist()
+    with_it, everything = search(outlines, order, ABOVE_DEG)
+    assert with_it[0].cost > LIKELY_PX and len(everything) == VIEWS
+
+
+@pytest.mark.slow
 def test_views_from_below_are_placed(cameras_all_around, outlines_all_around, narrow_beam):
     truth = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
     order = np.random.default_rng(0).permutation(VIEWS).tolist()
-    assert search(outlines_all_around, order, ABOVE_DEG)[0].cost > LIKELY_PX
-    found = mend(search(outlines_all_around, order, ANYWHERE_DEG)[0], outlines_all_around, ANYWHERE_DEG)
+    assert search(outlines_all_around, order, ABOVE_DEG)[0][0].cost > LIKELY_PX
+    found = mend(search(outlines_all_around, order, ANYWHERE_DEG)[0][0], outlines_all_around, ANYWHERE_DEG)
     assert found.cost < LIKELY_PX and count_differing(truth, found) == 0, found
 
 

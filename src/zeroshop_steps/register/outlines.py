@@ -22,6 +22,7 @@ from zeroshop_steps.register.image_set import ImageSet, read_masks
 from zeroshop_steps.register.lenses import import_images
 from zeroshop_steps.register.model_outlines import adjust_model_by_outlines
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
+from zeroshop_steps.register.outline_cameras import make_cameras, read_way
 from zeroshop_steps.register.outline_fit import OutlineFit, adjust, describe_fit
 from zeroshop_steps.register.outline_places import find_alternatives, mend, mirror
 from zeroshop_steps.register.outline_search import (
@@ -34,7 +35,7 @@ from zeroshop_steps.register.outline_search import (
     search,
     take_outlines,
 )
-from zeroshop_steps.register.outline_tangents import SIZE, Outlines
+from zeroshop_steps.register.outline_tangents import Outlines
 from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, name_missing
 from zeroshop_steps.register.sift import SiftOptions, extract_features, match_features
@@ -48,7 +49,8 @@ ATTEMPTS = (ABOVE_DEG, ABOVE_DEG, ANYWHERE_DEG, ANYWHERE_DEG)
 searched faster and fit by chance less often."""
 LIKELY_PX = 2.0  # of a way that is adjusted: how far rays miss in the mean, coarsely
 MOST_WRONG = 0.1
-"""Where too few views fit, so many are left out, the one that contradicts the others most first: its mask is wrong, and bends them."""
+"""So many views at most are left out: those that fit to the others nowhere, and, where too few fit once adjusted, the one that contradicts
+the others most first. Their masks are wrong, and bend the others' cameras."""
 ELSEWHERE_PX = 1.0
 """A view that misses by less elsewhere could stand there, too. In 21 wrong placements of 13 objects, of 20 views each or of 14, more views
 do than may be left out: three at least, eight in the median. With 1.5 it was not safer (three at least), but a foam brick was refused,
@@ -133,38 +135,43 @@ def _find_cameras(
     """The cameras that outlines place in one way, adjusted by them. Raises RegistrationFailed where too few do, or they do not fit."""
     rng = np.random.default_rng(options.seed)
     best_px, adjusted_px, most_fitting = np.inf, list[tuple[float, float]](), 0
-    needed = max(options.min_images, math.ceil(options.min_share * len(image_set.images)))
+    whole, count = image_set, len(image_set.images)
+    needed, most_wrong = max(options.min_images, math.ceil(options.min_share * count)), int(MOST_WRONG * count)
     for elevations_deg in ATTEMPTS:
-        way, *others = search(outlines, rng.permutation(len(image_set.images)).tolist(), elevations_deg)
+        ways, placed = search(outlines, rng.permutation(count).tolist(), elevations_deg, most_wrong)
+        image_set, seen, guess_px = whole.take(placed.tolist()), take_outlines(outlines, placed), focal_px[placed]
+        way, *others = [way.take(placed) for way in ways]
         if elevations_deg == ANYWHERE_DEG and way.cost < HOPELESS_PX:
-            way, *others = _mend_ways(way, others, outlines)
+            way, *others = _mend_ways(way, others, seen)
         stopwatch.lap("search")
         best_px = min(best_px, way.cost)
         figures["outlines"] = {"elevations_deg": elevations_deg, "search_px": round(best_px, 2)}
         if way.cost > LIKELY_PX:
             continue
-        fit = adjust(make_cameras(way, outlines, image_set, focal_px), np.arange(len(image_set.images)), masks)
+        misfits = sorted(set(whole.names) - set(image_set.names))
+        fit = adjust(make_cameras(way, seen, image_set, guess_px), np.arange(len(placed)), masks)
         stopwatch.lap("adjust")
         adjusted_px.append((fit.miss_px, fit.worst_px))
         ambiguous, left_out = None, dict[str, float]()
         while True:
             fitting = fit.find_fitting()
-            figures["outlines"] |= {"miss_px": round(fit.miss_px, 3), "worst_view_px": round(fit.worst_px, 3), "wrong_px": left_out}
+            figures["outlines"] |= {"miss_px": round(fit.miss_px, 3), "worst_view_px": round(fit.worst_px, 3)}
+            figures["outlines"] |= {"misfits": misfits, "wrong_px": left_out}
             if fit.is_fine and fitting.sum() >= needed:
                 try:
-                    return _place(fit, image_set, masks, outlines, focal_px, elevations_deg, [way, *others], needed, figures)
+                    return _place(fit, image_set, masks, seen, guess_px, elevations_deg, [way, *others], needed, figures)
                 except _SeveralWays as error:
                     if fitting.all():
                         raise
                     ambiguous = error
             most_fitting = max(most_fitting, int(fitting.sum()) if fit.is_fine else 0)
-            if fitting.all() or len(left_out) >= int(MOST_WRONG * len(image_set.images)):
+            if fitting.all() or len(misfits) + len(left_out) >= most_wrong:
                 break
             fit, name, contradiction_px = fit.leave_out_worst(masks)
             left_out[name] = round(contradiction_px, 3)
         if ambiguous:
             raise ambiguous
-    told = f"those of {most_fitting} of {len(image_set.images)} photos do, {needed} are needed"
+    told = f"those of {most_fitting} of {count} photos do, {needed} are needed"
     raise RegistrationFailed(
         f"the outlines of the masks do not fit together ({told if most_fitting else describe_fit(best_px, adjusted_px)}); {UPRIGHT}, and"
         " masks must be exact",
@@ -249,33 +256,6 @@ def _require_one_way(found: Way, others: list[Way], figures: dict[str, Any]) -> 
 
 def _is_rival(found: Way, other: Way) -> bool:
     return other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS
-
-
-def make_cameras(way: Way, outlines: Outlines, image_set: ImageSet, focal_px: np.ndarray) -> list[Camera]:
-    """Pinhole cameras of a way, in its frame."""
-    return [
-        Camera(name, *size_px, _make_intrinsics(guess * np.exp(way.log_focal), size_px), pose)
-        for name, size_px, guess, pose in zip(image_set.names, image_set.sizes_px, focal_px, way.make_poses(outlines), strict=True)
-    ]
-
-
-def read_way(cameras: list[Camera], outlines: Outlines, focal_px: np.ndarray) -> Way:
-    """The way that cameras stand in, whose frame is that of a way."""
-    log_focal = float(np.log(cameras[0].intrinsics[0, 0] / focal_px[0]))
-    views = np.zeros((len(cameras), SIZE))
-    for view, camera, middle in zip(views, cameras, outlines.middle, strict=True):
-        right, down, ahead = camera.camera_from_world[:3, :3]
-        place = camera.camera_from_world[:3, 3]
-        view[0], view[1] = np.arctan2(-ahead[1], -ahead[0]), np.arcsin(-ahead[2])
-        level = np.array([-np.sin(view[0]), np.cos(view[0]), 0.0])
-        view[2] = np.arctan2(-(level @ down), level @ right)
-        view[3:5] = place[:2] / place[2] - middle * np.exp(-log_focal)
-        view[5] = np.log(place[2])
-    return Way(views, log_focal)
-
-
-def _make_intrinsics(focal_px: float, size_px: tuple[int, int]) -> np.ndarray:
-    return np.array([[focal_px, 0.0, size_px[0] / 2], [0.0, focal_px, size_px[1] / 2], [0.0, 0.0, 1.0]])
 
 
 def _make_lens(camera: Camera) -> pycolmap.Camera:

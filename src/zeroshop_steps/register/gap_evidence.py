@@ -1,0 +1,140 @@
+"""Refuse a model whose circle is open although its matches close it: sides that look alike were laid onto each other.
+
+A carton whose front and back are equal looks the same after half a turn. Where its photos are folded onto half a circle, all of them fit,
+and so do their masks. But photos on either side of the place where the circle was cut still match: by these matches alone, the camera went
+on by a few degrees, into the gap where the model has none. In a right model of such a carton, photos of its two sides match, too, but what
+they say lies where other photos are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.register.consistency import REMEDY, WRONG
+from zeroshop_steps.register.film_order import measure_turn_deg
+from zeroshop_steps.register.pair_support import PairSupport
+from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.sift import make_verification_options
+from zeroshop_steps.register.view_coverage import measure_view_coverage
+from zeroshop_steps.runtime.errors import StepError
+
+GAP_DEG = 90.0
+"""Azimuths without a camera: what is folded has a gap of about half a circle, or more."""
+LEAST_MATCHES, CONTRADICTED_SHARE = 30, 0.7  # of a pair that the model contradicts
+NEAR_DEG, APART_DEG = 60.0, 40.0
+"""By its own matches, such a pair is as near as this; in the model, it is so much farther apart."""
+BEYOND_DEG = 12.0
+"""Where a pair says that a camera is, none is within this angle."""
+LEAST_PAIRS = 2
+
+
+@dataclass(frozen=True)
+class GapEvidence:
+    """Pairs of images that match well, and that a model lays far apart.
+
+    Attributes:
+        gap_deg: the largest range of azimuths around the object that has no camera; below `GAP_DEG`, no pairs are looked at.
+        judged: how many pairs there are.
+        beyond: names of those whose own relative rotation puts either image where no camera is.
+    """
+
+    gap_deg: float
+    judged: int
+    beyond: tuple[tuple[str, str], ...]
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether the gap is no gap."""
+        return len(self.beyond) >= max(LEAST_PAIRS, 0.5 * self.judged)
+
+    def figures(self) -> dict[str, Any]:
+        """As written to registration.json."""
+        return {"gap_deg": round(self.gap_deg, 1), "judged": self.judged, "beyond": [list(pair) for pair in self.beyond]}
+
+
+def check_gap(
+    model: pycolmap.Reconstruction,
+    cameras: Sequence[Camera],
+    database: Path,
+    evidence: PairSupport,
+    seed: int,
+    figures: dict[str, Any],
+    pinhole_model: pycolmap.Reconstruction,
+) -> None:
+    """Raise RegistrationFailed, with `pinhole_model`, where a model is folded; arguments as of `find_gap_evidence`.
+
+    `figures`, the record so far, gets what was found, where there is a gap.
+    """
+    found = find_gap_evidence(model, cameras, database, evidence, seed)
+    if found.gap_deg < GAP_DEG:
+        return
+    figures["gap_evidence"] = found.figures()
+    if found.is_folded:
+        raise RegistrationFailed(
+            f"{WRONG}: sides that look alike lie on each other. No camera is within {found.gap_deg:.0f} degrees around the object, but"
+            f" {len(found.beyond)} pairs of images, such as {' and '.join(found.beyond[0])}, match as if there were some; {REMEDY}",
+            figures,
+            pinhole_model,
+        )
+
+
+def find_gap_evidence(
+    model: pycolmap.Reconstruction, cameras: Sequence[Camera], database: Path, evidence: PairSupport, seed: int
+) -> GapEvidence:
+    """What the matches say about the widest gap between a model's cameras.
+
+    Args:
+        model: as the features were seen, with distortion.
+        cameras: its cameras without distortion.
+        database: the verified matches.
+        evidence: of the model's image pairs.
+        seed: of the RANSAC loops.
+    """
+    try:
+        gap_deg = measure_view_coverage(list(cameras)).largest_gap_deg
+    except StepError:  # the cameras look away from each other
+        gap_deg = 0.0
+    if gap_deg < GAP_DEG:
+        return GapEvidence(gap_deg, 0, ())
+    total = evidence.supporting + evidence.contradicting
+    doubtful = (total >= LEAST_MATCHES) & (evidence.contradicting >= CONTRADICTED_SHARE * total)
+    pairs = [(evidence.names[one], evidence.names[other]) for one, other in np.argwhere(np.triu(doubtful))]
+    rotations = {image.name: image.cam_from_world().rotation.matrix() for image in model.images.values() if image.has_pose}
+    looks = np.array([rotation[2] for rotation in rotations.values()])
+    judged, beyond = 0, list[tuple[str, str]]()
+    for (one, other), turn in zip(pairs, estimate_turns(model, database, pairs, seed), strict=True):
+        if turn is None:
+            continue
+        own_deg = measure_turn_deg(np.eye(3), turn)
+        if own_deg > NEAR_DEG or measure_turn_deg(rotations[one], rotations[other]) < own_deg + APART_DEG:
+            continue
+        judged += 1
+        places = [(turn @ rotations[one])[2], (turn.T @ rotations[other])[2]]
+        nearest_deg = [np.degrees(np.arccos(np.clip((looks @ place).max(), -1, 1))) for place in places]
+        if min(nearest_deg) > BEYOND_DEG:
+            beyond.append((one, other))
+    return GapEvidence(gap_deg, judged, tuple(beyond))
+
+
+def estimate_turns(model: pycolmap.Reconstruction, database: Path, pairs: Sequence[tuple[str, str]], seed: int) -> list[np.ndarray | None]:
+    """(3, 3) rotations from the first camera's frame to the second's, by the verified matches of each pair alone; None where these fail."""
+    options = make_verification_options(seed)
+    options.compute_relative_pose = True
+    by_name = {image.name: image for image in model.images.values() if image.has_pose}
+    turns: list[np.ndarray | None] = []
+    with pycolmap.Database.open(database) as opened:
+        for names in pairs:
+            images = [by_name[name] for name in names]
+            matches = opened.read_two_view_geometry(*(image.image_id for image in images)).inlier_matches
+            lenses = [model.cameras[image.camera_id] for image in images]
+            points = [opened.read_keypoints(image.image_id)[matches[:, side], :2].astype(np.float64) for side, image in enumerate(images)]
+            numbers = np.repeat(np.arange(len(matches), dtype=np.uint32)[:, None], 2, axis=1)
+            posed = pycolmap.estimate_calibrated_two_view_geometry(lenses[0], points[0], lenses[1], points[1], numbers, options)
+            fits = posed.cam2_from_cam1 is not None and len(posed.inlier_matches) >= LEAST_MATCHES
+            turns.append(posed.cam2_from_cam1.rotation.matrix() if fits else None)
+    return turns
