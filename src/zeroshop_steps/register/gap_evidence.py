@@ -6,7 +6,7 @@ on by a few degrees, into the gap where the model has none. In a right model of 
 they say lies where other photos are.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.sift import make_verification_options
 from zeroshop_steps.register.view_coverage import measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError
+
+Pair = tuple[str, str]
 
 GAP_DEG = 90.0
 """Azimuths without a camera: what is folded has a gap of about half a circle, or more."""
@@ -45,7 +47,7 @@ class GapEvidence:
 
     gap_deg: float
     judged: int
-    beyond: tuple[tuple[str, str], ...]
+    beyond: tuple[Pair, ...]
 
     @property
     def is_folded(self) -> bool:
@@ -104,24 +106,32 @@ def find_gap_evidence(
     total = evidence.supporting + evidence.contradicting
     doubtful = (total >= LEAST_MATCHES) & (evidence.contradicting >= CONTRADICTED_SHARE * total)
     pairs = [(evidence.names[one], evidence.names[other]) for one, other in np.argwhere(np.triu(doubtful))]
+    turns = {pair: turn for pair, turn in zip(pairs, estimate_turns(model, database, pairs, seed), strict=True) if turn is not None}
     rotations = {image.name: image.cam_from_world().rotation.matrix() for image in model.images.values() if image.has_pose}
+    return GapEvidence(gap_deg, *find_beyond(rotations, turns))
+
+
+def find_beyond(rotations: Mapping[str, np.ndarray], turns: Mapping[Pair, np.ndarray]) -> tuple[int, tuple[Pair, ...]]:
+    """How many pairs of images are laid much farther apart than they say, and those of them that say that a camera is where none is.
+
+    Args:
+        rotations: {image name: (3, 3) from the world to the camera}.
+        turns: {names of two images: (3, 3) from the first camera to the second, by their matches}.
+    """
     looks = np.array([rotation[2] for rotation in rotations.values()])
-    judged, beyond = 0, list[tuple[str, str]]()
-    for (one, other), turn in zip(pairs, estimate_turns(model, database, pairs, seed), strict=True):
-        if turn is None:
-            continue
+    judged, beyond = 0, list[Pair]()
+    for (one, other), turn in turns.items():
         own_deg = measure_turn_deg(np.eye(3), turn)
         if own_deg > NEAR_DEG or measure_turn_deg(rotations[one], rotations[other]) < own_deg + APART_DEG:
             continue
         judged += 1
         places = [(turn @ rotations[one])[2], (turn.T @ rotations[other])[2]]
-        nearest_deg = [np.degrees(np.arccos(np.clip((looks @ place).max(), -1, 1))) for place in places]
-        if min(nearest_deg) > BEYOND_DEG:
+        if all((looks @ place).max() < np.cos(np.radians(BEYOND_DEG)) for place in places):
             beyond.append((one, other))
-    return GapEvidence(gap_deg, judged, tuple(beyond))
+    return judged, tuple(beyond)
 
 
-def estimate_turns(model: pycolmap.Reconstruction, database: Path, pairs: Sequence[tuple[str, str]], seed: int) -> list[np.ndarray | None]:
+def estimate_turns(model: pycolmap.Reconstruction, database: Path, pairs: Sequence[Pair], seed: int) -> list[np.ndarray | None]:
     """(3, 3) rotations from the first camera's frame to the second's, by the verified matches of each pair alone; None where these fail."""
     options = make_verification_options(seed)
     options.compute_relative_pose = True
