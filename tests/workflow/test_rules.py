@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import inspect
 import re
 import tomllib
 from pathlib import Path
@@ -80,6 +81,18 @@ def test_nothing_is_written_outside_results_and_resources(rules):
     for name, rule in rules.items():
         paths = [*map(str, rule.output), *map(str, rule.log), str(rule.benchmark)]
         assert all(path.startswith(("results/", "resources/")) for path in paths), name
+
+
+def test_what_a_config_says_is_no_derived_parameter(rules):
+    """Snakemake does not record parameters by functions that take the input, so a change of the config behind them would be missed."""
+    derived = {
+        (name, key): param.__code__
+        for name, rule in rules.items()
+        for key, param in rule.params.items()
+        if callable(param) and {"input", "output", "threads", "resources"} & set(inspect.signature(param).parameters)
+    }
+    assert len(derived) > 5
+    assert [place for place, code in derived.items() if "config" in code.co_names] == []
 
 
 @pytest.mark.parametrize("name", ["capture_virtual", "register", "stereo", "train_2dgs", "train_svraster", "test_set"])

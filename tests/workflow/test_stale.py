@@ -65,6 +65,7 @@ def test_nothing_is_stale_at_first(finished):
         # The mug's model is no matter of chance, nor is the copy of the photos.
         ("seed=1", rerun("register", "chosen", "cell", "photo", capture_virtual=2)),
         ("capture={image_width_px: 640}", rerun("register", "chosen", "cell", capture_virtual=2)),
+        ("capture={views_per_ring: 12}", rerun("register", "chosen", "cell", capture_virtual=2)),
         ("register={colmap: {max_features: 900}, auto: {max_features: 900}}", rerun("register", "chosen", "photo")),
         ("nvs={2dgs: {train: {iterations: 900}}}", rerun("train_2dgs", "chosen", "cell", "photo")),
         ("nvs={2dgs: {fuse: {voxels: 99}}}", rerun("fuse_2dgs", "chosen", "cell", "photo")),

@@ -36,11 +36,17 @@ def templates_of(
 
 def estimator_options(
     wildcards,
+):
+    """The options of an estimator that the config gives."""
+    return step_options(config["pose"].get(wildcards.estimator) or {})
+
+
+def estimator_inputs(
+    wildcards,
     input,
 ):
-    """The options of an estimator: those of the config, and where its masks and views are."""
-    where = {"templates": input.get("templates") or None, "detections": input.get("detections") or None}
-    return step_options({**(config["pose"].get(wildcards.estimator) or {}), **where})
+    """The options that name its views and masks."""
+    return step_options({"templates": input.get("templates") or None, "detections": input.get("detections") or None})
 
 
 def of_estimator(
@@ -75,12 +81,13 @@ rule estimate_poses:
         gpu_mem_mb=gpu_mem_of("pose", lambda wildcards: ESTIMATORS[wildcards.estimator]),
     params:
         options=estimator_options,
+        inputs=estimator_inputs,
         weights=lambda wildcards: weights_stamp("pose", wildcards.estimator, ESTIMATORS[wildcards.estimator]),
     message:
         "Estimating poses with the {wildcards.models} of {wildcards.dataset} by {wildcards.estimator}, masks by {wildcards.masks}"
     shell:
         "python -m zeroshop_steps.pose --method {wildcards.estimator} --models {input.models} --scenes {input.scenes}"
-        " --targets {input.targets} {params.options} --out {output.estimates} > {log} 2>&1"
+        " --targets {input.targets} {params.options} {params.inputs} --out {output.estimates} > {log} 2>&1"
 
 
 rule pose_pictures:

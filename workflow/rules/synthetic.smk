@@ -63,14 +63,13 @@ def environment_option(
 
 def renderer_options(
     wildcards,
-    input,
 ):
     """The options of captures beside their size: the cameras and lights, and what not every renderer has."""
     capture = config["capture"]
     options = {key: capture[key] for key in ("views_per_ring", "least_height_sizes", "light_strengths")}
     options |= {"elevations_deg": capture["elevations_deg"].get(rendered_scene(wildcards))}
     options |= {"samples": capture["samples"] if renderer_of(capture).samples else None}
-    return f"{step_options(options)} {environment_option(wildcards, input)}".strip()
+    return step_options(options)
 
 
 def rendered_model(
@@ -202,12 +201,13 @@ rule capture_virtual:
         scene=rendered_scene,
         method=config["capture"]["renderer"],
         options=renderer_options,
+        environment=environment_option,
     message:
         "Rendering the views of {wildcards.object} in scene {wildcards.scene}"
     shell:
         "python -m zeroshop_steps.synthetic --method {params.method} --model {input.model}/model.ply --scene {params.scene}"
         " --width {params.width_px} --height {params.height_px} --seed {params.seed} --threads {threads} {params.options}"
-        " --out {output.capture} > {log} 2>&1"
+        " {params.environment} --out {output.capture} > {log} 2>&1"
 
 
 rule capture_with_board:
