@@ -9,7 +9,6 @@ import pytest
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.geometry.cameras import to_rigid
 from zeroshop_steps.register.gap_evidence import GAP_DEG, check_gap, estimate_turns, find_beyond
-from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed
 
 COUNT, SIZE_PX, FOCAL_PX = 20, (640, 480), 700.0
@@ -102,9 +101,8 @@ def test_a_folded_model_is_refused_and_the_right_one_is_not(whole, folded, tmp_p
     for pair, turn in zip(across, turns, strict=True):
         np.testing.assert_allclose(turn, turn_between(whole, *pair), atol=1e-3)
     figures = {}
-    check_gap(right, list(whole.values()), tmp_path / "database.db", count_pair_support(right, tmp_path / "database.db"), 0, figures, right)
+    check_gap(right, list(whole.values()), tmp_path / "database.db", 0, figures, right)
     assert figures == {}
     with pytest.raises(RegistrationFailed, match=r"sides that look alike lie on each other\. No camera is within 1\d\d degrees"):
-        evidence = count_pair_support(wrong, tmp_path / "database.db")
-        check_gap(wrong, list(folded.values()), tmp_path / "database.db", evidence, 0, figures, wrong)
+        check_gap(wrong, list(folded.values()), tmp_path / "database.db", 0, figures, wrong)
     assert figures["gap_evidence"]["gap_deg"] > GAP_DEG and len(figures["gap_evidence"]["beyond"]) >= 2

@@ -210,7 +210,9 @@ def _reconstruct(
             copy = Path(shutil.copy(database, scratch / database.name))
             record["contradicting_pairs"] = leave_out_contradicting(copy, options.structure.seed)
             stopwatch.lap("verify")
-            return reconstruct(copy, image_set, folder, options.structure, record, stopwatch, look_again, by_object=True)
+            return reconstruct(
+                copy, image_set, folder, options.structure, record, stopwatch, look_again, by_object=True, all_matches=database
+            )
 
     return fill_apart(out, "cameras", fill)
 

@@ -17,7 +17,7 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.consistency import REMEDY, WRONG
 from zeroshop_steps.register.film_order import measure_turn_deg
-from zeroshop_steps.register.pair_support import PairSupport
+from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.sift import make_verification_options
 from zeroshop_steps.register.view_coverage import measure_view_coverage
@@ -63,7 +63,6 @@ def check_gap(
     model: pycolmap.Reconstruction,
     cameras: Sequence[Camera],
     database: Path,
-    evidence: PairSupport,
     seed: int,
     figures: dict[str, Any],
     pinhole_model: pycolmap.Reconstruction,
@@ -72,7 +71,7 @@ def check_gap(
 
     `figures`, the record so far, gets what was found, where there is a gap.
     """
-    found = find_gap_evidence(model, cameras, database, evidence, seed)
+    found = find_gap_evidence(model, cameras, database, seed)
     if found.gap_deg < GAP_DEG:
         return
     figures["gap_evidence"] = found.figures()
@@ -85,16 +84,13 @@ def check_gap(
         )
 
 
-def find_gap_evidence(
-    model: pycolmap.Reconstruction, cameras: Sequence[Camera], database: Path, evidence: PairSupport, seed: int
-) -> GapEvidence:
+def find_gap_evidence(model: pycolmap.Reconstruction, cameras: Sequence[Camera], database: Path, seed: int) -> GapEvidence:
     """What the matches say about the widest gap between a model's cameras.
 
     Args:
         model: as the features were seen, with distortion.
         cameras: its cameras without distortion.
-        database: the verified matches.
-        evidence: of the model's image pairs.
+        database: the verified matches of all pairs, also of those that had no part in the model.
         seed: of the RANSAC loops.
     """
     try:
@@ -103,6 +99,7 @@ def find_gap_evidence(
         gap_deg = 0.0
     if gap_deg < GAP_DEG:
         return GapEvidence(gap_deg, 0, ())
+    evidence = count_pair_support(model, database)
     total = evidence.supporting + evidence.contradicting
     doubtful = (total >= LEAST_MATCHES) & (evidence.contradicting >= CONTRADICTED_SHARE * total)
     pairs = [(evidence.names[one], evidence.names[other]) for one, other in np.argwhere(np.triu(doubtful))]

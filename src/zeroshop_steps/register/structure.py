@@ -123,6 +123,7 @@ def reconstruct(
     look_again: LookAgain | None = None,
     by_object: bool = False,
     start: pycolmap.Reconstruction | None = None,
+    all_matches: Path | None = None,
 ) -> dict[str, Any]:
     """Estimate cameras from the verified matches of a database and write images/, sparse/ and, where there are masks, masks/ to `out`.
 
@@ -132,6 +133,7 @@ def reconstruct(
         look_again: is asked about neighbours that share almost no points, see `check_sides`.
         by_object: whether the object's features alone gave the matches, and the images have masks: then no ground tells sides apart.
         start: a model of these matches to begin with, where there is one, instead of mapping image by image.
+        all_matches: a database with the matches that were left out of `database`, too; they may contradict the model.
 
     Returns:
         The record for registration.json.
@@ -198,7 +200,7 @@ def reconstruct(
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
     if not joined:
-        check_gap(model, take_cameras(pinhole_model), database, report.evidence, options.seed, figures, pinhole_model)
+        check_gap(model, take_cameras(pinhole_model), all_matches or database, options.seed, figures, pinhole_model)
     record = (
         figures
         if joined
