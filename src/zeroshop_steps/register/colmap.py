@@ -14,7 +14,7 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.register.consistency import WRONG
+from zeroshop_steps.register.consistency import FOLDED, WRONG
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, TooFewRegistered, write_registration
 from zeroshop_steps.register.sift import (
@@ -159,6 +159,8 @@ def match_and_reconstruct(
             if still is None:
                 raise
             reason = f"{still.describe()}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
+            if str(error).startswith(FOLDED):  # photos of equal sides do not move either
+                reason = f"{error}. Or {still.describe()}: then {STILL_REMEDY}"
             raise type(error)(reason, error.figures, error.rejected) from None
 
 

@@ -24,6 +24,7 @@ from zeroshop_steps.register.silhouette_coherence import (
 from zeroshop_steps.register.undistort import undistort_masks
 
 WRONG = "the reconstruction hangs together but is wrong"
+FOLDED = f"{WRONG}: sides that look alike lie on each other"
 REMEDY = "add pictures in between, or put the object on a strongly textured surface"
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.register.consistency import REMEDY, WRONG
+from zeroshop_steps.register.consistency import FOLDED, REMEDY
 from zeroshop_steps.register.film_order import measure_turn_deg
 from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed
@@ -77,7 +77,7 @@ def check_gap(
     figures["gap_evidence"] = found.figures()
     if found.is_folded:
         raise RegistrationFailed(
-            f"{WRONG}: sides that look alike lie on each other. No camera is within {found.gap_deg:.0f} degrees around the object, but"
+            f"{FOLDED}. No camera is within {found.gap_deg:.0f} degrees around the object, but"
             f" {len(found.beyond)} pairs of images, such as {' and '.join(found.beyond[0])}, match as if there were some; {REMEDY}",
             figures,
             pinhole_model,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.register.consistency import FOLDED, REMEDY
 from zeroshop_steps.register.missed_points import MissedPoints, count_missed_points
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.unmatched_points import find_unlike
@@ -77,9 +78,7 @@ def make_refusal(
 ) -> RegistrationFailed:
     """The error that says what is wrong with so many pairs of neighbours, and how to tell sides apart; the rest goes with it."""
     return RegistrationFailed(
-        "the reconstruction hangs together but is wrong: sides that look alike lie on each other."
-        f" {len(pairs)} of {neighbours} pairs of neighbouring images, such as {' and '.join(pairs[0])}, {what};"
-        " add pictures in between, or put the object on a strongly textured surface",
+        f"{FOLDED}. {len(pairs)} of {neighbours} pairs of neighbouring images, such as {' and '.join(pairs[0])}, {what}; {REMEDY}",
         figures,
         model,
     )
