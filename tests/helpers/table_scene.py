@@ -12,20 +12,22 @@ from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.registered_views import View
 
 WIDTH, HEIGHT, FOCAL, DISTANCE, COUNT = 240, 180, 260.0, 4.0, 12
+BROWN = np.array([121.0, 99.0, 77.0])
 Ball = tuple[float, float, float]  # x and y of its foot, radius
 
 
-def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False) -> tuple[list[View], SparseModel]:
+def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False, sheet: float = 0.0) -> tuple[list[View], SparseModel]:
     """Write a view for each list of balls; returns the views and what a registration knows of the scene.
 
     Args:
         folder: for the images.
         balls_in: the balls that each view shows, of views evenly around the table's middle at two heights.
         plain: a white table that shows nothing but the soft shadows of the first view's balls, and no points.
+        sheet: half the side of a square white sheet in the middle of the plain table, which is brown then.
     """
     rng = np.random.default_rng(0)
     print_ = (
-        _plain_top(balls_in[0])
+        _plain_top(balls_in[0], sheet)
         if plain
         else cv2.resize(rng.integers(20, 236, (160, 160, 3), np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC).astype(np.float32)
     )
@@ -70,13 +72,14 @@ def _find_seen(camera: Camera, balls: list[Ball], points: np.ndarray) -> np.ndar
     return np.flatnonzero(seen)
 
 
-def _plain_top(balls: list[Ball]) -> np.ndarray:
-    """(640, 640, 3) float32: white, darker around the feet of the balls."""
+def _plain_top(balls: list[Ball], sheet: float) -> np.ndarray:
+    """(640, 640, 3) float32: white, or brown around a sheet, and darker around the feet of the balls."""
     y, x = (np.mgrid[:640, :640] / 639 - 0.5) * 8.0
     light = np.ones((640, 640))
     for foot_x, foot_y, radius in balls:
         light -= 0.45 * np.exp(-((x - foot_x) ** 2 + (y - foot_y) ** 2) / (0.9 * radius) ** 2)
-    return np.repeat(220.0 * light[..., None], 3, -1).astype(np.float32)
+    white = np.maximum(np.abs(x), np.abs(y)) < (sheet or np.inf)
+    return np.where(white[..., None], 220.0 * light[..., None], light[..., None] * BROWN).astype(np.float32)
 
 
 def _drawn(camera: Camera, balls: list[Ball], print_: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

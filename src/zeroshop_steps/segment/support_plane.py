@@ -20,6 +20,7 @@ from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.segment.flat_things import find_beside_flat
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.led_by_points import Found, find_with_points
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, check_points_covered, compare_with_hull, describe_quality
@@ -27,7 +28,7 @@ from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection, select_object
 from zeroshop_steps.segment.own_outlines import find_whole
 from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import find_support_below, has_settled, propose_supports, settle_support
+from zeroshop_steps.segment.plane_search import find_face, fit_support_below, has_settled, propose_supports, settle_support
 from zeroshop_steps.segment.point_silhouettes import find_point_silhouettes
 from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, find_without_ground, weigh_contrast
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
@@ -90,9 +91,9 @@ def find_masks(
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
 
-    def find_on(support: SceneSupport, fitted: bool) -> tuple[Found, list[np.ndarray] | None]:
+    def find_on(support: SceneSupport, fitted: bool, by_color: bool = True) -> tuple[Found, list[np.ndarray] | None]:
         def find(odds: list[np.ndarray] | None) -> Found:
-            return _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, odds)
+            return _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, odds, by_color=by_color)
 
         if prior is not None:
             return find(prior), prior
@@ -107,14 +108,18 @@ def find_masks(
         except StepError as error:
             failure, guessed = failure or error, guessed and not fitted
             continue
-        below = find_support_below(model, views, support, seed, found.masks) if fitted else None
+        face = find_face(model, views, support, found.masks) if fitted else None
+        below = None if face is None else fit_support_below(model, views, support, seed, face)
+        by_color = True
         if below is not None:
             print("the plane that holds the most points is a side of the object: trying the one below")
             try:
                 found, weighed = find_on(below, True)
             except StepError as error:
                 warn(f"the masks may lack what lies below the top of the object: {error}")
-        found = _look_closer(found, views, model, image_width_px, weighed)
+        elif found.plain and (beside := find_beside_flat(views, found, support, fitted, find_on)):
+            (found, weighed), by_color = beside, False
+        found = _look_closer(found, views, model, image_width_px, weighed, by_color)
         return found.masks, found.record
     assert failure is not None  # there is one support at least
     if prior is None and guessed and isinstance(failure, MasksRejected | NothingFound):
@@ -142,7 +147,9 @@ def _find_by_points(views: list[View], model: SparseModel, failure: StepError) -
     return masks, record | {"method": "support_plane", "by_points": True, "without_ground": str(failure)}
 
 
-def _look_closer(found: Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None) -> Found:
+def _look_closer(
+    found: Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None, by_color: bool = True
+) -> Found:
     """The masks of an object that is small in the images, found again in windows around it, where those agree with what was found."""
     windows, closer = choose_windows(found.masks)
     if closer > CLOSER:
@@ -150,7 +157,7 @@ def _look_closer(found: Found, views: list[View], model: SparseModel, image_widt
     # All lengths are shares of the cameras' distance: seen through windows, the cameras are as near as these are narrow.
     support = replace(found.support, distance=closer * found.support.distance, focus=found.middle)
     try:
-        again = _find_in_windows(views, model, windows, image_width_px, support, True, prior, found.selection)
+        again = _find_in_windows(views, model, windows, image_width_px, support, True, prior, found.selection, by_color)
     except StepError as error:
         print(f"looking closer did not help: {error}")
         return found
@@ -171,18 +178,22 @@ def _find_in_windows(
     fitted: bool,
     prior: list[np.ndarray] | None,
     before: ObjectSelection | None = None,
+    by_color: bool = True,
 ) -> Found:
-    """Masks by what windows of the images show. Arguments as in `find_masks` and `_Scene`; raises StepError as `find_masks` does."""
+    """Masks by what windows of the images show. Arguments as in `find_masks` and `_Scene`; raises StepError as `find_masks` does.
+
+    `by_color`: whether the colour of a plain ground counts.
+    """
     cameras, images = cut_views(views, windows, image_width_px)
     images = equalize_exposure(support, cameras, images)
     ground = build_ground_picture(support, cameras, images)
-    plain = fit_plain_ground(ground, find_risen_points(model.points, support))
+    plain = fit_plain_ground(ground, find_risen_points(model.points, support)) if by_color else None
     priors = [np.zeros((camera.height_px, camera.width_px), np.float32) for camera in cameras]
     if prior is not None:
         priors = [cut_map(*parts) for parts in zip(prior, windows, views, cameras, strict=True)]
     scene = _Scene(views, model, windows, image_width_px, cameras, images, support, fitted, ground, plain, before)
     try:
-        return _find_on_scene(scene, weigh_contrast(images, cameras) if plain and prior is None else priors)
+        return _find_on_scene(scene, weigh_contrast(images, cameras) if plain and prior is None else priors, by_color)
     except StepError as error:
         if plain is None:
             raise
