@@ -30,8 +30,8 @@ GAP_DEG = 90.0
 LEAST_MATCHES, CONTRADICTED_SHARE = 30, 0.7  # of a pair that the model contradicts
 NEAR_DEG, APART_DEG = 60.0, 40.0
 """By its own matches, such a pair is as near as this; in the model, it is so much farther apart."""
-BEYOND_DEG = 12.0
-"""Where a pair says that a camera is, none is within this angle."""
+BEYOND_DEG = 15.0
+"""Where a pair says that one of its cameras is, seen from the other, none is within this angle."""
 LEAST_PAIRS = 2
 
 
@@ -42,7 +42,7 @@ class GapEvidence:
     Attributes:
         gap_deg: the largest range of azimuths around the object that has no camera; below `GAP_DEG`, no pairs are looked at.
         judged: how many pairs there are.
-        beyond: names of those whose own relative rotation puts either image where no camera is.
+        beyond: names of those whose own relative rotation puts one of both where no camera is.
     """
 
     gap_deg: float
@@ -123,7 +123,7 @@ def find_beyond(rotations: Mapping[str, np.ndarray], turns: Mapping[Pair, np.nda
             continue
         judged += 1
         places = [(turn @ rotations[one])[2], (turn.T @ rotations[other])[2]]
-        if all((looks @ place).max() < np.cos(np.radians(BEYOND_DEG)) for place in places):
+        if any((looks @ place).max() < np.cos(np.radians(BEYOND_DEG)) for place in places):
             beyond.append((one, other))
     return judged, tuple(beyond)
 
