@@ -1,26 +1,29 @@
 """Leave out what lies flat on a plain table, such as a sheet of paper or a printed board on which the object stands.
 
-Its colours are not the table's, so masks by colour have it, and the mesh would stand on a slab. But seen place by place, as a printed
-ground, all views agree on it. That it is flat is told by its outline: where it ends on the ground, the masks end, too. What rises hides the
-ground behind it from every side.
+Its colours are not the table's, so masks by colour have it, and the mesh would stand on a slab. That it is flat is told by its outline:
+where it ends on the ground, the masks end, too. What rises hides the ground behind it from every side. Then the ground is seen place by
+place, as a printed one: all views agree on the sheet. Where they agree on a low thing of one colour, too, the sheet is a plain ground.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.geometry.support_plane import count_showing_masks
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.segment.ground import CELL_DISTANCES
+from zeroshop_steps.segment.ground import CELL_DISTANCES, MIN_WITNESSES, REACH_DISTANCES, GroundPicture
 from zeroshop_steps.segment.led_by_points import Found
+from zeroshop_steps.segment.plain_ground import PlainGround, fit_plain_ground
 
-REACH_DISTANCES = 0.6  # of the ground that is looked at
 FOOT_SHARE = 0.5  # of the masks that show a place of the ground, where the object or a sheet covers it
 RIM_CELLS = (2, 3)  # from a foot to its surroundings: masks end up to a pixel or two off, and a cell is about a pixel
-LEAST_VIEWS = 3  # that have a place in the image
 FLAT_SHARE = 0.15
 """Of the masks, the share that shows the places right beside the foot, in the mean: 0.00 of a printed sheet, 0.33 to 0.48 of 24 other
 things, as low as scissors and a clay brick, 0.26 of a marker pen in ten views. What is thinner than 3 mm, from half a metre, is flat."""
@@ -31,52 +34,106 @@ Prior = list[np.ndarray] | None
 class FindOn(Protocol):
     """Finds masks of what stands on a plane."""
 
-    def __call__(self, support: SceneSupport, fitted: bool, by_color: bool = True) -> tuple[Found, Prior]:
-        """What is found, and the log odds that led to it; raises StepError. `by_color`: whether the colour of a plain table counts."""
+    def __call__(self, support: SceneSupport, fitted: bool, by_color: bool = True, sheet: np.ndarray | None = None) -> tuple[Found, Prior]:
+        """What is found, and the log odds that led to it; raises StepError.
+
+        `by_color`: whether the colour of a plain table counts; `sheet`: the cells of the ground's picture that a plain sheet covers.
+        """
         ...
 
 
-def lies_flat(views: list[View], masks: list[np.ndarray], support: SceneSupport) -> bool:
-    """Whether what (H, W) bool masks show does not rise from its plane along its rim; False where it covers no place of the plane."""
+@dataclass(frozen=True)
+class SheetGround:
+    """A plain table with a plain sheet on it.
+
+    Attributes:
+        picture: of the ground.
+        table, sheet: their colours.
+        cells: (N, N) bool: of the picture, those that the sheet covers.
+    """
+
+    picture: GroundPicture
+    table: PlainGround
+    sheet: PlainGround
+    cells: np.ndarray
+
+    def evidence(self, camera: Camera, image: np.ndarray) -> np.ndarray:
+        """As `PlainGround.evidence`, by the colour of either; along the sheet's edge, what either takes for ground is ground."""
+        covered = cv2.warpPerspective(
+            self.cells.astype(np.float32), self.picture.view_from_cell(camera), (camera.width_px, camera.height_px), flags=cv2.INTER_LINEAR
+        )
+        window = np.ones((2 * RIM_CELLS[0] + 1,) * 2, np.uint8)
+        on_table, on_sheet = cv2.erode(covered, window) < 1, cv2.dilate(covered, window) > 0
+        by_table, by_sheet = (ground.evidence(camera, image) for ground in (self.table, self.sheet))
+        odds = np.where(on_sheet, by_sheet, by_table)
+        return np.where(on_table & on_sheet, np.minimum(by_table, by_sheet), odds).astype(np.float32)
+
+
+def add_sheet(table: PlainGround, picture: GroundPicture, cells: np.ndarray, risen: np.ndarray) -> SheetGround:
+    """A table with a sheet on it, whose colour is learned where it covers cells of the picture; raises StepError where it is not plain.
+
+    Args:
+        table: its colour, and `picture`: of the ground.
+        cells: (N, N) bool, covered by the sheet.
+        risen: (P, 3) sparse points above the ground.
+    """
+    sheet = fit_plain_ground(replace(picture, known=picture.known & cells), risen)
+    if sheet is None:
+        raise StepError("what lies flat on the ground has no one colour")
+    return SheetGround(picture, table, sheet, cells)
+
+
+def find_flat_foot(views: list[View], masks: list[np.ndarray], support: SceneSupport) -> np.ndarray | None:
+    """(N, N) bool: the cells of the ground's picture that are covered by what (H, W) bool masks show, if it does not rise along its rim.
+
+    None where it rises, or covers nothing.
+    """
     count = round(2 * REACH_DISTANCES / CELL_DISTANCES)
     places = (np.arange(count) + 0.5 - count / 2) * CELL_DISTANCES * support.distance
     across, along = support.axes()
-    cells = support.foot + places[:, None, None] * across + places[None, :, None] * along
+    cells = support.foot + places[None, :, None] * across + places[:, None, None] * along
     shown, held = count_showing_masks(cells.reshape(-1, 3), [view.camera for view in views], masks)
-    share = np.where(held >= LEAST_VIEWS, shown / np.maximum(held, 1), 0.0).reshape(count, count)
-    foot = _take_nearest(share > FOOT_SHARE)
+    share = np.where(held >= MIN_WITNESSES, shown / np.maximum(held, 1), 0.0).reshape(count, count)
+    foot = ndimage.binary_fill_holes(_take_nearest(share > FOOT_SHARE))
     if not foot.any():
-        return False
-    away = ndimage.distance_transform_edt(~ndimage.binary_fill_holes(foot))
+        return None
+    away = ndimage.distance_transform_edt(~foot)
     beside = (away > RIM_CELLS[0]) & (away <= RIM_CELLS[1])
-    return bool(beside.any() and share[beside].mean() < FLAT_SHARE)
+    return foot if beside.any() and share[beside].mean() < FLAT_SHARE else None
 
 
-def find_beside_flat(views: list[View], found: Found, support: SceneSupport, fitted: bool, find_on: FindOn) -> tuple[Found, Prior] | None:
-    """What stands on the flat thing that `found` has; None where it has none, or nothing stands on it.
+def find_beside_flat(views: list[View], found: Found, find_on: FindOn) -> tuple[Found, Prior, bool] | None:
+    """What stands on the flat thing that `found` has, and whether its colours told it; None where it has none, or nothing stands on it.
 
     Args:
         views: all of them.
         found: by the colour of a plain table.
-        support, fitted: where it was looked for.
         find_on: finds masks.
     """
-    if not lies_flat(views, found.masks, found.support):
+    sheet = find_flat_foot(views, found.masks, found.support)
+    if sheet is None:
         return None
-    print("what was found lies flat on the ground: the ground is told place by place")
-    try:
-        other, prior = find_on(support, fitted, by_color=False)
-    except StepError as error:
-        print(f"nothing is told from it so: {error}")
-    else:
-        if not lies_flat(views, other.masks, other.support):
+    kept = {name: found.record[name] for name in ("plane_from", "plane_inliers")}
+    for other, prior, by_color in _find_on_sheet(sheet, found.support, find_on):
+        if find_flat_foot(views, other.masks, other.support) is None:
             warn("what lies flat under the object, such as a sheet of paper, is left out of the masks; look at contact_sheet.png")
-            return other, prior
+            return replace(other, record=other.record | kept), prior, by_color
     warn(
-        "the masks show something flat: is it a sheet on which the object stands, take it away, or give masks of the object alone; look at"
-        " contact_sheet.png"
+        "the masks show something flat: if it is a sheet on which the object stands, take it away, or give masks of the object alone; look"
+        " at contact_sheet.png"
     )
     return None
+
+
+def _find_on_sheet(sheet: np.ndarray, support: SceneSupport, find_on: FindOn) -> Iterator[tuple[Found, Prior, bool]]:
+    """What is found on the ground place by place, and then by the colour of the sheet."""
+    for cells in (None, sheet):
+        by_color = cells is not None
+        print(f"what was found lies flat on the ground: telling it {'by its colour' if by_color else 'place by place'}")
+        try:
+            yield *find_on(support, True, by_color, cells), by_color
+        except StepError as error:
+            print(f"nothing is told from it so: {error}")
 
 
 def _take_nearest(foot: np.ndarray) -> np.ndarray:

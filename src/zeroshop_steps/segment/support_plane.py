@@ -20,7 +20,7 @@ from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
-from zeroshop_steps.segment.flat_things import find_beside_flat
+from zeroshop_steps.segment.flat_things import SheetGround, add_sheet, find_beside_flat
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.led_by_points import Found, find_with_points
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, check_points_covered, compare_with_hull, describe_quality
@@ -91,9 +91,12 @@ def find_masks(
         StepError: no ground, nothing or too much on it, or too few good masks.
     """
 
-    def find_on(support: SceneSupport, fitted: bool, by_color: bool = True) -> tuple[Found, list[np.ndarray] | None]:
+    def find_on(
+        support: SceneSupport, fitted: bool, by_color: bool = True, sheet: np.ndarray | None = None
+    ) -> tuple[Found, list[np.ndarray] | None]:
         def find(odds: list[np.ndarray] | None) -> Found:
-            return _find_in_windows(views, model, take_whole(views), image_width_px, support, fitted, odds, by_color=by_color)
+            windows = take_whole(views)
+            return _find_in_windows(views, model, windows, image_width_px, support, fitted, odds, by_color=by_color, sheet=sheet)
 
         if prior is not None:
             return find(prior), prior
@@ -117,8 +120,8 @@ def find_masks(
                 found, weighed = find_on(below, True)
             except StepError as error:
                 warn(f"the masks may lack what lies below the top of the object: {error}")
-        elif found.plain and (beside := find_beside_flat(views, found, support, fitted, find_on)):
-            (found, weighed), by_color = beside, False
+        elif found.plain and (beside := find_beside_flat(views, found, find_on)):
+            found, weighed, by_color = beside
         found = _look_closer(found, views, model, image_width_px, weighed, by_color)
         return found.masks, found.record
     assert failure is not None  # there is one support at least
@@ -179,15 +182,19 @@ def _find_in_windows(
     prior: list[np.ndarray] | None,
     before: ObjectSelection | None = None,
     by_color: bool = True,
+    sheet: np.ndarray | None = None,
 ) -> Found:
     """Masks by what windows of the images show. Arguments as in `find_masks` and `_Scene`; raises StepError as `find_masks` does.
 
-    `by_color`: whether the colour of a plain ground counts.
+    `by_color`: whether the colour of a plain ground counts; `sheet`: the (N, N) bool cells of its picture that a plain sheet covers.
     """
     cameras, images = cut_views(views, windows, image_width_px)
     images = equalize_exposure(support, cameras, images)
     ground = build_ground_picture(support, cameras, images)
-    plain = fit_plain_ground(ground, find_risen_points(model.points, support)) if by_color else None
+    risen = find_risen_points(model.points, support)
+    plain: PlainGround | SheetGround | None = fit_plain_ground(ground, risen) if by_color else None
+    if isinstance(plain, PlainGround) and sheet is not None:
+        plain = add_sheet(plain, ground, sheet, risen)
     priors = [np.zeros((camera.height_px, camera.width_px), np.float32) for camera in cameras]
     if prior is not None:
         priors = [cut_map(*parts) for parts in zip(prior, windows, views, cameras, strict=True)]
@@ -230,7 +237,7 @@ class _Scene:
     support: SceneSupport
     fitted: bool
     ground: GroundPicture
-    plain: PlainGround | None
+    plain: PlainGround | SheetGround | None
     before: ObjectSelection | None
 
 
@@ -263,7 +270,7 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
 
 
 def _find_on_plane(
-    scene: _Scene, support: SceneSupport, ground: GroundPicture, plain: PlainGround | None, priors: list[np.ndarray]
+    scene: _Scene, support: SceneSupport, ground: GroundPicture, plain: PlainGround | SheetGround | None, priors: list[np.ndarray]
 ) -> tuple[ObjectSelection, RefinedMasks, np.ndarray]:
     """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
     cameras, images = scene.cameras, scene.images
