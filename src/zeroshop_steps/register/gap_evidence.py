@@ -28,9 +28,9 @@ Pair = tuple[str, str]
 GAP_DEG = 90.0
 """Azimuths without a camera: what is folded has a gap of about half a circle, or more."""
 LEAST_MATCHES, CONTRADICTED_SHARE = 30, 0.7  # of a pair that the model contradicts
-NEAR_DEG, APART_DEG = 60.0, 40.0
+NEAR_DEG, APART_DEG = 75.0, 40.0
 """By its own matches, such a pair is as near as this; in the model, it is so much farther apart."""
-BEYOND_DEG = 15.0
+BEYOND_DEG = 10.0
 """Where a pair says that one of its cameras is, seen from the other, none is within this angle."""
 LEAST_PAIRS = 2
 
