@@ -57,8 +57,10 @@ def run(tmp_path, image_set, monkeypatch, reasons, options):
     """The record, where each reconstruction but those past the reasons fails for one of them; and what each was asked."""
     asked = []
 
-    def reconstruct(database, image_set, out, options, figures, *_):
+    def reconstruct(database, image_set, out, options, figures, *_, **more):
         asked.append((database, options.compare_pictures, sorted(path.name for path in out.iterdir() if path.name == "images")))
+        # What was left out may contradict the cameras: the whole database is asked.
+        assert more.get("all_matches") == (None if len(asked) == 1 else asked[0][0])
         (out / "images").mkdir()
         if len(asked) <= len(reasons):
             raise RegistrationFailed(reasons[len(asked) - 1], figures)

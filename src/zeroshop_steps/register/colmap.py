@@ -184,7 +184,8 @@ def _reconstruct_from_wide_pairs(
     for part in ("images", "masks", "sparse"):
         shutil.rmtree(out / part, ignore_errors=True)
     try:
-        record = reconstruct(scratch / database.name, image_set, out, replace(structure, compare_pictures=True), figures, stopwatch)
+        compared = replace(structure, compare_pictures=True)
+        record = reconstruct(scratch / database.name, image_set, out, compared, figures, stopwatch, all_matches=database)
     except RegistrationFailed as error:
         print(f"pairs of photos whose matches lie all over the pictures do not give the cameras either: {error}")
         return None
