@@ -26,11 +26,11 @@ FOOT_SHARE = 0.5  # of the masks that show a place of the ground, where the obje
 RIM_CELLS = (2, 3)  # from a foot to its surroundings: masks end up to a pixel or two off, and a cell is about a pixel
 FLAT_SHARE = 0.15
 """Of the masks, the share that shows the places right beside the foot, in the mean: 0.00 and 0.07 of two printed sheets, 0.18 of a flat
-stone that was seen from above, 0.33 to 0.48 of 24 other things, as low as scissors and a clay brick. What is thinner than 3 mm, from half a
+stone that was seen from above, 0.26 to 0.48 of 33 other things, as low as scissors and a clay brick. What is thinner than 3 mm, from half a
 metre, is flat."""
 WIDE_CELLS, FLAT_DROP = 60, 0.65
 """A tall thing on a sheet hides the places around it from low views. So of what is so wide, the drop of that share across the rim counts:
-0.81 of a sheet with a pineapple on it, at most 0.49 of six things that are as wide."""
+0.81 of a sheet with a pineapple on it, at most 0.51 of seven things that are as wide."""
 
 Prior = list[np.ndarray] | None
 
