@@ -6,7 +6,7 @@ with: spanning trees of the pairs are drawn, likely ones first (RANSAC), the bes
 (Hartley et al., Rotation Averaging, IJCV 2013), and the other pairs are left out.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -73,8 +73,6 @@ def find_contradicting(rotations: Mapping[Pair, tuple[np.ndarray, float]], seed:
 
 def _estimate_rotations(opened: pycolmap.Database, seed: int) -> dict[Pair, tuple[np.ndarray, float]]:
     """Relative rotations of all verified pairs, with the lenses as guessed, weighted by the matches that fit."""
-    options = make_verification_options(seed)
-    options.compute_relative_pose = True
     images = {image.image_id: image for image in opened.read_all_images()}
     cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
     keypoints = {image_id: opened.read_keypoints(image_id)[:, :2].astype(np.float64) for image_id in images}
@@ -85,11 +83,27 @@ def _estimate_rotations(opened: pycolmap.Database, seed: int) -> dict[Pair, tupl
             continue
         lenses = [cameras[images[image].camera_id] for image in pair]
         points = [keypoints[image][geometry.inlier_matches[:, side]] for side, image in enumerate(pair)]
-        numbers = np.repeat(np.arange(len(points[0]), dtype=np.uint32)[:, None], 2, axis=1)
-        posed = pycolmap.estimate_calibrated_two_view_geometry(lenses[0], points[0], lenses[1], points[1], numbers, options)
-        if posed.cam2_from_cam1 is not None and len(posed.inlier_matches):
-            found[pair] = (posed.cam2_from_cam1.rotation.matrix(), float(len(posed.inlier_matches)))
+        turn, fitting = estimate_turn(lenses, points, seed)
+        if fitting:
+            found[pair] = (turn, float(fitting))
     return found
+
+
+def estimate_turn(lenses: Sequence[pycolmap.Camera], points: Sequence[np.ndarray], seed: int) -> tuple[np.ndarray, int]:
+    """(3, 3) rotation from one camera's frame to another's by their own matches alone, and how many of these fit; none where it fails.
+
+    Args:
+        lenses: of the two cameras.
+        points: (M, 2) pixels of the matches in the first image and in the second.
+        seed: of RANSAC.
+    """
+    options = make_verification_options(seed)
+    options.compute_relative_pose = True
+    numbers = np.repeat(np.arange(len(points[0]), dtype=np.uint32)[:, None], 2, axis=1)
+    posed = pycolmap.estimate_calibrated_two_view_geometry(lenses[0], points[0], lenses[1], points[1], numbers, options)
+    if posed.cam2_from_cam1 is None:
+        return np.eye(3), 0
+    return posed.cam2_from_cam1.rotation.matrix(), len(posed.inlier_matches)
 
 
 def _chain(ends: np.ndarray, between: np.ndarray, cost: np.ndarray, count: int) -> np.ndarray:
