@@ -53,7 +53,7 @@ def image_set(tmp_path):
     return read_image_set(tmp_path / "capture")
 
 
-def run(tmp_path, image_set, monkeypatch, reasons, options):
+def run(tmp_path, image_set, monkeypatch, reasons, options, gaps=({}, {})):
     """The record, where each reconstruction but those past the reasons fails for one of them; and what each was asked."""
     asked = []
 
@@ -62,6 +62,7 @@ def run(tmp_path, image_set, monkeypatch, reasons, options):
         # What was left out may contradict the cameras: the whole database is asked.
         assert more.get("all_matches") == (None if len(asked) == 1 else asked[0][0])
         (out / "images").mkdir()
+        figures |= gaps[len(asked) - 1]
         if len(asked) <= len(reasons):
             raise RegistrationFailed(reasons[len(asked) - 1], figures)
         return figures | {"registered": 3}
@@ -99,3 +100,10 @@ def test_cameras_that_are_wrong_are_found_again_from_wide_pairs_and_their_pictur
 def test_the_first_reason_stays_where_wide_pairs_do_not_help_or_are_not_asked(tmp_path, image_set, monkeypatch, reasons, options, tries):
     error, asked = run(tmp_path, image_set, monkeypatch, reasons, options)
     assert error == reasons[0] and len(asked) == tries
+
+
+@pytest.mark.parametrize(("folded", "left", "refused"), [(True, True, True), (True, False, False), (False, True, False)])
+def test_cameras_that_were_folded_must_close_their_gap(tmp_path, image_set, monkeypatch, folded, left, refused):
+    gaps = ({"gap_evidence": {"folded": folded}}, {"gap_evidence": {"folded": False}} if left else {})
+    found, asked = run(tmp_path, image_set, monkeypatch, [f"{WRONG}: sides"], StructureOptions(leave_out=True), gaps)
+    assert len(asked) == 2 and (found == f"{WRONG}: sides") == refused

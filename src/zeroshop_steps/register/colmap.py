@@ -189,6 +189,9 @@ def _reconstruct_from_wide_pairs(
     except RegistrationFailed as error:
         print(f"pairs of photos whose matches lie all over the pictures do not give the cameras either: {error}")
         return None
+    if wrong.figures.get("gap_evidence", {}).get("folded") and "gap_evidence" in record:
+        print("pairs of photos whose matches lie all over the pictures leave the gap: the photos across it may be those that are left out")
+        return None
     record["warnings"] = [
         *record.get("warnings", []),
         f"sides of the object look alike, and cameras from all pairs of photos were refused ({wrong}); they were found from those"

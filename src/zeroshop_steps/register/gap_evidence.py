@@ -58,7 +58,8 @@ class GapEvidence:
 
     def figures(self) -> dict[str, Any]:
         """As written to registration.json."""
-        return {"gap_deg": round(self.gap_deg, 1), "judged": self.judged, "beyond": [list(pair) for pair in self.beyond]}
+        beyond = [list(pair) for pair in self.beyond]
+        return {"gap_deg": round(self.gap_deg, 1), "judged": self.judged, "beyond": beyond, "folded": self.is_folded}
 
 
 def check_gap(
