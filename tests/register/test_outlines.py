@@ -226,7 +226,7 @@ def test_a_wrong_mask_is_left_out(tmp_path, monkeypatch):
     wrong[below:] = cv2.erode(wrong.astype(np.uint8), np.ones((13, 13)))[below:] > 0
     guessed_px = np.full(WRONG_OF, GUESSED_PX[0])
     way = read_way(scale(cameras, DISTANCE_MM), prepare_outlines(list(masks.values()), guessed_px), guessed_px)
-    monkeypatch.setattr(outlines_module, "search", lambda *_: [way])
+    monkeypatch.setattr(outlines_module, "search", lambda *_: ([way], np.arange(WRONG_OF)))
     (tmp_path / "out").mkdir()
     record = register(write_capture(tmp_path / "capture", masks), tmp_path / "out", OutlineOptions())
     assert set(record["outlines"]["wrong_px"]) == {"000003.png"} == set(record["unregistered"])

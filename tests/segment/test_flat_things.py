@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.segment.flat_things import find_flat_foot
 from zeroshop_steps.segment.support_plane import find_masks
 
-BALL, VIEWS = (0.0, 0.0, 0.35), 12
+BALL, VIEWS = (0.0, 0.0, 0.35), 8
 
 
 @pytest.fixture(scope="module")
