@@ -101,8 +101,8 @@ def test_a_folded_model_is_refused_and_the_right_one_is_not(whole, folded, tmp_p
     for pair, turn in zip(across, turns, strict=True):
         np.testing.assert_allclose(turn, turn_between(whole, *pair), atol=1e-3)
     figures = {}
-    check_gap(right, list(whole.values()), tmp_path / "database.db", 0, figures, right)
+    check_gap(right, right, tmp_path / "database.db", 0, figures)
     assert figures == {}
     with pytest.raises(RegistrationFailed, match=r"sides that look alike lie on each other\. No camera is within 1\d\d degrees"):
-        check_gap(wrong, list(folded.values()), tmp_path / "database.db", 0, figures, wrong)
+        check_gap(wrong, wrong, tmp_path / "database.db", 0, figures)
     assert figures["gap_evidence"]["gap_deg"] > GAP_DEG and len(figures["gap_evidence"]["beyond"]) >= 2

@@ -13,7 +13,7 @@ from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.ground import GroundPicture, build_ground_picture
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_points_covered
 from zeroshop_steps.segment.plain_ground import MOST_ODDS, SHADOW_ODDS, find_print, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import find_face, find_scene_support, fit_support_below, guess_scene_support, propose_supports
+from zeroshop_steps.segment.plane_search import find_scene_support, find_support_below, guess_scene_support, propose_supports
 from zeroshop_steps.segment.support_plane import find_masks
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouettes
 from zeroshop_steps.segment.windows import Window, choose_windows, cut_map, cut_views, lay_back, take_whole
@@ -113,14 +113,12 @@ def test_the_top_of_a_plate_is_no_ground_where_the_masks_show_it(plain_scene):
         occupied = np.ones((60, 60, round((high - low) / side)), bool)
         return render_silhouettes(VoxelGrid(np.eye(3), np.array([-half, -half, low]), side, occupied.shape), occupied, list(model.cameras))
 
-    face = find_face(mixed, views, top, see_box(1.0, 0.0, 0.25))
-    below = fit_support_below(mixed, views, top, 0, face)
+    below = find_support_below(mixed, views, top, 0, see_box(1.0, 0.0, 0.25))
     assert abs(below.offset) < 0.01 and below.normal @ [0, 0, 1] > np.cos(np.radians(1.0))
     # What stands on the plate alone leaves it the ground; and where there is none below, it stays.
-    assert find_face(mixed, views, top, see_box(0.4, 0.25, 0.9)) is None
+    assert find_support_below(mixed, views, top, 0, see_box(0.4, 0.25, 0.9)) is None
     alone = SparseModel(model.cameras, plate, np.zeros((1500, 3), np.uint8), np.full(1500, 3))
-    face = find_face(alone, views, top, see_box(1.0, 0.0, 0.25))
-    assert fit_support_below(alone, views, top, 0, face) is None
+    assert find_support_below(alone, views, top, 0, see_box(1.0, 0.0, 0.25)) is None
 
 
 def test_a_few_points_on_a_tilted_plane_are_not_taken(plain_scene):

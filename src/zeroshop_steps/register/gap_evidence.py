@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.cameras import take_cameras
 from zeroshop_steps.register.consistency import FOLDED, REMEDY
 from zeroshop_steps.register.film_order import measure_turn_deg
 from zeroshop_steps.register.pair_support import count_pair_support
@@ -63,18 +63,13 @@ class GapEvidence:
 
 
 def check_gap(
-    model: pycolmap.Reconstruction,
-    cameras: Sequence[Camera],
-    database: Path,
-    seed: int,
-    figures: dict[str, Any],
-    pinhole_model: pycolmap.Reconstruction,
+    model: pycolmap.Reconstruction, pinhole_model: pycolmap.Reconstruction, database: Path, seed: int, figures: dict[str, Any]
 ) -> None:
     """Raise RegistrationFailed, with `pinhole_model`, where a model is folded; arguments as of `find_gap_evidence`.
 
     `figures`, the record so far, gets what was found, where there is a gap.
     """
-    found = find_gap_evidence(model, cameras, database, seed)
+    found = find_gap_evidence(model, pinhole_model, database, seed)
     if found.gap_deg < GAP_DEG:
         return
     figures["gap_evidence"] = found.figures()
@@ -87,17 +82,17 @@ def check_gap(
         )
 
 
-def find_gap_evidence(model: pycolmap.Reconstruction, cameras: Sequence[Camera], database: Path, seed: int) -> GapEvidence:
+def find_gap_evidence(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Reconstruction, database: Path, seed: int) -> GapEvidence:
     """What the matches say about the widest gap between a model's cameras.
 
     Args:
         model: as the features were seen, with distortion.
-        cameras: its cameras without distortion.
+        pinhole_model: the same without distortion.
         database: the verified matches of all pairs, also of those that had no part in the model.
         seed: of the RANSAC loops.
     """
     try:
-        gap_deg = measure_view_coverage(list(cameras)).largest_gap_deg
+        gap_deg = measure_view_coverage(list(take_cameras(pinhole_model))).largest_gap_deg
     except StepError:  # the cameras look away from each other
         gap_deg = 0.0
     if gap_deg < GAP_DEG:

@@ -10,7 +10,6 @@ from typing import Any
 
 import pycolmap
 
-from zeroshop_steps.geometry.cameras import take_cameras
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, check_consistency, find_unsure
 from zeroshop_steps.register.far_neighbours import check_far_neighbours
@@ -200,7 +199,7 @@ def reconstruct(
     if report.reason:
         raise RegistrationFailed(report.reason, figures, pinhole_model)
     if not joined:
-        check_gap(model, take_cameras(pinhole_model), all_matches or database, options.seed, figures, pinhole_model)
+        check_gap(model, pinhole_model, all_matches or database, options.seed, figures)
     record = (
         figures
         if joined

@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.geometry.support_plane import count_showing_masks
 from zeroshop_steps.runtime.errors import StepError, warn
-from zeroshop_steps.segment.ground import CELL_DISTANCES, MIN_WITNESSES, REACH_DISTANCES, GroundPicture
+from zeroshop_steps.segment.ground import MIN_WITNESSES, GroundPicture, lay_cells
 from zeroshop_steps.segment.led_by_points import Found
 from zeroshop_steps.segment.plain_ground import PlainGround, fit_plain_ground
 
@@ -92,11 +92,10 @@ def find_flat_foot(views: list[View], masks: list[np.ndarray], support: SceneSup
 
     None where it rises, or covers nothing.
     """
-    count = round(2 * REACH_DISTANCES / CELL_DISTANCES)
-    places = (np.arange(count) + 0.5 - count / 2) * CELL_DISTANCES * support.distance
-    across, along = support.axes()
-    cells = support.foot + places[None, :, None] * across + places[:, None, None] * along
-    shown, held = count_showing_masks(cells.reshape(-1, 3), [view.camera for view in views], masks)
+    count, world_from_cell = lay_cells(support)
+    y, x = np.mgrid[:count, :count].reshape(2, -1)
+    cells = np.stack([x, y, np.ones_like(x)], axis=1) @ world_from_cell[:3].T
+    shown, held = count_showing_masks(cells, [view.camera for view in views], masks)
     share = np.where(held >= MIN_WITNESSES, shown / np.maximum(held, 1), 0.0).reshape(count, count)
     foot = ndimage.binary_fill_holes(_take_nearest(share > FOOT_SHARE))
     if not foot.any():

@@ -113,6 +113,17 @@ def build_ground_picture(
     return replace(picture, printed=printed, known=known)
 
 
+def lay_cells(support: SceneSupport, reach_distances: float = REACH_DISTANCES, step: int = 1) -> tuple[int, np.ndarray]:
+    """The number N of cells along each side of the ground's picture, and (4, 3) `world_from_cell`; arguments as of `sample_ground`."""
+    count = round(2 * reach_distances / CELL_DISTANCES / step)
+    axes, cell = support.axes(), CELL_DISTANCES * step * support.distance
+    origin = support.foot - reach_distances * support.distance * axes.sum(0) + cell / 2 * axes.sum(0)
+    world_from_cell = np.zeros((4, 3))
+    world_from_cell[:3] = np.stack([cell * axes[0], cell * axes[1], origin], axis=1)
+    world_from_cell[3, 2] = 1.0
+    return count, world_from_cell
+
+
 def sample_ground(
     support: SceneSupport,
     cameras: list[Camera],
@@ -122,12 +133,7 @@ def sample_ground(
     step: int = 1,
 ) -> tuple[GroundPicture, np.ndarray]:
     """The image with cells of `step` times the usual size, and (V, N, N, 3) what each view sees there, NaN where it sees nothing."""
-    count = round(2 * reach_distances / CELL_DISTANCES / step)
-    axes, cell = support.axes(), CELL_DISTANCES * step * support.distance
-    origin = support.foot - reach_distances * support.distance * axes.sum(0) + cell / 2 * axes.sum(0)
-    world_from_cell = np.zeros((4, 3))
-    world_from_cell[:3] = np.stack([cell * axes[0], cell * axes[1], origin], axis=1)
-    world_from_cell[3, 2] = 1.0
+    count, world_from_cell = lay_cells(support, reach_distances, step)
     ground = GroundPicture(np.zeros(0), np.zeros(0), np.zeros(0), world_from_cell)
     samples = np.full((len(cameras), count, count, 3), np.nan, np.float32)
     for index, (camera, image) in enumerate(zip(cameras, images, strict=True)):

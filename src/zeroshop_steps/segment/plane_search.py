@@ -87,25 +87,21 @@ def find_scene_support(model: SparseModel, views: list[View], seed: int) -> tupl
 
     if may_hold(fitted):
         return fitted, True
-    below = fit_support_below(model, views, fitted, seed, _lie_on(fitted, model.points))
+    below = _fit_below(model, views, fitted, seed, _lie_on(fitted, model.points))
     return (guess, False) if below is None or not may_hold(below) else (below, True)
 
 
-def find_face(model: SparseModel, views: list[View], support: SceneSupport, masks: list[np.ndarray]) -> np.ndarray | None:
-    """(P,) bool: the sparse points on a plane that the masks show as the object, where these are most of them; None elsewhere.
+def find_support_below(
+    model: SparseModel, views: list[View], support: SceneSupport, seed: int, masks: list[np.ndarray]
+) -> SceneSupport | None:
+    """The plane below one that turns out to be a face of the object; None where there is none, or where it is no such face.
 
-    The ground is hidden by the object in some views only. So the plane is a face of the object, such as the top of a plate whose print
-    holds more points than the table around it, or something printed that lies flat on the table was taken for the object.
-
-    Args:
-        model: of the scene.
-        views: all of them.
-        support: the plane.
-        masks: (H, W) bool of the views.
+    The top of a plate with print may hold more points than the table around it. Then the masks, (H, W) bool of the views, show most of
+    these points from all sides. The ground is hidden by the object in some views only.
     """
     shown, held = count_showing_masks(model.points, [view.camera for view in views], masks)
-    face: np.ndarray = _lie_on(support, model.points) & (shown > FACE_SHOWN * held)
-    return face if face.sum() >= FACE_SHARE * support.inliers else None
+    face = _lie_on(support, model.points) & (shown > FACE_SHOWN * held)
+    return _fit_below(model, views, support, seed, face) if face.sum() >= FACE_SHARE * support.inliers else None
 
 
 def _lie_on(support: SceneSupport, points: np.ndarray) -> np.ndarray:
@@ -113,7 +109,7 @@ def _lie_on(support: SceneSupport, points: np.ndarray) -> np.ndarray:
     return np.abs(support.heights(points)) < THRESHOLD_DISTANCES * support.distance
 
 
-def fit_support_below(model: SparseModel, views: list[View], support: SceneSupport, seed: int, without: np.ndarray) -> SceneSupport | None:
+def _fit_below(model: SparseModel, views: list[View], support: SceneSupport, seed: int, without: np.ndarray) -> SceneSupport | None:
     """The plane among the sparse points without some, (P,) bool, if it lies below this one."""
     left = ~without
     rest = SparseModel(model.cameras, model.points[left], model.colors[left], model.track_lengths[left])

@@ -28,7 +28,7 @@ from zeroshop_steps.segment.motion_check import check_not_moved
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection, select_object
 from zeroshop_steps.segment.own_outlines import find_whole
 from zeroshop_steps.segment.plain_ground import PlainGround, find_risen_points, fit_plain_ground, join_odds
-from zeroshop_steps.segment.plane_search import find_face, fit_support_below, has_settled, propose_supports, settle_support
+from zeroshop_steps.segment.plane_search import find_support_below, has_settled, propose_supports, settle_support
 from zeroshop_steps.segment.point_silhouettes import find_point_silhouettes
 from zeroshop_steps.segment.prior_maps import Masks, find_by_maps, find_without_ground, weigh_contrast
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
@@ -111,8 +111,7 @@ def find_masks(
         except StepError as error:
             failure, guessed = failure or error, guessed and not fitted
             continue
-        face = find_face(model, views, support, found.masks) if fitted else None
-        below = None if face is None else fit_support_below(model, views, support, seed, face)
+        below = find_support_below(model, views, support, seed, found.masks) if fitted else None
         by_color = True
         if below is not None:
             print("the plane that holds the most points is a side of the object: trying the one below")
@@ -151,7 +150,7 @@ def _find_by_points(views: list[View], model: SparseModel, failure: StepError) -
 
 
 def _look_closer(
-    found: Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None, by_color: bool = True
+    found: Found, views: list[View], model: SparseModel, image_width_px: int, prior: list[np.ndarray] | None, by_color: bool
 ) -> Found:
     """The masks of an object that is small in the images, found again in windows around it, where those agree with what was found."""
     windows, closer = choose_windows(found.masks)
@@ -192,9 +191,8 @@ def _find_in_windows(
     images = equalize_exposure(support, cameras, images)
     ground = build_ground_picture(support, cameras, images)
     risen = find_risen_points(model.points, support)
-    plain: PlainGround | SheetGround | None = fit_plain_ground(ground, risen) if by_color else None
-    if isinstance(plain, PlainGround) and sheet is not None:
-        plain = add_sheet(plain, ground, sheet, risen)
+    table = fit_plain_ground(ground, risen) if by_color else None
+    plain = table if table is None or sheet is None else add_sheet(table, ground, sheet, risen)
     priors = [np.zeros((camera.height_px, camera.width_px), np.float32) for camera in cameras]
     if prior is not None:
         priors = [cut_map(*parts) for parts in zip(prior, windows, views, cameras, strict=True)]
