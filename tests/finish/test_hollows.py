@@ -19,7 +19,7 @@ from helpers.shaded_vessel import (
     photograph,
     shaded,
 )
-from zeroshop_steps.finish import vessel
+from zeroshop_steps.finish import hollows, vessel
 from zeroshop_steps.finish.hollows import Hollow, open_hollow
 from zeroshop_steps.finish.underside import find_open_borders
 from zeroshop_steps.geometry.meshes import Mesh
@@ -37,9 +37,10 @@ def opened_from(truth: Mesh, paint: Paint, mesh: Mesh, confirmed: np.ndarray = N
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_voxels() -> Iterator[None]:
-    """Voxels of 1.4 mm: the walls are 5 mm thick."""
+    """Voxels of 1.6 mm, as the walls are 5 mm thick; and of each photo, half the pixels."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(vessel, "VOXELS", 64)
+        patch.setattr(vessel, "VOXELS", 56)
+        patch.setattr(hollows, "PIXELS", hollows.PIXELS // 2)
         yield
 
 
