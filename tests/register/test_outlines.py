@@ -10,7 +10,7 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
-from zeroshop_steps.register import outline_search
+from zeroshop_steps.register import outline_search, sift
 from zeroshop_steps.register import outlines as outlines_module
 from zeroshop_steps.register.image_set import read_image_set
 from zeroshop_steps.register.outline_cameras import make_cameras, read_way
@@ -76,6 +76,12 @@ def narrow_beam(monkeypatch):
     monkeypatch.setattr(outline_search, "BEAM", tuple((least, max(6, width // 4)) for least, width in outline_search.BEAM))
 
 
+@pytest.fixture
+def coarse_features(monkeypatch):
+    """Plain pictures have no features at any size, and are not searched for them at twice theirs."""
+    monkeypatch.setattr(sift, "FINEST_OCTAVE", 0)
+
+
 def arms():
     return [np.array(list(itertools.product(*zip(*box, strict=True))), float) for box in ARMS_MM]
 
@@ -113,7 +119,7 @@ def outlines_all_around(cameras_all_around):
 
 
 @pytest.mark.slow
-def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_path, narrow_beam):
+def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_path, narrow_beam, coarse_features):
     image_set = write_capture(tmp_path / "capture", masks_of_arms)
     (tmp_path / "out").mkdir()
     record = register(image_set, tmp_path / "out", OutlineOptions())
@@ -216,7 +222,7 @@ def test_an_object_that_is_cut_off_is_refused(masks_of_arms, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_wrong_mask_is_left_out(tmp_path, monkeypatch):
+def test_a_wrong_mask_is_left_out(tmp_path, monkeypatch, coarse_features):
     """Of ten, one shows less below, so that rays of others miss it. The search, which is tested above, places all views where they are."""
     rng = np.random.default_rng(4)
     cameras = [make_camera(index, rng, count=WRONG_OF) for index in range(WRONG_OF)]
