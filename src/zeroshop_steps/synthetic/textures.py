@@ -53,8 +53,10 @@ def build_pyramid(image: np.ndarray, coverage: np.ndarray | None = None, wrap: b
         sums.append(cv2.resize(sums[-1], size, interpolation=cv2.INTER_AREA))
         if share is not None:
             weights.append(cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
-    filled = list(sums) if share is None else _fill_levels(sums, weights)
-    encoded = [encode_srgb(level) for level in filled]
+    # Every byte comes back from linear light as it was, so that the finest level, three quarters of the work, need not be encoded.
+    encoded = [image] if share is None else []
+    filled = sums[1:] if share is None else _fill_levels(sums, weights)
+    encoded += [encode_srgb(level) for level in filled]
     sizes = np.array([[0, level.shape[1], level.shape[0]] for level in encoded], np.int64)
     sizes[1:, 0] = np.cumsum(sizes[:-1, 1] * sizes[:-1, 2])
     return MipPyramid(np.concatenate([level.reshape(-1, 3) for level in encoded]), sizes, wrap)
