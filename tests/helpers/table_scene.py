@@ -16,7 +16,9 @@ BROWN = np.array([121.0, 99.0, 77.0])
 Ball = tuple[float, float, float]  # x and y of its foot, radius
 
 
-def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False, sheet: float = 0.0) -> tuple[list[View], SparseModel]:
+def table_views(
+    folder: Path, balls_in: list[list[Ball]], plain: bool = False, sheet: float = 0.0, leaflet: Ball | None = None
+) -> tuple[list[View], SparseModel]:
     """Write a view for each list of balls; returns the views and what a registration knows of the scene.
 
     Args:
@@ -24,6 +26,7 @@ def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False, s
         balls_in: the balls that each view shows, of views evenly around the table's middle at two heights.
         plain: a white table that shows nothing but the soft shadows of the first view's balls, and no points.
         sheet: half the side of a square white sheet in the middle of the plain table, which is brown then.
+        leaflet: x and y of the middle of a square printed one on the plain table, and half its side.
     """
     rng = np.random.default_rng(0)
     print_ = (
@@ -31,6 +34,8 @@ def table_views(folder: Path, balls_in: list[list[Ball]], plain: bool = False, s
         if plain
         else cv2.resize(rng.integers(20, 236, (160, 160, 3), np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC).astype(np.float32)
     )
+    if leaflet:
+        _lay_leaflet(print_, leaflet)
     views, points = [], [np.c_[rng.uniform(-1.6, 1.6, (0 if plain else 600, 2)), np.zeros(0 if plain else 600)]]
     for index, balls in enumerate(balls_in):
         camera = ring_camera(index, len(balls_in), DISTANCE, (25, 45), (0.0, 0.0, 0.3), FOCAL, (WIDTH, HEIGHT))
@@ -80,6 +85,14 @@ def _plain_top(balls: list[Ball], sheet: float) -> np.ndarray:
         light -= 0.45 * np.exp(-((x - foot_x) ** 2 + (y - foot_y) ** 2) / (0.9 * radius) ** 2)
     white = np.maximum(np.abs(x), np.abs(y)) < (sheet or np.inf)
     return np.where(white[..., None], 220.0 * light[..., None], light[..., None] * BROWN).astype(np.float32)
+
+
+def _lay_leaflet(top: np.ndarray, leaflet: Ball) -> None:
+    """Print it on the (640, 640, 3) picture of the table's top."""
+    middle_x, middle_y, half = leaflet
+    left, right, high, low = (round((at / 8.0 + 0.5) * 639) for at in (middle_x - half, middle_x + half, middle_y - half, middle_y + half))
+    print_ = np.random.default_rng(1).integers(20, 236, (12, 12, 3), np.uint8)
+    top[high:low, left:right] = cv2.resize(print_, (right - left, low - high), interpolation=cv2.INTER_NEAREST)
 
 
 def _drawn(camera: Camera, balls: list[Ball], print_: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

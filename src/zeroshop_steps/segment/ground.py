@@ -58,6 +58,13 @@ class GroundPicture:
         shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
         return shift @ camera.intrinsics @ camera.camera_from_world[:3] @ self.world_from_cell
 
+    def see_cells(self, cells: np.ndarray, camera: Camera) -> np.ndarray:
+        """(H, W) float32 in [0, 1]: how far a view's pixels look at (N, N) bool cells."""
+        homography = self.view_from_cell(camera)
+        size = (camera.width_px, camera.height_px)
+        seen = cv2.warpPerspective(cells.astype(np.float32), homography, size, flags=cv2.INTER_LINEAR)
+        return np.where(find_in_front(camera, homography), seen, 0.0).astype(np.float32)
+
     def evidence(self, camera: Camera, image: np.ndarray, structure_odds: float = 0.0) -> np.ndarray:
         """(H, W) float32 log odds, at most `MOST_ODDS` either way, that a pixel shows an object; 0 where the ground is unknown.
 
@@ -145,7 +152,7 @@ def sample_ground(
         visible = cv2.warpPerspective(seen, back, (count, count), **flags) > 0.99
         visible &= _find_cells_in_front(camera, world_from_cell, count)
         samples[index][visible] = cv2.warpPerspective(image, back, (count, count), **flags)[visible]
-    return GroundPicture(*_take_median(samples), world_from_cell), samples
+    return GroundPicture(*take_median(samples), world_from_cell), samples
 
 
 def equalize_exposure(support: SceneSupport, cameras: list[Camera], images: list[np.ndarray]) -> list[np.ndarray]:
@@ -185,7 +192,7 @@ def _take_least(values: np.ndarray) -> np.ndarray:
     return np.minimum(np.minimum(values[..., 0], values[..., 1]), values[..., 2])
 
 
-def _take_median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def take_median(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Median over the views, median deviation from it, and whether enough views see the cell; NaN marks what a view does not see."""
     count = np.isfinite(samples[..., 0]).sum(0)
     middle = np.maximum(count - 1, 0) // 2

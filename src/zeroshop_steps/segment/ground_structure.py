@@ -22,6 +22,8 @@ PLAIN_CELLS = 25  # diameter of what is plain; single shapes of a print are smal
 NEAR_CELLS, RISEN_LEVELS = 30, 30.0  # around a plain place: what views show there that differs by so much from the ground rises above it
 SAME_HUE, RISEN_SHARE = 0.15, 0.5  # between colours of length 1; of what rises, which has the hue of the plain place
 LEAST_RISEN = 3  # samples of what rises, for each cell of the plain place; fewer tell no hue
+SHARED_CONTRAST = 10.0  # standard deviation of a patch of print that tells a flat thing; grain and stains have less
+SHARED_LIKENESS = 0.7
 EVERY = 8  # how many cells of the ground's picture there are to one that is asked
 
 
@@ -59,6 +61,17 @@ def measure_print(color: np.ndarray, known: np.ndarray, samples: np.ndarray) -> 
         found = _Patches.of(np.where(seen, sample.mean(2), ground.grey)).compare(ground)
         likeness.append(np.where(seen, found, np.nan).ravel()[places])
     return float(_ramp(np.median(np.nanmedian(likeness, axis=0)), *PRINTED_LIKENESS))
+
+
+def find_shared_print(color: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """(V, N, N) bool: where each view shows the print that the ground's picture has. Arguments as for `measure_print`."""
+    ground = _Patches.of(color.mean(2))
+    printed = ground.variance > SHARED_CONTRAST**2
+    shared = np.zeros(samples.shape[:3], bool)
+    for alike, sample in zip(shared, samples, strict=True):
+        seen = np.isfinite(sample[..., 0])
+        alike[:] = seen & printed & (_Patches.of(np.where(seen, sample.mean(2), ground.grey)).compare(ground) > SHARED_LIKENESS)
+    return shared
 
 
 def find_risen_plain(color: np.ndarray, known: np.ndarray, samples: np.ndarray) -> np.ndarray:

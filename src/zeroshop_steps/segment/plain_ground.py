@@ -96,7 +96,7 @@ def fit_plain_ground(picture: GroundPicture, risen: np.ndarray) -> PlainGround |
     y, x = np.nonzero(picture.known)
     inside = np.hypot(x - count / 2, y - count / 2) < RING_DISTANCES / CELL_DISTANCES
     y, x = y[inside], x[inside]
-    beside = ~_mark_below(picture, risen)[y, x]
+    beside = ~_find_near(picture, risen)[y, x]
     if not beside.any():
         return None
     plain, table = _fit_color(picture, x, y)
@@ -150,14 +150,24 @@ def find_risen_points(points: np.ndarray, support: SceneSupport) -> np.ndarray:
     return high[distances[:, -1] < COMPANY_DISTANCES * support.distance]
 
 
-def _mark_below(picture: GroundPicture, points: np.ndarray) -> np.ndarray:
+def find_below(picture: GroundPicture, points: np.ndarray) -> np.ndarray:
+    """(N, N) bool: the cells below (P, 3) points and between them."""
+    return _measure_depth(_find_near(picture, points)) >= COMPANY_DISTANCES / CELL_DISTANCES
+
+
+def _find_near(picture: GroundPicture, points: np.ndarray) -> np.ndarray:
     """(N, N) bool: the cells below (P, 3) points and near to that."""
     axes = picture.world_from_cell[:3, :2]
     x, y = np.round((points - picture.world_from_cell[:3, 2]) @ axes / (axes**2).sum(0)).astype(int).T
-    below = np.ones(picture.known.shape, np.uint8)
-    inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < len(below))
-    below[y[inside], x[inside]] = 0
-    return cv2.distanceTransform(below, cv2.DIST_L2, 5) < COMPANY_DISTANCES / CELL_DISTANCES
+    away = np.ones(picture.known.shape, bool)
+    inside = (np.minimum(x, y) >= 0) & (np.maximum(x, y) < len(away))
+    away[y[inside], x[inside]] = False
+    return _measure_depth(away) < COMPANY_DISTANCES / CELL_DISTANCES
+
+
+def _measure_depth(cells: np.ndarray) -> np.ndarray:
+    """(N, N) float32: how far the cells of a (N, N) bool part lie from what is not part of it; 0 there."""
+    return np.asarray(cv2.distanceTransform(cells.astype(np.uint8), cv2.DIST_L2, 5))
 
 
 def join_odds(by_place: np.ndarray, by_table: np.ndarray) -> np.ndarray:

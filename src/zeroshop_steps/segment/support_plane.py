@@ -20,6 +20,7 @@ from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.segment.flat_print import take_off_print
 from zeroshop_steps.segment.flat_things import SheetGround, add_sheet, find_beside_flat
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
 from zeroshop_steps.segment.led_by_points import Found, find_with_points
@@ -112,7 +113,7 @@ def find_masks(
             failure, guessed = failure or error, guessed and not fitted
             continue
         below = find_support_below(model, views, support, seed, found.masks) if fitted else None
-        by_color = True
+        by_color, on_sheet = True, False
         if below is not None:
             print("the plane that holds the most points is a side of the object: trying the one below")
             try:
@@ -121,7 +122,10 @@ def find_masks(
                 warn(f"the masks may lack what lies below the top of the object: {error}")
         elif found.plain and (beside := find_beside_flat(views, found, find_on)):
             found, weighed, by_color = beside
+            on_sheet = True
         found = _look_closer(found, views, model, image_width_px, weighed, by_color)
+        if found.plain and not on_sheet:
+            return take_off_print(found, views, model, image_width_px)
         return found.masks, found.record
     assert failure is not None  # there is one support at least
     if prior is None and guessed and isinstance(failure, MasksRejected | NothingFound):
