@@ -134,3 +134,11 @@ def blender() -> Path:
     if not record.is_file():
         pytest.skip("BlenderProc is not set up (snakemake resources/envs/blenderproc.json), nor named in ZEROSHOP_BLENDERPROC")
     return record
+
+
+@pytest.fixture
+def few_rays(monkeypatch) -> None:
+    """A third of the outlines' rays, where it is not asked how much they count beside tracks: a box has no rim that so few would miss."""
+    from zeroshop_steps.register import outline_rays
+
+    monkeypatch.setattr(outline_rays, "MOST_RAYS_OF_VIEW", 80)

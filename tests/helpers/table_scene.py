@@ -59,10 +59,15 @@ class FoundMasks:
     record: dict
 
 
+def look_along(camera: Camera) -> np.ndarray:
+    """(H, W, 3) directions of the pixels' rays in the world, of depth 1."""
+    y, x = np.mgrid[: camera.height_px, : camera.width_px] + 0.5
+    return np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
+
+
 def ball_mask(camera: Camera, ball: Ball) -> np.ndarray:
     """(H, W) bool: the pixels whose rays meet the ball."""
-    y, x = np.mgrid[: camera.height_px, : camera.width_px] + 0.5
-    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
+    rays = look_along(camera)
     away = camera.centre_in_world - np.array(ball)
     return (rays @ away) ** 2 > (rays**2).sum(-1) * (away @ away - ball[2] ** 2)
 
@@ -97,8 +102,7 @@ def _lay_leaflet(top: np.ndarray, leaflet: Ball) -> None:
 
 def _drawn(camera: Camera, balls: list[Ball], print_: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """(H, W, 3) picture, and (30 B, 3) points of the balls that it shows."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
-    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
+    rays = look_along(camera)
     origin = camera.centre_in_world
     down = np.where(rays[..., 2] < -1e-6, -origin[2] / rays[..., 2], np.inf)
     with np.errstate(invalid="ignore"):

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import to_rigid
-from zeroshop_steps.register import outline_rays
 from zeroshop_steps.register.model_outlines import adjust_model_by_masks
 from zeroshop_steps.register.outline_adjustment import EXACT_MISS_PX, OutlineAdjustment
 from zeroshop_steps.register.outline_rays import look_up_many, make_outline_distance
@@ -21,12 +20,6 @@ from zeroshop_steps.register.outline_state import NO_TRACKS, TrackKind, Tracks
 SIZE_MM = (73.0, 28.0, 85.0)
 FINER = 4  # the masks are drawn larger, and then thinned out
 VIEWS, FOCAL_PX, WIDTH_PX, HEIGHT_PX = 10, 1260.0, 960, 720
-
-
-@pytest.fixture
-def few_rays(monkeypatch):
-    """A third of the rays, where it is not asked how much outlines count beside tracks: a box has no rim that so few would miss."""
-    monkeypatch.setattr(outline_rays, "MOST_RAYS_OF_VIEW", 80)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from helpers.table_scene import ball_mask, table_views
+from helpers.table_scene import ball_mask, look_along, table_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.segment.flat_print import find_flat_print
 from zeroshop_steps.segment.support_plane import find_masks
@@ -23,8 +23,7 @@ def scene(tmp_path_factory):
 
 def find_leaflet(camera, margin=-0.05):
     """(H, W) bool: the pixels well within the leaflet, or up to a margin around it, the ball in front of it or not."""
-    y, x = np.mgrid[: camera.height_px, : camera.width_px] + 0.5
-    rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(camera.intrinsics).T @ camera.camera_from_world[:3, :3]
+    rays = look_along(camera)
     ground = camera.centre_in_world - camera.centre_in_world[2] / rays[..., 2:] * rays
     return np.abs(ground[..., :2] - LEAFLET[:2]).max(-1) < LEAFLET[2] + margin
 

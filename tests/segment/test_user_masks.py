@@ -9,19 +9,14 @@ from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.crops import fit_object_sphere
 from zeroshop_steps.geometry.images import list_images, write_mask
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register import outline_rays
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 from zeroshop_steps.surface.training_views import make_seed_views, read_camera_set
 
+# Whether the cameras of a carton are bent, few rays tell as well.
+pytestmark = pytest.mark.usefixtures("few_rays")
 COUNT = 12
 BITTEN = (1, 6)
-
-
-@pytest.fixture(autouse=True)
-def few_rays(monkeypatch):
-    """Outlines of a carton need few rays to tell whether its cameras are bent."""
-    monkeypatch.setattr(outline_rays, "MOST_RAYS_OF_VIEW", 80)
 
 
 @pytest.fixture(scope="module")

@@ -63,9 +63,7 @@ class SheetGround:
 
     def evidence(self, camera: Camera, image: np.ndarray) -> np.ndarray:
         """As `PlainGround.evidence`, by the colour of either; along the sheet's edge, what either takes for ground is ground."""
-        covered = cv2.warpPerspective(
-            self.cells.astype(np.float32), self.picture.view_from_cell(camera), (camera.width_px, camera.height_px), flags=cv2.INTER_LINEAR
-        )
+        covered = self.picture.see_cells(self.cells, camera)
         window = np.ones((2 * RIM_CELLS[0] + 1,) * 2, np.uint8)
         on_table, on_sheet = cv2.erode(covered, window) < 1, cv2.dilate(covered, window) > 0
         by_table, by_sheet = (ground.evidence(camera, image) for ground in (self.table, self.sheet))
