@@ -182,13 +182,16 @@ rule texture:
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
+        gpu=int(config["finish"]["texture_device"] != "cpu"),
+        # At most all texels, 41 bytes each, and one photo, beside what CUDA itself takes.
+        gpu_mem_mb=1000 + 41 * config["finish"]["texture_size_px"] ** 2 // 10**6 if config["finish"]["texture_device"] != "cpu" else 0,
     params:
-        texture_size_px=config["finish"]["texture_size_px"],
+        options=step_options({"texture_size": config["finish"]["texture_size_px"], "device": config["finish"]["texture_device"]}),
     message:
         "Baking the texture of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.finish --method texture --mesh {input.mesh} --cameras {input.cameras}"
-        " --generated {input.generated} --texture-size {params.texture_size_px} --out {output.texture} --record-failure {output} > {log} 2>&1"
+        " --generated {input.generated} {params.options} --out {output.texture} --record-failure {output} > {log} 2>&1"
 
 
 rule export:

@@ -18,7 +18,7 @@ class Texels:
 
     Attributes:
         row, column: (N,) position in the texture image, row 0 on top.
-        face: (N,) index of the face shown.
+        face: (N,) int32 index of the face shown.
         barycentric: (N, 3) float32 weights of its corners.
     """
 
@@ -31,16 +31,11 @@ class Texels:
 def rasterize_atlas(mesh: Mesh, size: int) -> Texels:
     """Find the face and the barycentric position of every texel of a `size` x `size` texture."""
     uv = mesh.texture_coordinates
-    corners = np.stack([uv[:, 0] * size, (1.0 - uv[:, 1]) * size], 1)
-    face = _rasterize_faces(np.ascontiguousarray(corners), mesh.faces, size)
-    row, column = np.nonzero(face >= 0)
-    face = face[row, column].astype(np.int64)
-    a, b, c = (corners[mesh.faces[face, corner]] for corner in range(3))
-    point = np.stack([column + 0.5, row + 0.5], 1)
-    area = _cross(b - a, c - a)
-    area = np.where(np.abs(area) < FLAT_TEXELS2, FLAT_TEXELS2, area)
-    second, third = _cross(point - a, c - a) / area, _cross(b - a, point - a) / area
-    return Texels(row, column, face, np.stack([1.0 - second - third, second, third], 1).astype(np.float32))
+    corners = np.ascontiguousarray(np.stack([uv[:, 0] * size, (1.0 - uv[:, 1]) * size], 1))
+    owner = _rasterize_faces(corners, mesh.faces, size)
+    row, column = np.nonzero(owner >= 0)
+    face = owner[row, column]
+    return Texels(row, column, face, _find_shares(corners, mesh.faces, row, column, face))
 
 
 def fill_gutters(texture: np.ndarray, texels: Texels) -> np.ndarray:
@@ -50,25 +45,39 @@ def fill_gutters(texture: np.ndarray, texels: Texels) -> np.ndarray:
     return spread_colors(texture, known)
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+@njit(cache=True)
+def _locate(a: np.ndarray, b: np.ndarray, c: np.ndarray, x: float, y: float) -> tuple[float, float, float]:
+    """Twice the signed area of a triangle, and the weights of its second and third corner at (x, y), times that area."""
+    second = (x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])
+    third = (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]), second, third
 
 
 @njit(cache=True)
 def _rasterize_faces(corners: np.ndarray, faces: np.ndarray, size: int) -> np.ndarray:
+    """(size, size) int32 face whose triangle holds a texel's centre, the last of several; -1 where none does."""
     owner = np.full((size, size), -1, np.int32)
     for f in range(len(faces)):
-        ax, ay = corners[faces[f, 0]]
-        bx, by = corners[faces[f, 1]]
-        cx, cy = corners[faces[f, 2]]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if abs(area) < FLAT_TEXELS2:
+        a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
+        if abs(_locate(a, b, c, 0.0, 0.0)[0]) < FLAT_TEXELS2:
             continue
-        for y in range(max(0, int(np.floor(min(ay, by, cy) - 0.5))), min(size - 1, int(np.ceil(max(ay, by, cy)))) + 1):
-            for x in range(max(0, int(np.floor(min(ax, bx, cx) - 0.5))), min(size - 1, int(np.ceil(max(ax, bx, cx)))) + 1):
-                px, py = x + 0.5, y + 0.5
-                second = ((px - ax) * (cy - ay) - (py - ay) * (cx - ax)) / area
-                third = ((bx - ax) * (py - ay) - (by - ay) * (px - ax)) / area
+        top, bottom = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
+        left, right = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
+        for y in range(max(0, int(np.floor(top - 0.5))), min(size - 1, int(np.ceil(bottom))) + 1):
+            for x in range(max(0, int(np.floor(left - 0.5))), min(size - 1, int(np.ceil(right))) + 1):
+                area, second, third = _locate(a, b, c, x + 0.5, y + 0.5)
+                second, third = second / area, third / area
                 if second >= -BORDER_SLACK and third >= -BORDER_SLACK and second + third <= 1.0 + BORDER_SLACK:
                     owner[y, x] = f
     return owner
+
+
+@njit(cache=True)
+def _find_shares(corners: np.ndarray, faces: np.ndarray, row: np.ndarray, column: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """(N, 3) float32 barycentric weights of the corners of (N,) faces at the centres of texels."""
+    shares = np.empty((len(face), 3), np.float32)
+    for i in range(len(face)):
+        a, b, c = faces[face[i]]
+        area, second, third = _locate(corners[a], corners[b], corners[c], column[i] + 0.5, row[i] + 0.5)
+        shares[i, 0], shares[i, 1], shares[i, 2] = 1.0 - second / area - third / area, second / area, third / area
+    return shares

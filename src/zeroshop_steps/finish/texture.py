@@ -18,15 +18,17 @@ from scipy.sparse import csr_matrix
 
 from zeroshop_steps.finish import exposure
 from zeroshop_steps.finish.atlas import Texels, fill_gutters, rasterize_atlas
+from zeroshop_steps.finish.texel_colors import VotingView, make_texel_colors
 from zeroshop_steps.finish.unwrap import check_texture_size
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_fields import build_neighbour_matrix, fill_harmonically, smooth, smooth_normals, weld
-from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, find_visible, rate_vertex_views, sample_image
+from zeroshop_steps.geometry.visibility import VISIBLE_SHARE, ViewMaps, compute_view_maps, rate_vertex_views, sample_image
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 # A step of smoothing averages over direct neighbours, so its reach grows with the edges of the mesh.
@@ -51,21 +53,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with undistorted images and masks")
     parser.add_argument("--generated", type=Path, nargs="?", help="generated mesh with colours, registration frame, if there is one")
     parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels (default: %(default)s)")
+    parser.add_argument("--device", choices=DEVICES, default="cpu", help="where texels get their colours (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="texture PNG; its figures are written beside it as .json")
 
 
 def run(args: argparse.Namespace) -> None:
     """Bake one texture."""
     check_texture_size(args.texture_size)
+    device = choose_kernel_device(args.device)
     start_s = time.monotonic()
     mesh = read_ply(args.mesh)
     if mesh.uv is None:
         raise StepError(f"{args.mesh} has no texture_u and texture_v; unwrap it first")
     views, _ = read_views(args.cameras)
     generated = read_colored(args.generated) if args.generated else None
-    texture, figures = bake_texture(mesh, views, args.texture_size, generated)
+    texture, figures = bake_texture(mesh, views, args.texture_size, generated, device)
     write_image(args.out, texture)
-    figures |= {"parameters": {"texture_size": args.texture_size}, "seconds": round(time.monotonic() - start_s, 2)}
+    figures |= {"parameters": {"texture_size": args.texture_size}, "device": device, "seconds": round(time.monotonic() - start_s, 2)}
     write_json(args.out.with_suffix(".json"), figures)
     print(f"texture: {figures['seen_share']:.1%} of the surface seen, {figures['seconds']} s", file=sys.stderr)
 
@@ -78,7 +82,7 @@ def read_colored(path: Path) -> Mesh:
     return mesh
 
 
-def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | None = None) -> tuple[np.ndarray, dict]:
+def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | None = None, device: str = "cpu") -> tuple[np.ndarray, dict]:
     """Bake the texture of an unwrapped mesh, as the module describes.
 
     Args:
@@ -86,6 +90,7 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
         views: registered photos with masks.
         size: side of the texture in texels.
         generated: with colours at its vertices, for what no photo sees.
+        device: cpu, cuda or auto, as in `make_texel_colors`.
 
     Returns:
         texture: (size, size, 3) uint8.
@@ -102,38 +107,25 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
     maps = [compute_view_maps(view, renderer.cast_rays(view.camera), extent) for view in views]
     images = [view.image().astype(np.float32) / 255.0 for view in views]
     texels = _rasterize(mesh, size)
-    count = len(texels.face)
-    # (N, V): interpolates values at the vertices to the texels.
-    at_texels = csr_matrix(
-        (texels.barycentric.ravel(), index[mesh.faces[texels.face]].ravel(), np.arange(0, 3 * count + 1, 3)), (count, len(joined.vertices))
-    )
 
     quality = rate_vertex_views(joined, maps, extent)
     images, gains = _equalize_exposure(images, quality, joined, maps)
     guess = None if generated is None else find_nearest_colors(generated, joined.vertices)
     broad, corrections, glare = _average_colors(images, quality, joined, maps, neighbours, guess)
     choice = _choose_photos(quality / (1.0 + (glare / GLARE) ** 2), neighbours)
-    color, weight = np.zeros((count, 3), np.float32), np.zeros(count, np.float32)
-    points = at_texels @ joined.vertices
-    for threshold, needed in ((CHOSEN_SHARE, None), (0.0, COVERED)):  # the second round is for texels that the chosen photos miss
-        pending = np.arange(count) if needed is None else np.flatnonzero(weight < needed)
-        at_pending, votes = at_texels[pending], choice if needed is None else quality
+    corners = index.astype(np.int32)[mesh.faces][texels.face]
+    colors = make_texel_colors(device, corners, texels.barycentric, joined.vertices, VISIBLE_SHARE * extent)
+    # The second round is for texels that the chosen photos miss.
+    for votes, least_votes, covered in ((choice, CHOSEN_SHARE, np.inf), (quality, 0.0, COVERED)):
+        colors.begin_round(least_votes, covered)
         for k, view in enumerate(maps):
-            share = at_pending @ votes[:, k]
-            chosen = share > threshold
-            use = pending[chosen]
-            pixels, depth = view.camera.project(points[use])
-            strength = share[chosen] * sample_image(view.trust, pixels) * find_visible(pixels, depth, view.depth, VISIBLE_SHARE * extent)
-            use, pixels, strength = use[strength > 0], pixels[strength > 0], strength[strength > 0]
-            level = at_texels[use] @ corrections[:, k]
-            color[use] += strength[:, None] * (sample_image(images[k], pixels) + level)
-            weight[use] += strength
-    filled = at_texels @ broad
-    color = (color + FILL_WEIGHT * filled) / (weight + FILL_WEIGHT)[:, None]
+            projection = view.camera.intrinsics @ view.camera.camera_from_world[:3]
+            shown = (np.ascontiguousarray(part, np.float32) for part in (images[k], view.trust, view.depth, votes[:, k], corrections[:, k]))
+            colors.add(VotingView(projection, *shown))
     texture = np.zeros((size, size, 3), np.uint8)
-    texture[texels.row, texels.column] = np.clip(np.rint(color * 255.0), 0, 255)
+    texture[texels.row, texels.column], weight = colors.finish(broad.astype(np.float32), FILL_WEIGHT)
     seen_share = round(float((weight > 0).mean()), 5)
-    figures = {"texels": count, "seen_share": seen_share, "gains": [round(float(g), 4) for g in gains]}
+    figures = {"texels": len(weight), "seen_share": seen_share, "gains": [round(float(g), 4) for g in gains]}
     if guess is not None:
         figures["generated_share"] = round(1.0 - seen_share, 5)
     return fill_gutters(texture, texels), figures
