@@ -45,7 +45,7 @@ def fill_gutters(texture: np.ndarray, texels: Texels) -> np.ndarray:
     return spread_colors(texture, known)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _locate(a: np.ndarray, b: np.ndarray, c: np.ndarray, x: float, y: float) -> tuple[float, float, float]:
     """Twice the signed area of a triangle, and the weights of its second and third corner at (x, y), times that area."""
     second = (x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])

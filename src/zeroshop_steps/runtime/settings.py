@@ -24,7 +24,8 @@ RESERVED_NAMES = ("bop", "tables", "report")
 def name_error(what: str, name: str, names: Iterable[str], remedy: str = "") -> str:
     """The message for an unknown name: what exists, the nearest of it, and what to do."""
     names = list(names)
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    begun = [known for known in names if name and known.startswith(name)]
+    near = begun if len(begun) == 1 else difflib.get_close_matches(name, names, n=3, cutoff=0.6)
     hint = f" Did you mean {' or '.join(near)}?" if near else ""
     return f"unknown {what}: {name}.{hint} Known: {', '.join(names) or 'none'}. {remedy}".rstrip()
 

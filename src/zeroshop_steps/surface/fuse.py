@@ -29,8 +29,8 @@ SOLID_ALPHA = 0.5
 """Pixels whose accumulated opacity is lower than this have no depth."""
 EXTENT_QUANTILES = (0.01, 0.99)
 """The object's box, whose longest side is divided into voxels, holds the surfels between these quantiles: a few may lie far off."""
-BLOCKS_AT_FIRST = 20_000
-"""Room for blocks of voxels; the grid grows where it needs more."""
+BLOCKS_AT_FIRST = 4_000
+"""Room for blocks of voxels, 32 kB each; the grid grows where it needs more. Clearing room that stays empty takes time."""
 DEPTH_RANGE = (1.0, 1e3)
 """Open3D divides depths by the first and ignores those beyond the second."""
 
