@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from helpers.paths import REPOSITORY
+from zeroshop_steps.runtime.memory import keep_freed_memory
 
 KERNELS = REPOSITORY / ".pytest_cache" / "numba"
 """Compiled kernels, in a folder for each process."""
@@ -40,6 +41,11 @@ FIRST = (
 )
 """Files of tests that begin first: those that compile most of what other files use, too, and those that take longest. One that begins
 last has other processes wait for it."""
+
+
+def pytest_configure() -> None:
+    """As steps do."""
+    keep_freed_memory()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -20,6 +20,7 @@ from zeroshop_steps.runtime.cache import run_cached
 from zeroshop_steps.runtime.child_process import wait_for_child
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 from zeroshop_steps.runtime.kernel_cache import provide_kernel_cache
+from zeroshop_steps.runtime.memory import keep_freed_memory
 
 RECORD_FAILURE = "outputs (a folder's name ends in a slash) in place of which a failure is recorded; the status is 0 then"
 READS = re.compile(r"^READS_FAILURES = True$", re.MULTILINE)
@@ -49,6 +50,7 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
         return 0
     known, rest = choose.parse_known_args(argv)
     provide_kernel_cache()
+    keep_freed_memory()
     step = f"{package.rpartition('.')[2]}.{known.method}"
     own = {Path(output) for output in known.record_failure}
     inputs = [word for word in rest if Path(word) not in own]
