@@ -2,7 +2,8 @@
 
 Its colours are not the table's, so masks by colour have it, and the mesh would stand on a slab. That it is flat is told by its outline:
 where it ends on the ground, the masks end, too. What rises hides the ground behind it from every side. Then the ground is seen place by
-place, as a printed one: all views agree on the sheet. Where they agree on a low thing of one colour, too, the sheet is a plain ground.
+place, as a printed one: all views agree on the sheet. Where they agree on a low thing of one colour, too, or on a side of it, the sheet is
+a plain ground.
 """
 
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from zeroshop_steps.geometry.support_plane import count_showing_masks
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.segment.ground import MIN_WITNESSES, GroundPicture, lay_cells
 from zeroshop_steps.segment.led_by_points import Found
+from zeroshop_steps.segment.own_outlines import OUTGROWN_SHARE, cut_around
 from zeroshop_steps.segment.plain_ground import PlainGround, fit_plain_ground
 
 FOOT_SHARE = 0.5  # of the masks that show a place of the ground, where the object or a sheet covers it
@@ -124,10 +126,16 @@ def find_beside_flat(views: list[View], found: Found, find_on: FindOn) -> tuple[
     if sheet is None:
         return None
     kept = {name: found.record[name] for name in ("plane_from", "plane_inliers")}
+    standing = []
     for other, prior, by_color in _find_on_sheet(sheet, found.support, find_on):
         if find_flat_foot(views, other.masks, other.support) is None:
-            warn("what lies flat under the object, such as a sheet of paper, is left out of the masks; look at contact_sheet.png")
-            return replace(other, record=other.record | kept), prior, by_color
+            standing.append((replace(other, record=other.record | kept), prior, by_color))
+            if cut_around(views, other.masks)[1] <= OUTGROWN_SHARE:
+                break
+            print("the photos' own colours go on beyond these masks")
+    if standing:
+        warn("what lies flat under the object, such as a sheet of paper, is left out of the masks; look at contact_sheet.png")
+        return standing[-1]
     warn(
         "the masks show something flat: if it is a sheet on which the object stands, take it away, or give masks of the object alone; look"
         " at contact_sheet.png"

@@ -286,7 +286,7 @@ def _find_on_plane(
         np.clip(join_odds(odds, table) + prior, -MOST_ODDS, MOST_ODDS)
         for odds, table, prior in zip(by_place, by_table, priors, strict=True)
     ]
-    check_not_moved(support, cameras, evidence, risen if plain else None)
+    check_not_moved(support, cameras, evidence, scene.model, risen if plain else None)
     selection = select_object(support, cameras, evidence, risen if plain else None, images)
     if scene.before:
         selection = selection.with_others_of(scene.before)
