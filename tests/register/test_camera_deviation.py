@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.registered_views import DEVIATIONS, read_deviations
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.geometry.transforms import move_similarity, transform_camera, transform_points
 from zeroshop_steps.register.bundle_adjustment import adjust_robustly
-from zeroshop_steps.register.camera_covariance import estimate_deviations
+from zeroshop_steps.register.camera_covariance import LOOSE, _invert_root, estimate_deviations
 from zeroshop_steps.register.camera_deviation import measure_deviations, write_deviations
 from zeroshop_steps.register.model_outlines import read_tracks
 from zeroshop_steps.register.outline_adjustment import OutlineAdjustment
@@ -164,3 +164,12 @@ def test_a_registration_states_them_unless_its_cameras_are_true(scene, tmp_path,
     if estimated:
         stated = np.array(list(read_deviations(out).values()))
         assert record["deviation_px"] == pytest.approx({"median": np.median(stated), "largest": stated.max()}, abs=2e-3)
+
+
+def test_unknowns_that_rounding_makes_looser_than_nothing_keep_finite_deviations():
+    """Of photos from one side, the rounded information matrix has negative eigenvalues, and its inverse negative variances."""
+    turned = np.linalg.qr(np.random.default_rng(0).normal(size=(5, 5)))[0]
+    known = np.array([-1e3, 1.0, 1e4, 1e9, 1e13])
+    root = _invert_root((turned * known) @ turned.T)
+    variances = ((turned.T @ root) ** 2).sum(1)
+    assert np.allclose(variances[:2], LOOSE**2, rtol=1e-2) and np.allclose(variances[2:], 1 / known[2:], rtol=1e-2)

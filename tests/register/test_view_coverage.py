@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.geometry.viewpoints import look_at
 from zeroshop_steps.register.record import write_registration
-from zeroshop_steps.register.view_coverage import measure_view_coverage
+from zeroshop_steps.register.view_coverage import check_spread, measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -51,6 +51,16 @@ def test_a_missing_side_is_named():
 def test_one_round_alone_is_told(elevation_deg, words):
     advice = measure_view_coverage(cameras(AROUND, np.full(len(AROUND), float(elevation_deg)))).advice()
     assert len(advice) == len(words) and all(any(word in line for line in advice) for word in words)
+
+
+@pytest.mark.parametrize(("azimuths_deg", "refused"), [(np.arange(0, 16, 3), True), (np.arange(0, 40, 5), False), (AROUND, False)])
+def test_cameras_that_all_look_from_one_side_are_refused(azimuths_deg, refused):
+    around = cameras(azimuths_deg, np.full(len(azimuths_deg), 30.0))
+    if refused:
+        with pytest.raises(StepError, match="from nearly the same direction, within 1[0-9] degrees"):
+            check_spread(around)
+    else:
+        check_spread(around)
 
 
 def test_a_photo_from_straight_above_closes_no_gap():

@@ -58,7 +58,7 @@ def estimate_deviations(
     rotation, place = poses[:, :3, :3], (poses @ np.append(centre, 1.0))[:, :3] / radius
     intrinsics = np.array([camera.intrinsics for camera in cameras])
     information = _find_information(rotation, place, intrinsics, tracks, (points - centre) / radius)
-    covariance = np.linalg.inv(information if by_outlines is None else information + by_outlines)
+    root = _invert_root(information if by_outlines is None else information + by_outlines)
 
     shown = (ENDS @ rotation).reshape(-1, 3)
     view = np.repeat(np.arange(len(cameras)), len(ENDS))
@@ -68,26 +68,32 @@ def estimate_deviations(
     by_world = np.concatenate([by_point @ -make_cross_matrices(shown), by_point, by_point @ shown[:, :, None]], axis=2).reshape(-1, 7)
     world_from_cameras = -np.linalg.lstsq(by_world, effect, rcond=None)[0]
     moved = effect + by_world @ world_from_cameras
-    variance = np.einsum("ka,ab,kb->k", moved, covariance, moved, optimize=True).reshape(len(cameras), -1)
+    variance = ((moved @ root) ** 2).sum(1).reshape(len(cameras), -1)
 
-    by_pose = np.eye(len(covariance)) + _follow_world(rotation, place) @ world_from_cameras
+    by_pose = np.eye(len(root)) + _follow_world(rotation, place) @ world_from_cameras
     return CameraDeviations(
         tuple(camera.name for camera in cameras),
         np.sqrt(variance.sum(1) / len(ENDS)),
-        *_find_pose_deviations(rotation, place, by_pose @ covariance @ by_pose.T),
+        *_find_pose_deviations(rotation, place, by_pose @ root),
     )
 
 
-def _find_pose_deviations(rotation: np.ndarray, place: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) deviations of the cameras' turns, in degrees, and of their centres, as shares of the distance."""
+def _invert_root(information: np.ndarray) -> np.ndarray:
+    """(K, K) R with R R^T the inverse of an information matrix. Rounding does not make any unknown looser than it was at first."""
+    values, vectors = np.linalg.eigh((information + information.T) / 2)
+    return np.asarray(vectors / np.sqrt(np.maximum(values, 1 / LOOSE**2)))
+
+
+def _find_pose_deviations(rotation: np.ndarray, place: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) deviations of the cameras' turns, in degrees, and of their centres, as shares of the distance; by a root of their covariance."""
     turns, centres = [], []
     for index, (turned, there) in enumerate(zip(rotation, place, strict=True)):
         own = slice(UNKNOWNS * index, UNKNOWNS * (index + 1))
-        pose = covariance[own, own]
+        pose = root[own]
         # The centre is -R^T t, and a turn about the object takes it along.
         centre_by_pose = np.concatenate([make_cross_matrices(-(turned.T @ there)[None])[0], -turned.T], axis=1)
-        turns.append(np.sqrt(np.trace(pose[:3, :3])))
-        centres.append(np.sqrt(np.trace(centre_by_pose @ pose @ centre_by_pose.T)) / np.linalg.norm(there))
+        turns.append(np.linalg.norm(pose[:3]))
+        centres.append(np.linalg.norm(centre_by_pose @ pose) / np.linalg.norm(there))
     return np.degrees(turns), np.array(centres)
 
 

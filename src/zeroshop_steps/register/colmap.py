@@ -14,6 +14,7 @@ from typing import Any
 
 import pycolmap
 
+from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.register.consistency import FOLDED, WRONG
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, TooFewRegistered, write_registration
@@ -34,8 +35,10 @@ from zeroshop_steps.register.still_background import (
 )
 from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.view_coverage import check_spread
 from zeroshop_steps.register.wide_pairs import leave_out_narrow_pairs
 from zeroshop_steps.runtime.cache import Cached
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
@@ -149,7 +152,9 @@ def match_and_reconstruct(
         look_again = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
         figures_before = deepcopy(figures)
         try:
-            return reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
+            record = reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
+            _check_spread(out, record)
+            return record
         except RegistrationFailed as error:
             if start is None and structure.leave_out and not structure.object_only and str(error).startswith(WRONG):
                 found = _reconstruct_from_wide_pairs(database, image_set, out, structure, figures_before, stopwatch, error)
@@ -162,6 +167,14 @@ def match_and_reconstruct(
             if str(error).startswith(FOLDED):  # photos of equal sides do not move either
                 reason = f"{error}. Or {still.describe()}: then {STILL_REMEDY}"
             raise type(error)(reason, error.figures, error.rejected) from None
+
+
+def _check_spread(folder: Path, figures: dict[str, Any]) -> None:
+    """Raise RegistrationFailed where all cameras look from one side."""
+    try:
+        check_spread(list(read_sparse_model(folder / "sparse").cameras))
+    except StepError as error:
+        raise RegistrationFailed(str(error), figures) from None
 
 
 def _reconstruct_from_wide_pairs(

@@ -17,6 +17,9 @@ WIDE_GAP_DEG = 60.0
 NARROW_ELEVATIONS_DEG = 12.0  # all photos are from about one height
 FLAT_DEG, STEEP_DEG = 10.0, 65.0
 """If all photos are lower than the first, none shows the top; if all are higher than the second, none shows the sides."""
+LEAST_SPREAD_DEG = 20.0
+"""Photos that all lie within this show one side of the object at best. Those of two turntables, whose cameras followed what stood still
+behind them, lay within 11 and 15 degrees."""
 OVERHEAD_DEG = 80.0  # from so high up, a photo has no azimuth
 
 
@@ -60,8 +63,7 @@ def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
         StepError: the cameras look away from each other.
     """
     up, _ = estimate_up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
-    looks = np.array([camera.centre_in_world for camera in cameras]) - find_focus(cameras)
-    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    looks = _find_looks(cameras)
     elevations = np.degrees(np.arcsin(np.clip(looks @ up, -1.0, 1.0)))
     first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     first /= np.linalg.norm(first)
@@ -74,6 +76,26 @@ def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
     widest = int(gaps.argmax())
     between = cameras[order[widest]].name, cameras[order[(widest + 1) % len(order)]].name
     return ViewCoverage(float(gaps[widest]), between, (float(elevations.min()), float(elevations.max())))
+
+
+def check_spread(cameras: list[Camera]) -> None:
+    """Raise StepError where all cameras see the object from nearly the same direction."""
+    try:
+        looks = _find_looks(cameras)
+    except StepError:
+        return  # they look away from each other, which is told elsewhere
+    spread_deg = float(np.degrees(np.arccos(np.clip((looks @ looks.T).min(), -1.0, 1.0))))
+    if spread_deg < LEAST_SPREAD_DEG:
+        raise StepError(
+            f"the cameras of all {len(cameras)} photos see the object from nearly the same direction, within {spread_deg:.0f} degrees; go"
+            " around it"
+        )
+
+
+def _find_looks(cameras: list[Camera]) -> np.ndarray:
+    """(N, 3) directions from the point that all cameras look at to each of them."""
+    looks = np.array([camera.centre_in_world for camera in cameras]) - find_focus(cameras)
+    return np.asarray(looks / np.linalg.norm(looks, axis=1, keepdims=True))
 
 
 def record_view_coverage(scene: Path) -> dict[str, Any]:
