@@ -101,6 +101,13 @@ def test_cells_say_what_helps(report):
             "no support plane: no plane holds 30; put the object on a flat surface; nothing stands there",
             "leave one object alone",
         ),
+        (
+            "register",
+            "by colmap: the background stands still in the photos while the object turns (74% of what matches does not move), and what"
+            " turns is too little to find the cameras (too few); move the camera instead, or give masks; by aliked: 2 images registered",
+            "move the camera around it instead",
+        ),
+        ("register", "the cameras of all 9 photos see the object from nearly the same direction, within 8 degrees", "go all around"),
         ("register", "the network finds no matches between the images", "matched no pictures"),
         ("register", "the network found no camera for a.jpg", "register by colmap"),
         ("evaluate", "the raw mesh was made without cameras", "surface method that uses cameras"),

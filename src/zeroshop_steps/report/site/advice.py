@@ -32,6 +32,9 @@ BY_MEASURE = {
 }
 # (beginning of the step's name, words in the reason, advice); the first entry that fits is used.
 BY_FAILURE = (
+    ("register", "what turns is too little", "The object turned before a background that stands still: move the camera around it instead, "
+     "hang a plain cloth behind it, or give masks of the object."),
+    ("register", "nearly the same direction", "All photos are from one side: go all around the object."),
     ("register", "images registered", "Too few photos could be registered: put more texture under the object (the printed ground), take "
      "more photos with more overlap, and do not move the object or what lies around it."),
     ("register", "hangs together but is wrong", "Cameras were found, but they contradict the masks. Often, faces of the object look "
