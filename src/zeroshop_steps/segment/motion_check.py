@@ -37,8 +37,8 @@ def check_not_moved(
     except StepError:
         return  # half of the views are too few to find the object; all of them may do
     first, second = (_find_footprint(support, selection) for selection in halves)
-    overlap = len(first & second) / min(len(first), len(second))
-    if overlap < LEAST_OVERLAP and not all(_stays(footprint, support, model) for footprint in (first, second)):
+    apart = len(first & second) < LEAST_OVERLAP * min(len(first), len(second))
+    if apart and not all(_stays(footprint, support, model) for footprint in (first, second)):
         raise StepError(
             f"the object moved during the film: until {cameras[middle - 1].name} it stands elsewhere than from {cameras[middle].name} on; "
             "film it again without touching it or the ground, or register it by itself (scene video_segmented)"
