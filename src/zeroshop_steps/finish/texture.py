@@ -164,7 +164,7 @@ def _equalize_exposure(
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """The images with equal exposure, and the factor of each."""
     factors = exposure.estimate_gains(_sample_vertex_colors(images, mesh, maps).mean(2), quality, quality > LEAST_QUALITY)
-    return [image * factor for image, factor in zip(images, factors, strict=True)], factors
+    return [image * np.float32(factor) for image, factor in zip(images, factors, strict=True)], factors
 
 
 def _average_colors(

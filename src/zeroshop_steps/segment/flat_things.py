@@ -130,7 +130,7 @@ def find_beside_flat(views: list[View], found: Found, find_on: FindOn) -> tuple[
     for other, prior, by_color in _find_on_sheet(sheet, found.support, find_on):
         if find_flat_foot(views, other.masks, other.support) is None:
             standing.append((replace(other, record=other.record | kept), prior, by_color))
-            if cut_around(views, other.masks)[1] <= OUTGROWN_SHARE:
+            if by_color or cut_around(views, other.masks)[1] <= OUTGROWN_SHARE:
                 break
             print("the photos' own colours go on beyond these masks")
     if standing:
