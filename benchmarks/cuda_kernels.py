@@ -120,7 +120,7 @@ def launch_all() -> dict[str, Launch]:
     from scenes import ball_of_surfels, ball_of_voxels
 
     scenes = (ball_of_surfels("", 50, 32), ball_of_voxels("", 2, 32))
-    return note_launches([*(lambda scene=scene: _train(scene) for scene in scenes), _search_planes, _color_texels])
+    return note_launches([*(lambda scene=scene: _train(scene) for scene in scenes), _search_planes, _draw_mesh, _color_texels])
 
 
 def _train(scene: Any) -> None:
@@ -143,6 +143,12 @@ def _search_planes() -> None:
     search.remember()
     search.recompute(all_views)
     search.refine(all_views, 0.5, 0, 0)
+
+
+def _draw_mesh() -> None:
+    from zeroshop_steps.geometry.cuda_rasterization import CudaFaces
+
+    CudaFaces(np.zeros((1, 3), np.int32)).draw(np.zeros((3, 2), np.float32), np.ones(3, np.float32), 0.0, (8, 8))
 
 
 def _color_texels() -> None:

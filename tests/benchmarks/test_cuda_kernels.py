@@ -10,7 +10,7 @@ from helpers.paths import REPOSITORY
 
 SCRIPT = REPOSITORY / "benchmarks" / "cuda_kernels.py"
 HAS_EXTRA = importlib.util.find_spec("numba_cuda") is not None
-KERNELS = 19
+KERNELS = 20
 
 
 def compile_all(*words: str) -> subprocess.CompletedProcess[str]:

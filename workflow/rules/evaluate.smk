@@ -102,11 +102,16 @@ rule evidence:
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
+        gpu=int(config["finish"]["device"] != "cpu"),
+        # One photo's pixels, 8 bytes each, and the mesh, beside what CUDA itself takes.
+        gpu_mem_mb=1500 if config["finish"]["device"] != "cpu" else 0,
+    params:
+        options=step_options({"device": config["finish"]["device"]}),
     message:
         "Telling what of the mesh was measured: {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.evaluate --method surface_support --mesh {input.mesh} --cameras {input.cameras} --stereo {input.stereo}"
-        " --closing {input.closing} --out {output.evidence} --record-failure {output} > {log} 2>&1"
+        " --closing {input.closing} {params.options} --out {output.evidence} --record-failure {output} > {log} 2>&1"
 
 
 rule quality:

@@ -182,11 +182,11 @@ rule texture:
     resources:
         mem_mb=per_attempt(3000),
         runtime=per_attempt(10),
-        gpu=int(config["finish"]["texture_device"] != "cpu"),
+        gpu=int(config["finish"]["device"] != "cpu"),
         # At most all texels, 41 bytes each, and one photo, beside what CUDA itself takes.
-        gpu_mem_mb=1000 + 41 * config["finish"]["texture_size_px"] ** 2 // 10**6 if config["finish"]["texture_device"] != "cpu" else 0,
+        gpu_mem_mb=1000 + 41 * config["finish"]["texture_size_px"] ** 2 // 10**6 if config["finish"]["device"] != "cpu" else 0,
     params:
-        options=step_options({"texture_size": config["finish"]["texture_size_px"], "device": config["finish"]["texture_device"]}),
+        options=step_options({"texture_size": config["finish"]["texture_size_px"], "device": config["finish"]["device"]}),
     message:
         "Baking the texture of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:

@@ -144,7 +144,7 @@ def _sample_photos(mesh: Mesh, places: np.ndarray, normals: np.ndarray, views: S
             raise StepError(f"{view.mask_path}: the mask shows no object; make the mask again, or leave the photo out")
         iou.append(float((mask & hits.mask).sum() / (mask | hits.mask).sum()))
         back_px, mesh_px = back_px + _count_back_pixels(corners, facing, hits, view), mesh_px + int(hits.mask.sum())
-        maps = compute_view_maps(view, hits, diameter)
+        maps = compute_view_maps(view.camera, mask, hits.depth, diameter)
         pixels, depth = view.camera.project(places[0])
         towards = view.camera.centre_in_world - places[0]
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)

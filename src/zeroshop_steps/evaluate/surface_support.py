@@ -14,6 +14,7 @@ from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import MEASURED, UNSEEN, compute_area_shares
 from zeroshop_steps.geometry.surface_support import classify_surface_support
 from zeroshop_steps.runtime.files import atomic_write, read_json, write_json
+from zeroshop_steps.runtime.kernel_devices import DEVICES, choose_kernel_device
 from zeroshop_steps.surface.seeds import read_confirmed_points
 
 
@@ -23,24 +24,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cameras", type=Path, help="registered cameras with images and masks; without any, nothing was seen")
     parser.add_argument("--stereo", type=Path, nargs="?", help="seeds.npz with the depths that stereo confirmed, if there are any")
     parser.add_argument("--closing", type=Path, help="closed.json: what a generated mesh proposed is never seen, whatever photos show")
+    parser.add_argument("--device", choices=DEVICES, default="cpu", help="where the mesh is rasterized (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="evidence.npz; its figures go beside it as .json")
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the class of every vertex."""
-    start_s = time.monotonic()
+    start_s, device = time.monotonic(), choose_kernel_device(args.device)
     mesh = read_ply(args.mesh)
     if args.cameras is None:
         evidence = np.full(len(mesh.vertices), UNSEEN, np.uint8)
     else:
         views, _ = read_views(args.cameras)
-        evidence = classify_surface_support(mesh, views, read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3)))
+        confirmed = read_confirmed_points(args.stereo, views) if args.stereo else np.zeros((0, 3))
+        evidence = classify_surface_support(mesh, views, confirmed, device)
     if args.closing:
         evidence = drop_generated(evidence, mesh, read_json(args.closing))
     shares = compute_area_shares(replace(mesh, quality=evidence / MEASURED))
     with atomic_write(args.out) as temporary:
         np.savez_compressed(temporary, evidence=evidence)
-    write_json(args.out.with_suffix(".json"), {"area_shares": shares, "seconds": round(time.monotonic() - start_s, 2)})
+    write_json(args.out.with_suffix(".json"), {"area_shares": shares, "device": device, "seconds": round(time.monotonic() - start_s, 2)})
     print("evidence: " + ", ".join(f"{share:.1%} {name}" for name, share in shares.items()), file=sys.stderr)
 
 

@@ -53,7 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cameras", type=Path, required=True, help="registered cameras with undistorted images and masks")
     parser.add_argument("--generated", type=Path, nargs="?", help="generated mesh with colours, registration frame, if there is one")
     parser.add_argument("--texture-size", type=int, default=2048, help="side of the square texture in texels (default: %(default)s)")
-    parser.add_argument("--device", choices=DEVICES, default="cpu", help="where texels get their colours (default: %(default)s)")
+    parser.add_argument(
+        "--device", choices=DEVICES, default="cpu", help="where the mesh is rasterized and texels get their colours (default: %(default)s)"
+    )
     parser.add_argument("--out", type=Path, required=True, help="texture PNG; its figures are written beside it as .json")
 
 
@@ -101,34 +103,48 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
     """
     joined, index = weld(mesh)
     extent = float(np.linalg.norm(np.ptp(joined.vertices, axis=0)))
-    renderer = MeshRenderer(joined)
+    renderer = MeshRenderer(joined, choose_kernel_device(device))
     neighbours = build_neighbour_matrix(joined)
     joined = Mesh(joined.vertices, joined.faces, smooth_normals(joined, neighbours, NORMAL_SMOOTHING))
-    maps = [compute_view_maps(view, renderer.cast_rays(view.camera), extent) for view in views]
-    images = [view.image().astype(np.float32) / 255.0 for view in views]
+    images, maps = map(list, zip(*(_look_at_mesh(view, renderer, extent) for view in views), strict=True))
     texels = _rasterize(mesh, size)
 
     quality = rate_vertex_views(joined, maps, extent)
-    images, gains = _equalize_exposure(images, quality, joined, maps)
+    colors = _sample_vertex_colors(images, joined, maps)
+    gains = exposure.estimate_gains(colors.mean(2), quality, quality > LEAST_QUALITY)
+    colors *= gains[:, None]
     guess = None if generated is None else find_nearest_colors(generated, joined.vertices)
-    broad, corrections, glare = _average_colors(images, quality, joined, maps, neighbours, guess)
+    broad, corrections, glare = _average_colors(colors, quality, neighbours, guess)
     choice = _choose_photos(quality / (1.0 + (glare / GLARE) ** 2), neighbours)
     corners = index.astype(np.int32)[mesh.faces][texels.face]
-    colors = make_texel_colors(device, corners, texels.barycentric, joined.vertices, VISIBLE_SHARE * extent)
+    texel_colors = make_texel_colors(device, corners, texels.barycentric, joined.vertices, VISIBLE_SHARE * extent)
     # The second round is for texels that the chosen photos miss.
     for votes, least_votes, covered in ((choice, CHOSEN_SHARE, np.inf), (quality, 0.0, COVERED)):
-        colors.begin_round(least_votes, covered)
+        texel_colors.begin_round(least_votes, covered)
         for k, view in enumerate(maps):
             projection = view.camera.intrinsics @ view.camera.camera_from_world[:3]
-            shown = (np.ascontiguousarray(part, np.float32) for part in (images[k], view.trust, view.depth, votes[:, k], corrections[:, k]))
-            colors.add(VotingView(projection, *shown))
+            at_vertices = (np.ascontiguousarray(values[:, k], np.float32) for values in (votes, corrections))
+            image = _to_float(images[k], gains[k])
+            texel_colors.add(VotingView(projection, image, view.trust, np.ascontiguousarray(view.depth), *at_vertices))
     texture = np.zeros((size, size, 3), np.uint8)
-    texture[texels.row, texels.column], weight = colors.finish(broad.astype(np.float32), FILL_WEIGHT)
+    texture[texels.row, texels.column], weight = texel_colors.finish(broad.astype(np.float32), FILL_WEIGHT)
     seen_share = round(float((weight > 0).mean()), 5)
     figures = {"texels": len(weight), "seen_share": seen_share, "gains": [round(float(g), 4) for g in gains]}
     if guess is not None:
         figures["generated_share"] = round(1.0 - seen_share, 5)
     return fill_gutters(texture, texels), figures
+
+
+def _look_at_mesh(view: View, renderer: MeshRenderer, extent: float) -> tuple[np.ndarray, ViewMaps]:
+    """The part of a photo around the mesh, (height, width, 3) uint8, and what it sees there."""
+    window, camera = renderer.find_window(view.camera)
+    maps = compute_view_maps(camera, view.mask()[window], renderer.find_depth(camera), extent)
+    return view.image()[window].copy(), maps
+
+
+def _to_float(image: np.ndarray, gain: float = 1.0) -> np.ndarray:
+    """An image as float32 from 0 to the gain. All photos of a capture would take several gigabytes as such."""
+    return np.multiply(image, np.float32(gain / 255.0), dtype=np.float32)
 
 
 def bake_colors(mesh: Mesh, colored: Mesh, size: int) -> np.ndarray:
@@ -159,30 +175,22 @@ def _rasterize(mesh: Mesh, size: int) -> Texels:
     return texels
 
 
-def _equalize_exposure(
-    images: list[np.ndarray], quality: np.ndarray, mesh: Mesh, maps: list[ViewMaps]
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """The images with equal exposure, and the factor of each."""
-    factors = exposure.estimate_gains(_sample_vertex_colors(images, mesh, maps).mean(2), quality, quality > LEAST_QUALITY)
-    return [image * np.float32(factor) for image, factor in zip(images, factors, strict=True)], factors
-
-
 def _average_colors(
-    images: list[np.ndarray],
-    quality: np.ndarray,
-    mesh: Mesh,
-    maps: list[ViewMaps],
-    neighbours: csr_matrix,
-    guess: np.ndarray | None,
+    colors: np.ndarray, quality: np.ndarray, neighbours: csr_matrix, guess: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The mean colour of all photos at each vertex, and by how much each photo differs from it; `guess` is for what none sees.
+    """The mean colour of all photos at each vertex, and by how much each photo differs from it.
+
+    Args:
+        colors: (V, K, 3) of the vertices in K photos, with equal exposure.
+        quality: (V, K) how well a photo sees a vertex.
+        neighbours: of the vertices, as `smooth` takes them.
+        guess: (V, 3) for what no photo sees.
 
     Returns:
         broad: (V, 3) robust mean over the photos; filled in where no photo sees the vertex.
         corrections: (V, K, 3) smoothed difference between the mean and the colour in photo k.
         glare: (V, K) by how much photo k is brighter than the mean; not below 0.
     """
-    colors = _sample_vertex_colors(images, mesh, maps)
     weights = quality.copy()
     for _ in range(HIGHLIGHT_ROUNDS):
         mean = np.einsum("vk,vkc->vc", weights, colors) / np.maximum(weights.sum(1), 1e-12)[:, None]
@@ -192,7 +200,7 @@ def _average_colors(
     offset = np.zeros_like(mean) if guess is None else guess
     broad = offset + fill_harmonically(mean - offset, quality.max(1) > SEEN_QUALITY, neighbours)
     corrections = np.empty_like(colors)
-    for k in range(len(maps)):
+    for k in range(colors.shape[1]):
         corrections[:, k] = smooth(mean - colors[:, k], neighbours, LEVEL_SMOOTHING, np.minimum(quality[:, k], LEAST_QUALITY))
     return broad, corrections, np.maximum((colors - mean[:, None]).mean(2), 0.0)
 
@@ -207,7 +215,8 @@ def find_nearest_colors(colored: Mesh, points: np.ndarray) -> np.ndarray:
 
 
 def _sample_vertex_colors(images: list[np.ndarray], mesh: Mesh, maps: list[ViewMaps]) -> np.ndarray:
-    blurred = (cv2.GaussianBlur(image, (0, 0), COLOR_BLUR_PX) for image in images)
+    """(V, K, 3) float32 colours of the vertices in K photos, 0 to 1."""
+    blurred = (cv2.GaussianBlur(_to_float(image), (0, 0), COLOR_BLUR_PX) for image in images)
     return np.stack([sample_image(image, view.camera.project(mesh.vertices)[0]) for image, view in zip(blurred, maps, strict=True)], 1)
 
 

@@ -1,7 +1,11 @@
-"""Render a mesh by ray casting: depth, mask, surface coordinates and unlit colour."""
+"""Render a mesh: depth, mask, surface coordinates and unlit colour."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -9,8 +13,14 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import sample_bilinear
 from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.rasterization_kernel import draw_faces, find_shares
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
+if TYPE_CHECKING:
+    from zeroshop_steps.geometry.cuda_rasterization import CudaFaces
+
+NEAREST_SHARE = 0.01
+"""A mesh is rasterized if its nearest vertex is farther from the camera's plane than so much of its farthest one."""
 PLAIN_GREY = 190.0  # of 255, of a mesh without texture
 # Shaded renders, of 255: faces seen edge-on, what facing the camera adds, and the same for faces seen from behind, which are tinted red.
 DARKEST, FACING_GAIN = 40.0, 190.0
@@ -38,44 +48,100 @@ class RayHits:
         return self.face >= 0
 
 
-class MeshRenderer:
-    """Casts rays at one mesh. Building it takes time, so one serves all views."""
+@dataclass(frozen=True)
+class _Sight:
+    """The mesh before a camera: the camera of the pixels that may see it, columns and rows of the vertices there, and their depths."""
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
-        self.scene = ray_caster((mesh.vertices, mesh.faces))
+    camera: Camera
+    columns_rows: np.ndarray
+    depths: np.ndarray
+    is_before_camera: bool
+
+
+class MeshRenderer:
+    """Draws one mesh as many cameras see it.
+
+    Its faces are rasterized. Where a camera is inside the mesh or right before it, rays are cast.
+    """
+
+    def __init__(self, mesh: Mesh, device: str = "cpu") -> None:
+        """Args:
+        mesh: what is drawn.
+        device: cpu or cuda, where faces are rasterized.
+        """
+        self.mesh, self._faces = mesh, np.ascontiguousarray(mesh.faces, np.int32)
+        self._on_device: CudaFaces | None = None
+        if device == "cuda":
+            from zeroshop_steps.geometry.cuda_rasterization import CudaFaces
+
+            self._on_device = CudaFaces(self._faces)
+
+    @cached_property
+    def scene(self) -> o3d.t.geometry.RaycastingScene:
+        """For rays and nearest points."""
+        return ray_caster((self.mesh.vertices, self.mesh.faces))
+
+    def find_depth(self, camera: Camera) -> np.ndarray:
+        """The depth that `cast_rays` finds, without the rest."""
+        depth = np.zeros((camera.height_px, camera.width_px), np.float32)
+        window, seen = self._look(camera)
+        depth[window] = self._rasterize(seen)[0] if seen.is_before_camera else self._cast(seen.camera).depth
+        return depth
 
     def cast_rays(self, camera: Camera) -> RayHits:
-        """Cast one ray through each pixel centre of `camera`; pixels far from the mesh are skipped."""
+        """What the rays through the pixel centres of `camera` hit."""
         shape = (camera.height_px, camera.width_px)
-        face, depth = np.full(shape, -1, np.int64), np.zeros(shape, np.float32)
-        barycentric = np.zeros((*shape, 2), np.float32)
-        window, cropped = self._around_mesh(camera)
-        if face[window].size:
-            k, pose = o3d.core.Tensor(cropped.intrinsics), o3d.core.Tensor(cropped.camera_from_world)
-            # These rays have unit depth along the optical axis, so t_hit is the depth.
-            rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(k, pose, cropped.width_px, cropped.height_px)
-            found = self.scene.cast_rays(rays)
-            distance = found["t_hit"].numpy()
-            hit = np.isfinite(distance)
-            face[window] = np.where(hit, found["primitive_ids"].numpy().astype(np.int64), -1)
-            depth[window] = np.where(hit, distance, 0.0)
-            barycentric[window] = found["primitive_uvs"].numpy()
-        return RayHits(face, barycentric, depth)
+        hits = RayHits(np.full(shape, -1, np.int64), np.zeros((*shape, 2), np.float32), np.zeros(shape, np.float32))
+        window, seen = self._look(camera)
+        found = self._rasterize_with_shares(seen) if seen.is_before_camera else self._cast(seen.camera)
+        hits.face[window], hits.barycentric[window], hits.depth[window] = found.face, found.barycentric, found.depth
+        return hits
 
-    def _around_mesh(self, camera: Camera) -> tuple[tuple[slice, slice], Camera]:
+    def find_window(self, camera: Camera) -> tuple[tuple[slice, slice], Camera]:
         """Rows and columns of the pixels that may see the mesh, and the camera of these pixels alone."""
+        window, seen = self._look(camera)
+        return window, seen.camera
+
+    def _look(self, camera: Camera) -> tuple[tuple[slice, slice], _Sight]:
         pixels, depths = camera.project(self.mesh.vertices)
         size = np.array([camera.width_px, camera.height_px])
         first, last = np.zeros(2, int), size
-        if len(depths) and (depths > 0).all():
-            first = np.clip(np.floor(pixels.min(0)) - 1, 0, size).astype(int)
-            last = np.clip(np.ceil(pixels.max(0)) + 1, first, size).astype(int)
-        intrinsics = camera.intrinsics.copy()
-        intrinsics[:2, 2] -= first
-        width_px, height_px = (last - first).tolist()
-        window = (slice(first[1], last[1]), slice(first[0], last[0]))
-        return window, Camera(camera.name, width_px, height_px, intrinsics, camera.camera_from_world)
+        is_before_camera = len(depths) > 0 and depths.min() > NEAREST_SHARE * depths.max()
+        if is_before_camera:
+            # Two pixels at least, also where the mesh is beside the image: no filter or lookup takes an image without any.
+            first = np.clip(np.floor(pixels.min(0)) - 1, 0, np.maximum(size - 2, 0)).astype(int)
+            last = np.clip(np.ceil(pixels.max(0)) + 1, first + 2, size).astype(int)
+        (left, top), (width_px, height_px) = first.tolist(), (last - first).tolist()
+        window = (slice(top, top + height_px), slice(left, left + width_px))
+        # Pixel (0, 0)'s centre is at the origin of the rasterizer.
+        columns_rows = (pixels - (first + 0.5)).astype(np.float32)
+        return window, _Sight(camera.cropped(left, top, width_px, height_px), columns_rows, depths.astype(np.float32), is_before_camera)
+
+    def _rasterize(self, seen: _Sight) -> tuple[np.ndarray, np.ndarray]:
+        """(height, width) depth, 0 where nothing is, and face."""
+        shape = (seen.camera.height_px, seen.camera.width_px)
+        if self._on_device:
+            inverse_depth, face = self._on_device.draw(seen.columns_rows, seen.depths, 0.0, shape)
+        else:
+            (inverse_depth,), (face,) = draw_faces(seen.columns_rows[None], seen.depths[None], self._faces, 0.0, (1, *shape))
+        depth = np.zeros(shape, np.float32)
+        np.divide(np.float32(1), inverse_depth, out=depth, where=inverse_depth > 0)
+        return depth, face
+
+    def _rasterize_with_shares(self, seen: _Sight) -> RayHits:
+        depth, face = self._rasterize(seen)
+        shares = np.empty((1, *face.shape, 3), np.float32)
+        find_shares(seen.columns_rows[None], seen.depths[None], self._faces, face[None], shares)
+        return RayHits(face, shares[0, ..., 1:], depth)
+
+    def _cast(self, camera: Camera) -> RayHits:
+        k, pose = o3d.core.Tensor(camera.intrinsics), o3d.core.Tensor(camera.camera_from_world)
+        # These rays have unit depth along the optical axis, so t_hit is the depth.
+        found = self.scene.cast_rays(o3d.t.geometry.RaycastingScene.create_rays_pinhole(k, pose, camera.width_px, camera.height_px))
+        distance = found["t_hit"].numpy()
+        hit = np.isfinite(distance)
+        face = np.where(hit, found["primitive_ids"].numpy().astype(np.int64), -1)
+        return RayHits(face, found["primitive_uvs"].numpy(), np.where(hit, distance, np.float32(0)))
 
     def render_color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
         """Unlit textured render as (height, width, 3) uint8 sRGB, antialiased by `samples` x `samples` rays per pixel."""
@@ -105,15 +171,14 @@ class MeshRenderer:
         """(height, width, 3) mean colour of those rays of a pixel that hit the mesh, and (height, width) their share."""
         color = np.zeros((camera.height_px, camera.width_px, 3), np.float32)
         coverage = np.zeros((camera.height_px, camera.width_px), np.float32)
-        window, cropped = self._around_mesh(camera)
-        if coverage[window].size:
-            fine = cropped.resized(cropped.width_px * samples, cropped.height_px * samples)
-            hits = self.cast_rays(fine)
-            image = np.zeros((fine.height_px, fine.width_px, 3), np.float32)
-            image[hits.mask] = shade(fine, hits)
-            shape = (cropped.height_px, samples, cropped.width_px, samples)
-            coverage[window] = hits.mask.reshape(shape).mean((1, 3), dtype=np.float32)
-            color[window] = image.reshape(*shape, 3).mean((1, 3)) / np.maximum(coverage[window], 1e-6)[..., None]
+        window, cropped = self.find_window(camera)
+        fine = cropped.resized(cropped.width_px * samples, cropped.height_px * samples)
+        hits = self.cast_rays(fine)
+        image = np.zeros((fine.height_px, fine.width_px, 3), np.float32)
+        image[hits.mask] = shade(fine, hits)
+        shape = (cropped.height_px, samples, cropped.width_px, samples)
+        coverage[window] = hits.mask.reshape(shape).mean((1, 3), dtype=np.float32)
+        color[window] = image.reshape(*shape, 3).mean((1, 3)) / np.maximum(coverage[window], 1e-6)[..., None]
         return color, coverage
 
     def _sample_color(self, camera: Camera, hits: RayHits) -> np.ndarray:

@@ -5,10 +5,11 @@ For single large pictures and rays, `mesh_rendering.MeshRenderer` is there.
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from zeroshop_steps.geometry.rasterization_kernel import draw_nearest
+from zeroshop_steps.geometry.rasterization_kernel import draw_faces, find_shares
 
 NEAREST = 1e-3
 """Faces with a corner closer to the camera plane than this, in the mesh's unit, are not drawn."""
@@ -86,10 +87,11 @@ def rasterize(points: Tensor, faces: Tensor, grid: PixelGrid) -> Fragments:
     if points.device.type != "cpu":
         return draw_in_parts(pixels, depth, faces, grid)
     shape = (len(points), grid.height_px, grid.width_px)
-    face, shares = torch.full(shape, -1), torch.zeros((*shape, 3))
-    arrays = (tensor.numpy() for tensor in (pixels.contiguous(), depth, faces))
-    draw_nearest(*arrays, NEAREST, face.numpy(), shares.numpy())
-    return Fragments(face, shares)
+    arrays = (pixels.contiguous().numpy(), depth.numpy(), faces.numpy())
+    shares = np.empty((*shape, 3), np.float32)
+    _, face = draw_faces(*arrays, NEAREST, shape)
+    find_shares(*arrays, face, shares)
+    return Fragments(torch.from_numpy(face).long(), torch.from_numpy(shares))
 
 
 def draw_in_parts(pixels: Tensor, depth: Tensor, faces: Tensor, grid: PixelGrid) -> Fragments:

@@ -1,60 +1,113 @@
-"""Rasterization on the processor, compiled: what `rasterization.draw_in_parts` does, in a fraction of the time."""
+"""Rasterization, compiled: what `rasterization.draw_in_parts` does, in a fraction of the time.
+
+cuda_rasterization.py shares the functions for one face.
+"""
 
 import numba
 import numpy as np
 
+BANDS_PER_THREAD = 4
+"""An object is seldom spread evenly over the rows of a picture."""
+
+
+def draw_faces(
+    pixels: np.ndarray, depths: np.ndarray, faces: np.ndarray, nearest_depth: float, shape: tuple[int, int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What `draw_nearest` fills, for pictures of this shape (P, H, W): inverse depth and face."""
+    inverse_depth, face_of = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    bands = min(-(-BANDS_PER_THREAD * numba.get_num_threads() // len(pixels)), shape[1])
+    draw_nearest(pixels, depths, faces, nearest_depth, bands, inverse_depth, face_of)
+    return inverse_depth, face_of
+
 
 @numba.njit(cache=True, forceinline=True)
-def _edge(x0, y0, x1, y1):
-    """Twice the signed area of a triangle with the pixel, which is the origin."""
-    return x0 * y1 - y0 * x1
+def _edge(px, py, qx, qy, x, y):
+    """Twice the signed area of a triangle with a pixel; with p and q changed, the same number with the other sign, on any device."""
+    if px < qx or (px == qx and py < qy):
+        return (px - x) * (qy - y) - (py - y) * (qx - x)
+    return -((qx - x) * (py - y) - (qy - y) * (px - x))
+
+
+@numba.njit(cache=True, forceinline=True)
+def weigh_corners(corners, x, y):
+    """The shares of a face's corners at a pixel, each over the depth there, so that their sum is the inverse depth; 0 outside the face.
+
+    Args:
+        corners: column, row and depth of the first corner, then of the others, float32.
+        x, y: float32, the pixel's column and row.
+    """
+    xa, ya, za, xb, yb, zb, xc, yc, zc = corners
+    zero = np.float32(0)
+    ea, eb, ec = _edge(xb, yb, xc, yc, x, y), _edge(xc, yc, xa, ya, x, y), _edge(xa, ya, xb, yb, x, y)
+    area = ea + eb + ec
+    if area == zero or not ((ea >= zero and eb >= zero and ec >= zero) or (ea <= zero and eb <= zero and ec <= zero)):
+        return zero, zero, zero
+    return ea / area / za, eb / area / zb, ec / area / zc
+
+
+@numba.njit(cache=True, forceinline=True)
+def read_corners(pixels, depths, faces, face):
+    """Column, row and depth of the three corners of a face, for `weigh_corners`."""
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    return pixels[a, 0], pixels[a, 1], depths[a], pixels[b, 0], pixels[b, 1], depths[b], pixels[c, 0], pixels[c, 1], depths[c]
+
+
+@numba.njit(cache=True, forceinline=True)
+def find_pixels(corners, first_row, last_row, width, nearest_depth):
+    """The first and last column and row that a face may cover, within these rows; none where a corner is no farther than the nearest."""
+    xa, ya, za, xb, yb, zb, xc, yc, zc = corners
+    if min(za, zb, zc) <= nearest_depth:
+        return 0, -1, 0, -1
+    left, right = max(np.ceil(min(xa, xb, xc)), np.float32(0)), min(np.floor(max(xa, xb, xc)), np.float32(width - 1))
+    top, bottom = max(np.ceil(min(ya, yb, yc)), np.float32(first_row)), min(np.floor(max(ya, yb, yc)), np.float32(last_row))
+    if not (left <= right and top <= bottom):
+        return 0, -1, 0, -1
+    return int(left), int(right), int(top), int(bottom)
 
 
 @numba.njit(cache=True, parallel=True)
-def draw_nearest(pixels, depths, faces, nearest_depth, face_of, shares_of):
+def draw_nearest(pixels, depths, faces, nearest_depth, bands, inverse_depth, face_of):
     """Draw the faces of one mesh in P pictures, the nearest in front; of those at the same depth, the first.
 
     Args:
         pixels: (P, V, 2) float32, columns and rows of the vertices.
         depths: (P, V) float32.
-        faces: (F, 3) int64.
+        faces: (F, 3) integers.
         nearest_depth: faces with a corner no farther away are left out.
-        face_of: (P, H, W) int64 to fill, -1 where nothing is.
-        shares_of: (P, H, W, 3) float32 to fill, weights of the corners on the surface.
+        bands: of rows, each of which a thread draws.
+        inverse_depth: (P, H, W) float32 to fill, 0 where nothing is.
+        face_of: (P, H, W) int32 to fill, -1 where nothing is.
     """
     height, width = face_of.shape[1:]
-    one, zero = np.float32(1), np.float32(0)
-    for picture in numba.prange(len(pixels)):
-        inverse = np.zeros((height, width), np.float32)  # of the depth so far
+    for part in numba.prange(len(pixels) * bands):
+        picture, band = part // bands, part % bands
+        first, last = band * height // bands, (band + 1) * height // bands - 1
+        inverse, found = inverse_depth[picture], face_of[picture]
+        inverse[first : last + 1], found[first : last + 1] = 0, -1
         for face in range(len(faces)):
-            a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-            za, zb, zc = depths[picture, a], depths[picture, b], depths[picture, c]
-            if min(za, zb, zc) <= nearest_depth:
-                continue
-            xa, ya = pixels[picture, a, 0], pixels[picture, a, 1]
-            xb, yb = pixels[picture, b, 0], pixels[picture, b, 1]
-            xc, yc = pixels[picture, c, 0], pixels[picture, c, 1]
-            left, right = max(np.ceil(min(xa, xb, xc)), zero), min(np.floor(max(xa, xb, xc)), np.float32(width - 1))
-            top, bottom = max(np.ceil(min(ya, yb, yc)), zero), min(np.floor(max(ya, yb, yc)), np.float32(height - 1))
-            if left > right or top > bottom:
-                continue
-            for row in range(int(top), int(bottom) + 1):
-                y = np.float32(row)
-                for column in range(int(left), int(right) + 1):
-                    x = np.float32(column)
-                    ea = _edge(xb - x, yb - y, xc - x, yc - y)
-                    eb = _edge(xc - x, yc - y, xa - x, ya - y)
-                    ec = _edge(xa - x, ya - y, xb - x, yb - y)
-                    if not ((ea >= zero and eb >= zero and ec >= zero) or (ea <= zero and eb <= zero and ec <= zero)):
-                        continue
-                    area = ea + eb + ec
-                    if area == zero:
-                        continue
-                    wa, wb, wc = ea / area / za, eb / area / zb, ec / area / zc
+            corners = read_corners(pixels[picture], depths[picture], faces, face)
+            left, right, top, bottom = find_pixels(corners, first, last, width, nearest_depth)
+            for row in range(top, bottom + 1):
+                for column in range(left, right + 1):
+                    wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
                     near = wa + wb + wc
                     if near > inverse[row, column]:
-                        inverse[row, column] = near
-                        face_of[picture, row, column] = face
-                        shares_of[picture, row, column, 0] = wa * (one / near)
-                        shares_of[picture, row, column, 1] = wb * (one / near)
-                        shares_of[picture, row, column, 2] = wc * (one / near)
+                        inverse[row, column], found[row, column] = near, face
+
+
+@numba.njit(cache=True, parallel=True)
+def find_shares(pixels, depths, faces, face_of, shares_of):
+    """Fill (P, H, W, 3) float32 shares of the corners on the surface, by the faces that `draw_nearest` found; 0 where nothing is."""
+    pictures, height, width = face_of.shape
+    for line in numba.prange(pictures * height):
+        picture, row = line // height, line % height
+        for column in range(width):
+            shares_of[picture, row, column] = 0
+            face = face_of[picture, row, column]
+            if face >= 0:
+                corners = read_corners(pixels[picture], depths[picture], faces, face)
+                wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
+                depth = np.float32(1) / (wa + wb + wc)
+                shares_of[picture, row, column, 0] = wa * depth
+                shares_of[picture, row, column, 1] = wb * depth
+                shares_of[picture, row, column, 2] = wc * depth

@@ -41,20 +41,21 @@ NORMAL_SMOOTHING = 3  # steps over the mesh; noisy normals would put vertices at
 LEAST_VIEWS = 2  # photos that must see a vertex: one alone gives no depth
 
 
-def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray) -> np.ndarray:
+def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.ndarray, device: str = "cpu") -> np.ndarray:
     """Classify the vertices of `mesh`.
 
     Args:
         mesh: in the frame of the views' cameras.
         views: registered photos with masks.
         confirmed: (N, 3) points that stereo confirmed, in the same frame.
+        device: cpu or cuda, where the mesh is rasterized; the rest is done on the processor.
 
     Returns:
         (V,) uint8 UNSEEN, ASSUMED or MEASURED.
     """
     joined, index = weld(mesh)
     normals = smooth_normals(joined, build_neighbour_matrix(joined), NORMAL_SMOOTHING)
-    diameter, points, renderer = diameter_of(joined), joined.vertices, MeshRenderer(joined)
+    diameter, points, renderer = diameter_of(joined), joined.vertices, MeshRenderer(joined, device)
     outlined, confirmed_near = np.zeros(len(points), bool), np.zeros(len(points), bool)
     if len(confirmed):
         confirmed_near = cKDTree(confirmed).query(points)[0] < NEAR_DIAMETERS * diameter
@@ -66,7 +67,7 @@ def classify_surface_support(mesh: Mesh, views: Sequence[View], confirmed: np.nd
         towards = camera.centre_in_world - points
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         cosine = np.einsum("ij,ij->i", normals, towards)
-        in_sight = find_visible(pixels, depth, renderer.cast_rays(camera).depth, VISIBLE_DIAMETERS * diameter)
+        in_sight = find_visible(pixels, depth, renderer.find_depth(camera), VISIBLE_DIAMETERS * diameter)
         seen += in_sight & (cosine > FACING_COSINE)
         mask = view.mask().astype(np.uint8)
         inwards_px = sample_image(cv2.distanceTransform(mask, cv2.DIST_L2, 5), pixels)

@@ -7,9 +7,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import sample_bilinear
-from zeroshop_steps.geometry.mesh_rendering import RayHits
 from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.geometry.registered_views import View
 
 # Set by hand on demo objects: less lets the background into textures, more leaves thin parts without colour.
 ERODE_PX = 2.5  # this close to a silhouette or an occlusion edge, a photo may show something else, because the mesh is not exact
@@ -28,7 +26,7 @@ class ViewMaps:
     """What one photo sees of a mesh.
 
     Attributes:
-        camera: the photo's camera.
+        camera: of the photo, or of the part of it that is looked at.
         depth: (height, width) float32 depth of the mesh, 0 where it is not hit.
         trust: (height, width) float32 in [0, 1]: 0 outside the mask and near occlusion edges, growing inwards.
     """
@@ -38,21 +36,22 @@ class ViewMaps:
     trust: np.ndarray
 
 
-def compute_view_maps(view: View, hits: RayHits, extent: float) -> ViewMaps:
+def compute_view_maps(camera: Camera, mask: np.ndarray, depth: np.ndarray, extent: float) -> ViewMaps:
     """Trust each pixel by its distance to the nearest edge, which errors of the geometry could shift.
 
     Args:
-        view: the photo.
-        hits: what its pixels see of the mesh.
+        camera: of the photo, or of a part of it.
+        mask: (height, width) bool, True on the object.
+        depth: (height, width) float32 of the mesh there, 0 where it is not.
         extent: size of the object in the mesh's unit, the scale for depth steps.
     """
-    inner = view.mask() & hits.mask
-    inner &= ~_find_depth_steps(hits.depth, DEPTH_STEP_SHARE * extent)
+    inner = mask & (depth > 0)
+    inner &= ~_find_depth_steps(depth, DEPTH_STEP_SHARE * extent)
     inner[[0, -1]] = inner[:, [0, -1]] = False
     distance = cv2.distanceTransform(inner.astype(np.uint8), cv2.DIST_L2, 5)
     trust = np.clip((distance - ERODE_PX) / FEATHER_PX, 0.0, 1.0)
     trust[(distance > MIXED_PX) & (trust <= 0.0)] = EDGE_TRUST
-    return ViewMaps(view.camera, hits.depth, trust.astype(np.float32))
+    return ViewMaps(camera, depth, trust.astype(np.float32))
 
 
 def rate_vertex_views(mesh: Mesh, maps: list[ViewMaps], extent: float) -> np.ndarray:

@@ -1,0 +1,45 @@
+"""A small ball beside a box, drawn from two sides, and, as a program in Numba's simulator, by the kernel for CUDA.
+
+The simulator has to be chosen before Numba is imported: NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1 python drawn_boxes.py OUT
+"""
+
+import sys
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.meshes import Mesh
+
+WIDTH_PX, HEIGHT_PX = 48, 40
+INTRINSICS = np.array([[90.0, 0.0, 25.0], [0.0, 80.0, 18.0], [0.0, 0.0, 1.0]])
+
+
+def make_boxes() -> Mesh:
+    """A ball and a box, which hides part of it from some sides."""
+    ball = trimesh.creation.icosphere(2, 25.0).apply_translation([30, 0, 10])
+    both = trimesh.util.concatenate([ball, trimesh.creation.box((40, 60, 30))])
+    return Mesh(np.asarray(both.vertices), np.asarray(both.faces))
+
+
+def make_cameras(away_mm: tuple[float, float, float] = (5.0, -4.0, 260.0), count: int = 2) -> list[Camera]:
+    """Cameras on random sides of the boxes, which are so far away and in the middle, if nothing else is said."""
+    cameras = []
+    for rotation in Rotation.random(count, random_state=1):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), away_mm
+        cameras.append(Camera("", WIDTH_PX, HEIGHT_PX, INTRINSICS, pose))
+    return cameras
+
+
+def draw(device: str) -> dict[str, np.ndarray]:
+    """What the cameras see, stacked: face, barycentric and depth."""
+    renderer = MeshRenderer(make_boxes(), device)
+    found = [renderer.cast_rays(camera) for camera in make_cameras()]
+    return {name: np.stack([getattr(hits, name) for hits in found]) for name in ("face", "barycentric", "depth")}
+
+
+if __name__ == "__main__":
+    np.savez(sys.argv[1], **draw("cuda"))
