@@ -3,6 +3,8 @@
 cuda_rasterization.py shares the functions for one face.
 """
 
+import math
+
 import numba
 import numpy as np
 
@@ -54,15 +56,13 @@ def read_corners(pixels, depths, faces, face):
 
 @numba.njit(cache=True, forceinline=True)
 def find_pixels(corners, first_row, last_row, width, nearest_depth):
-    """The first and last column and row that a face may cover, within these rows; none where a corner is no farther than the nearest."""
+    """The first and last column and row that a face may cover, of these rows: none where a corner is no farther than the nearest."""
     xa, ya, za, xb, yb, zb, xc, yc, zc = corners
     if min(za, zb, zc) <= nearest_depth:
         return 0, -1, 0, -1
-    left, right = max(np.ceil(min(xa, xb, xc)), np.float32(0)), min(np.floor(max(xa, xb, xc)), np.float32(width - 1))
-    top, bottom = max(np.ceil(min(ya, yb, yc)), np.float32(first_row)), min(np.floor(max(ya, yb, yc)), np.float32(last_row))
-    if not (left <= right and top <= bottom):
-        return 0, -1, 0, -1
-    return int(left), int(right), int(top), int(bottom)
+    left, right = max(math.ceil(min(xa, xb, xc)), 0), min(math.floor(max(xa, xb, xc)), width - 1)
+    top, bottom = max(math.ceil(min(ya, yb, yc)), first_row), min(math.floor(max(ya, yb, yc)), last_row)
+    return left, right, top, bottom
 
 
 @numba.njit(cache=True, parallel=True)
