@@ -52,6 +52,17 @@ def test_equal_sides_of_a_right_model_point_to_where_cameras_are(whole):
     assert find_beyond(rotations_of(whole), equal) == (len(equal), ())
 
 
+@pytest.mark.parametrize(("elevation_deg", "in_gap"), [(10.0, True), (25.0, True), (50.0, False), (-15.0, False)])
+def test_pairs_that_match_one_equal_thing_to_another_point_to_where_no_camera_could_go_on(whole, elevation_deg, in_gap):
+    """Two equal bags stand beside the object, turned differently: by their matches, a camera stands far above all others, or below."""
+    half = {name: camera for name, camera in list(whole.items())[: COUNT // 2]}
+    one, other = list(half)[0], list(half)[-3]
+    said = ring_camera(675, 720, 400.0, (elevation_deg,) * 2, (0, 0, 0), FOCAL_PX, SIZE_PX).camera_from_world[:3, :3]
+    turn = said @ half[one].camera_from_world[:3, :3].T
+    judged, beyond = find_beyond(rotations_of(half), {(one, other): turn})
+    assert judged == 1 and bool(beyond) == in_gap
+
+
 def test_half_a_circle_of_an_object_without_equal_sides_says_nothing(whole):
     half = {name: camera for name, camera in list(whole.items())[: COUNT // 2]}
     pairs = {(one, other): turn_between(half, one, other) for one in half for other in half if one < other}

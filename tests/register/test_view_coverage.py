@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.geometry.viewpoints import look_at
 from zeroshop_steps.register.record import write_registration
-from zeroshop_steps.register.view_coverage import check_spread, measure_view_coverage
+from zeroshop_steps.register.view_coverage import LEAST_TURN_DEG, check_spread, measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 
@@ -61,6 +61,13 @@ def test_cameras_that_all_look_from_one_side_are_refused(azimuths_deg, refused):
             check_spread(around)
     else:
         check_spread(around)
+
+
+def test_more_spread_is_asked_of_cameras_before_a_background_that_stood_still():
+    around = cameras(np.linspace(0, 40, 6), [20] * 6)
+    check_spread(around)
+    with pytest.raises(StepError, match="nearly the same direction"):
+        check_spread(around, LEAST_TURN_DEG)
 
 
 def test_a_photo_from_straight_above_closes_no_gap():

@@ -8,6 +8,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.led_by_points import find_with_points
 from zeroshop_steps.segment.mask_quality import MasksRejected
+from zeroshop_steps.segment.motion_check import ObjectMoved
 from zeroshop_steps.segment.risen_points import find_cluster
 
 SUPPORT = SceneSupport(np.array([0.0, 0, 1]), 0.0, np.array([0.0, 0, 0.3]), 4.0, 600)
@@ -81,9 +82,34 @@ def test_where_nothing_was_found_the_reason_stays(scene, cluster):
 
 @pytest.mark.parametrize("balls_in", [[[(0.0, 0.0, 0.45)], [(0.0, 0.0, 0.3)]] * 4, [[(0.0, 0.0, 0.45)]] * 4 + [[(0.3, 0.1, 0.45)]] * 4])
 def test_points_tie_the_views_of_one_thing_that_did_not_move_and_no_others(scene, cluster, tmp_path, balls_in):
-    assert cluster.tie(scene[1])
+    assert cluster.tie(scene[1]) and cluster.stay(scene[1])
     _, model = table_views(tmp_path, balls_in)
-    assert not find_cluster(model, SUPPORT).tie(model)
+    found = find_cluster(model, SUPPORT)
+    assert not found.tie(model) and not found.stay(model)
+
+
+FRONT, BACK = [(0.0, 0.0, 0.45)], [(0.0, 0.0, 0.3)]
+
+
+@pytest.fixture(scope="module")
+def two_sides(tmp_path_factory):
+    """A thing whose front and back have no point that the same views see; its front is seen at the beginning and at the end."""
+    return table_views(tmp_path_factory.mktemp("sides"), [FRONT] * 2 + [BACK] * 3 + [FRONT] * 3)
+
+
+def test_where_colours_say_that_it_moved_points_that_early_and_late_views_share_lead_the_masks(two_sides):
+    views, model = two_sides
+    cluster = find_cluster(model, SUPPORT)
+    assert not cluster.tie(model) and cluster.stay(model)
+    whole = whole_masks(cluster, views)
+
+    def find(odds):
+        if odds is None:
+            raise ObjectMoved("the object moved during the film")
+        return FoundMasks(whole, {"dropped": {}})
+
+    found, _ = find_with_points(views, model, cluster, find)
+    assert found.masks is whole and "moved" in found.record["without_points"]
 
 
 @pytest.mark.parametrize(("dropped", "taken"), [(0, True), (2, False)])

@@ -35,7 +35,7 @@ from zeroshop_steps.register.still_background import (
 )
 from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
 from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.view_coverage import check_spread
+from zeroshop_steps.register.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
 from zeroshop_steps.register.wide_pairs import leave_out_narrow_pairs
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
@@ -153,7 +153,7 @@ def match_and_reconstruct(
         figures_before = deepcopy(figures)
         try:
             record = reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
-            _check_spread(out, record)
+            _check_spread(out, record, LEAST_SPREAD_DEG if _read_still(figures, options) is None else LEAST_TURN_DEG)
             return record
         except RegistrationFailed as error:
             if start is None and structure.leave_out and not structure.object_only and str(error).startswith(WRONG):
@@ -169,10 +169,10 @@ def match_and_reconstruct(
             raise type(error)(reason, error.figures, error.rejected) from None
 
 
-def _check_spread(folder: Path, figures: dict[str, Any]) -> None:
+def _check_spread(folder: Path, figures: dict[str, Any], least_deg: float) -> None:
     """Raise RegistrationFailed where all cameras look from one side."""
     try:
-        check_spread(list(read_sparse_model(folder / "sparse").cameras))
+        check_spread(list(read_sparse_model(folder / "sparse").cameras), least_deg)
     except StepError as error:
         raise RegistrationFailed(str(error), figures) from None
 

@@ -30,8 +30,10 @@ GAP_DEG = 90.0
 LEAST_MATCHES, CONTRADICTED_SHARE = 30, 0.7  # of a pair that the model contradicts
 NEAR_DEG, APART_DEG = 75.0, 40.0
 """By its own matches, such a pair is as near as this; in the model, it is so much farther apart."""
-BEYOND_DEG = 10.0
-"""Where a pair says that one of its cameras is, seen from the other, none is within this angle."""
+BEYOND_DEG, LEVEL_DEG = 10.0, 20.0
+"""Where a pair says that one of its cameras is, seen from the other, none is within this azimuth; both are at most so far above or below
+all cameras. Where two equal bags stood beside a figure, pairs matched one to the other, and said that a camera was 25 degrees higher than
+all, or below the table."""
 LEAST_PAIRS, LEAST_SHARE = 3, 0.6
 """So many pairs are beyond, and this share of those that are looked at: 7 of 8, 7 of 8 and 10 of 11 of folded cartons, at most 1 of 3 of 12
 halves of captures that are right."""
@@ -113,7 +115,9 @@ def find_beyond(rotations: Mapping[str, np.ndarray], turns: Mapping[Pair, np.nda
         rotations: {image name: (3, 3) from the world to the camera}.
         turns: {names of two images: (3, 3) from the first camera to the second, by their matches}.
     """
-    looks = np.array([rotation[2] for rotation in rotations.values()])
+    every = np.array(list(rotations.values()))
+    to_upright = _turn_upright(every)
+    azimuths, elevations = _find_direction(every[:, 2] @ to_upright.T)
     judged, beyond = 0, list[Pair]()
     for (one, other), turn in turns.items():
         own_deg = measure_turn_deg(np.eye(3), turn)
@@ -121,9 +125,26 @@ def find_beyond(rotations: Mapping[str, np.ndarray], turns: Mapping[Pair, np.nda
             continue
         judged += 1
         places = [(turn @ rotations[one])[2], (turn.T @ rotations[other])[2]]
-        if any((looks @ place).max() < np.cos(np.radians(BEYOND_DEG)) for place in places):
+        turned_deg, raised_deg = _find_direction(np.array(places) @ to_upright.T)
+        away = np.abs((turned_deg[:, None] - azimuths + 180.0) % 360.0 - 180.0).min(1)
+        level = (raised_deg > elevations.min() - LEVEL_DEG) & (raised_deg < elevations.max() + LEVEL_DEG)
+        if level.all() and (away > BEYOND_DEG).any():
             beyond.append((one, other))
     return judged, tuple(beyond)
+
+
+def _turn_upright(rotations: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation from the world to one whose z is up, by how (N, 3, 3) cameras were held."""
+    up = -rotations[:, 1].mean(0)
+    up /= max(float(np.linalg.norm(up)), 1e-12)
+    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(up, first), up])
+
+
+def _find_direction(looks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) azimuths and elevations, in degrees, of cameras that look along (N, 3), z being up."""
+    return np.degrees(np.arctan2(-looks[:, 1], -looks[:, 0])), np.degrees(np.arcsin(np.clip(-looks[:, 2], -1.0, 1.0)))
 
 
 def estimate_turns(model: pycolmap.Reconstruction, database: Path, pairs: Sequence[Pair], seed: int) -> list[np.ndarray | None]:

@@ -20,6 +20,9 @@ FLAT_DEG, STEEP_DEG = 10.0, 65.0
 LEAST_SPREAD_DEG = 20.0
 """Photos that all lie within this show one side of the object at best. Those of two turntables, whose cameras followed what stood still
 behind them, lay within 11 and 15 degrees."""
+LEAST_TURN_DEG = 60.0
+"""The same where the background stood still, and cameras were found from what turned. Of a clothespin that turned all around, some features
+stood still as well, and the cameras lay within 40 degrees."""
 OVERHEAD_DEG = 80.0  # from so high up, a photo has no azimuth
 
 
@@ -78,14 +81,14 @@ def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
     return ViewCoverage(float(gaps[widest]), between, (float(elevations.min()), float(elevations.max())))
 
 
-def check_spread(cameras: list[Camera]) -> None:
-    """Raise StepError where all cameras see the object from nearly the same direction."""
+def check_spread(cameras: list[Camera], least_deg: float = LEAST_SPREAD_DEG) -> None:
+    """Raise StepError where all cameras see the object from nearly the same direction, within so many degrees."""
     try:
         looks = _find_looks(cameras)
     except StepError:
         return  # they look away from each other, which is told elsewhere
     spread_deg = float(np.degrees(np.arccos(np.clip((looks @ looks.T).min(), -1.0, 1.0))))
-    if spread_deg < LEAST_SPREAD_DEG:
+    if spread_deg < least_deg:
         raise StepError(
             f"the cameras of all {len(cameras)} photos see the object from nearly the same direction, within {spread_deg:.0f} degrees; go"
             " around it"

@@ -11,6 +11,7 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.segment.mask_quality import MasksRejected
+from zeroshop_steps.segment.motion_check import ObjectMoved
 from zeroshop_steps.segment.object_selection import ObjectSelection
 from zeroshop_steps.segment.risen_points import RisenPoints
 
@@ -41,9 +42,10 @@ def find_with_points(
 ) -> tuple[Found, list[np.ndarray] | None]:
     """Masks by the ground's colours; where they lack most of the points above the ground, led by these. And the prior, if any.
 
-    Where the colours give no masks, there may be a reason that points do not take away: things that moved, or two of them. But where they
-    give masks that contradict each other, as of a thing of which a part has the ground's colours, those that points lead are taken where
-    the points tie the views to each other, and nearly all of the masks agree.
+    Where the colours give no masks, there may be a reason that points do not take away, such as two things. But where they give masks that
+    contradict each other, as of a thing of which a part has the ground's colours, those that points lead are taken where the points tie
+    the views to each other, and nearly all of the masks agree. Where the colours say that it moved, the points must tie early views to late
+    ones.
 
     Args:
         model, cluster: all points, and those of the object.
@@ -52,9 +54,10 @@ def find_with_points(
     failure, found = None, None
     try:
         found = find(None)
-    except MasksRejected as error:
+    except (MasksRejected, ObjectMoved) as error:
         failure = error
-    if cluster is None or not (cluster.tie(model) if found is None else cluster.are_missed_by(found.masks, views)):
+    is_one = cluster is not None and (cluster.stay if isinstance(failure, ObjectMoved) else cluster.tie)(model)
+    if cluster is None or not (is_one if found is None else cluster.are_missed_by(found.masks, views)):
         return _choose(found, failure), None
     print("the ground's colours tell too little of the object: most of its points lie outside the masks, or these contradict each other")
     prior = cluster.weigh(views)

@@ -18,10 +18,14 @@ LEAST_OVERLAP = 0.5
 """Share of the smaller footprint that lies in the larger one: nearly all of it for an object that stays, even with few directions."""
 
 
+class ObjectMoved(StepError):
+    """The halves of the photos show the object in different places."""
+
+
 def check_not_moved(
     support: SceneSupport, cameras: list[Camera], evidence: list[np.ndarray], model: SparseModel, risen: np.ndarray | None = None
 ) -> None:
-    """Raise StepError where the second half of the views shows the object at another place.
+    """Raise ObjectMoved where the second half of the views shows the object at another place.
 
     Args:
         model: the sparse model of these views.
@@ -39,7 +43,7 @@ def check_not_moved(
     first, second = (_find_footprint(support, selection) for selection in halves)
     apart = len(first & second) < LEAST_OVERLAP * min(len(first), len(second))
     if apart and not all(_stays(footprint, support, model) for footprint in (first, second)):
-        raise StepError(
+        raise ObjectMoved(
             f"the object moved during the film: until {cameras[middle - 1].name} it stands elsewhere than from {cameras[middle].name} on; "
             "film it again without touching it or the ground, or register it by itself (scene video_segmented)"
         )

@@ -38,6 +38,7 @@ CUT_INSIDE, CUT_AROUND = (1.0, 0.55), (0.8, 0.3)
 AROUND = 0.2  # of 1: what lies farther out; it may still be the object, such as a plain handle
 LEAST_COMMON = 10  # points of the object that two photos must share to be tied by it
 TIED_SHARE = 0.9  # of the photos that must be tied; fewer are photos of two things, or of one that moved
+STAYED_SHARE = 1 / 3  # of the photos that must be tied to each other over the whole capture: a handbag's front tied 10 of 17
 
 
 class RisenPoints:
@@ -61,14 +62,29 @@ class RisenPoints:
 
     def tie(self, model: SparseModel) -> bool:
         """Whether these points of a model tie nearly all of its views to each other: they show one thing, which did not move."""
-        if model.seen is None:
+        tied = self._group_views(model)
+        return bool(len(tied) and np.bincount(tied).max() >= TIED_SHARE * len(tied))
+
+    def stay(self, model: SparseModel) -> bool:
+        """Whether they tie early views to late ones, so that what they show stands where it stood, although not all views may see it.
+
+        Views of the front and of the back of a thing may have no points in common. Of a thing that moved, views before and after have none.
+        """
+        tied = self._group_views(model)
+        if not len(tied):
             return False
+        largest = np.flatnonzero(tied == np.bincount(tied).argmax())
+        return bool(np.ptp(largest) + 1 >= TIED_SHARE * len(tied) and len(largest) >= STAYED_SHARE * len(tied))
+
+    def _group_views(self, model: SparseModel) -> np.ndarray:
+        """For each view of a model, the group that common points tie it to; empty where it is not known which views see them."""
+        if model.seen is None:
+            return np.zeros(0, int)
         own = np.isin(_name_rows(model.points), _name_rows(self.points))
         sees = np.zeros((len(model.seen), len(own)), np.int32)
         for view, rows in enumerate(model.seen):
             sees[view, rows] = own[rows]
-        _, tied = connected_components(csr_array(sees @ sees.T >= LEAST_COMMON), directed=False)
-        return bool(np.bincount(tied).max() >= TIED_SHARE * len(sees))
+        return np.asarray(connected_components(csr_array(sees @ sees.T >= LEAST_COMMON), directed=False)[1])
 
     def weigh(self, views: list[View]) -> list[np.ndarray]:
         """Log odds of the object, (h, w), in every view."""
