@@ -83,7 +83,7 @@ def render_templates(model: ObjectModel, views: int, side_px: int) -> Templates:
     for direction in make_view_directions(views):
         pose = look_at(middle + distance_mm * direction, middle)
         camera = Camera("", side_px, side_px, intrinsics, pose)
-        depth = renderer.cast_rays(camera).depth
+        depth = renderer.find_depth(camera)
         color, _ = renderer.render_masked_color(camera)
         colors.append(np.where((depth > 0)[..., None], color, 0))
         depths.append(depth)

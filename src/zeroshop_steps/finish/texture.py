@@ -125,7 +125,7 @@ def bake_texture(mesh: Mesh, views: list[View], size: int, generated: Mesh | Non
             projection = view.camera.intrinsics @ view.camera.camera_from_world[:3]
             at_vertices = (np.ascontiguousarray(values[:, k], np.float32) for values in (votes, corrections))
             image = _to_float(images[k], gains[k])
-            texel_colors.add(VotingView(projection, image, view.trust, np.ascontiguousarray(view.depth), *at_vertices))
+            texel_colors.add(VotingView(projection, image, view.trust, view.depth, *at_vertices))
     texture = np.zeros((size, size, 3), np.uint8)
     texture[texels.row, texels.column], weight = texel_colors.finish(broad.astype(np.float32), FILL_WEIGHT)
     seen_share = round(float((weight > 0).mean()), 5)

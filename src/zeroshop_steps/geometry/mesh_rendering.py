@@ -65,10 +65,7 @@ class MeshRenderer:
     """
 
     def __init__(self, mesh: Mesh, device: str = "cpu") -> None:
-        """Args:
-        mesh: what is drawn.
-        device: cpu or cuda, where faces are rasterized.
-        """
+        """Draw `mesh`, and rasterize it on `device`, cpu or cuda."""
         self.mesh, self._faces = mesh, np.ascontiguousarray(mesh.faces, np.int32)
         self._on_device: CudaFaces | None = None
         if device == "cuda":
@@ -82,14 +79,14 @@ class MeshRenderer:
         return ray_caster((self.mesh.vertices, self.mesh.faces))
 
     def find_depth(self, camera: Camera) -> np.ndarray:
-        """The depth that `cast_rays` finds, without the rest."""
+        """(height, width) float32 depth as `cast_rays` finds it, without the rest."""
         depth = np.zeros((camera.height_px, camera.width_px), np.float32)
         window, seen = self._look(camera)
         depth[window] = self._rasterize(seen)[0] if seen.is_before_camera else self._cast(seen.camera).depth
         return depth
 
     def cast_rays(self, camera: Camera) -> RayHits:
-        """What the rays through the pixel centres of `camera` hit."""
+        """What the rays through the pixel centres of `camera` hit first."""
         shape = (camera.height_px, camera.width_px)
         hits = RayHits(np.full(shape, -1, np.int64), np.zeros((*shape, 2), np.float32), np.zeros(shape, np.float32))
         window, seen = self._look(camera)

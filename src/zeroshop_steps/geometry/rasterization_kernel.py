@@ -24,7 +24,7 @@ def draw_faces(
 
 @numba.njit(cache=True, forceinline=True)
 def _edge(px, py, qx, qy, x, y):
-    """Twice the signed area of a triangle with a pixel; with p and q changed, the same number with the other sign, on any device."""
+    """Twice the signed area of a triangle with a pixel; with p and q exchanged, the same number with the other sign, on any device."""
     if px < qx or (px == qx and py < qy):
         return (px - x) * (qy - y) - (py - y) * (qx - x)
     return -((qx - x) * (py - y) - (qy - y) * (px - x))
@@ -104,10 +104,13 @@ def find_shares(pixels, depths, faces, face_of, shares_of):
         for column in range(width):
             shares_of[picture, row, column] = 0
             face = face_of[picture, row, column]
-            if face >= 0:
-                corners = read_corners(pixels[picture], depths[picture], faces, face)
-                wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
-                depth = np.float32(1) / (wa + wb + wc)
+            if face < 0:
+                continue
+            corners = read_corners(pixels[picture], depths[picture], faces, face)
+            wa, wb, wc = weigh_corners(corners, np.float32(column), np.float32(row))
+            near = wa + wb + wc
+            if near > np.float32(0):  # a device that found the face may round otherwise at its rim
+                depth = np.float32(1) / near
                 shares_of[picture, row, column, 0] = wa * depth
                 shares_of[picture, row, column, 1] = wb * depth
                 shares_of[picture, row, column, 2] = wc * depth

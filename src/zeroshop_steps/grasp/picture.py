@@ -56,7 +56,7 @@ def draw_side(
     centre = middle + distance * direction_at(np.radians(azimuth_deg), np.radians(elevation_deg))
     camera = Camera("side", TILE_PX, TILE_PX, make_intrinsics(FOCAL_PX, TILE_PX, TILE_PX), look_at(centre, middle))
     image = renderer.render_color(camera, BACKGROUND)
-    depth = renderer.cast_rays(camera).depth
+    depth = renderer.find_depth(camera)
     faint = image.copy()
     for lines, color in strokes:
         for start, end in lines:

@@ -82,7 +82,7 @@ def measure_scale(registered: RegisteredObject, renderer: MeshRenderer, diagonal
     for view, path in files:
         lens = find_lens(record, Path(view.camera.name).stem)
         measured_mm = undistort_by_lens(read_depth(path, view), lens, cv2.INTER_NEAREST, cv2.BORDER_CONSTANT) * step_mm
-        depth = renderer.cast_rays(view.camera).depth
+        depth = renderer.find_depth(view.camera)
         inside = cv2.erode((view.mask() & (depth > 0)).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2), borderValue=0) > 0
         inside &= measured_mm > 0
         if inside.sum() < LEAST_PIXELS:
