@@ -39,10 +39,10 @@ def test_kernels_compiled_now_or_loaded_give_the_same_bytes(tmp_path: Path) -> N
     assert trained.count("\n") > 8
     if compiled_in(kernels) != before:
         assert train(kernels, 2) == trained, "all kernels loaded"
-    large = [*kernels.rglob("*.blend_*ward-*.nbi"), *kernels.rglob("*.project_*ward-*.nbi")]
+    large = [path for name in ("*.blend_*ward", "*.project_*ward", "ssim._*") for path in kernels.rglob(f"{name}-*.nbi")]
     # Tests of a second checkout have compiled kernels, too: those of other sources lie in folders of the same name with another digest.
     kinds = {(index.parent.name.split("_")[0], index.name) for index in large}
-    assert len(kinds) == 8, "forward and backward, of both optimizers"
+    assert len(kinds) == 10, "forward and backward, of both optimizers, and two of the similarity"
     for index in large:
         index.unlink()
     assert train(kernels, 1) == trained, "the large kernels compiled now, what they call loaded, and on one thread"

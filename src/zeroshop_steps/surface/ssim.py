@@ -57,7 +57,8 @@ _C1, _C2 = np.float32(0.01**2), np.float32(0.03**2)
 _ONE, _TWO = np.float32(1.0), np.float32(2.0)
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+# Without fast mathematics: a kernel that was compiled now fuses other products and sums than one that was loaded.
+@numba.njit(cache=True, parallel=True, error_model="numpy")
 def _blur(images, window, scratch, out):
     """Blur (K, H, W) images with zeros outside; scratch and out have the same shape."""
     count, height, width = images.shape
