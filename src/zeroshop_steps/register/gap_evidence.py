@@ -134,9 +134,9 @@ def find_beyond(rotations: Mapping[str, np.ndarray], turns: Mapping[Pair, np.nda
 
 
 def _turn_upright(rotations: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation from the world to one whose z is up, by how (N, 3, 3) cameras were held."""
-    up = -rotations[:, 1].mean(0)
-    up /= max(float(np.linalg.norm(up)), 1e-12)
+    """(3, 3) rotation from the world to one whose z is up: square to the horizontal axes of (N, 3, 3) cameras, which were held level."""
+    up = np.linalg.svd(rotations[:, 0])[2][-1]
+    up *= -np.sign(up @ rotations[:, 1].mean(0))
     first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(up, first), up])
