@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from helpers import drawn_boxes
 from helpers.simulator import run_in_simulator
@@ -9,19 +10,8 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.kernel_devices import has_cuda
-from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 INSIDE_MM, BEFORE_MM, BESIDE_MM = (0.0, 0.0, 0.0), (5.0, -4.0, 260.0), (900.0, 0.0, 260.0)
-
-
-def cast(mesh: Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Face, barycentric coordinates and depth by Open3D's rays through the centres of the pixels."""
-    rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
-        o3d.core.Tensor(camera.intrinsics), o3d.core.Tensor(camera.camera_from_world), camera.width_px, camera.height_px
-    )
-    found = ray_caster((mesh.vertices, mesh.faces)).cast_rays(rays)
-    depth, face = found["t_hit"].numpy(), found["primitive_ids"].numpy().astype(np.int64)
-    return np.where(np.isfinite(depth), face, -1), found["primitive_uvs"].numpy(), np.where(np.isfinite(depth), depth, 0)
 
 
 @pytest.mark.parametrize("away_mm", [BEFORE_MM, INSIDE_MM, BESIDE_MM])
@@ -29,7 +19,7 @@ def test_cameras_see_what_rays_hit(away_mm):
     mesh = drawn_boxes.make_boxes()
     renderer, seen = MeshRenderer(mesh), 0
     for camera in drawn_boxes.make_cameras(away_mm, 5):
-        (face, barycentric, depth), hits = cast(mesh, camera), renderer.cast_rays(camera)
+        (face, barycentric, depth), hits = drawn_boxes.cast(mesh, camera), renderer.cast_rays(camera)
         np.testing.assert_array_equal(hits.mask, face >= 0)
         np.testing.assert_allclose(hits.depth, depth, rtol=1e-5)
         same = hits.mask & (hits.face == face)
@@ -43,8 +33,6 @@ def test_cameras_see_what_rays_hit(away_mm):
 def test_large_and_small_faces_leave_no_gap_where_they_meet():
     rng = np.random.default_rng(3)
     plane = np.stack(np.meshgrid(np.arange(24.0), np.arange(24.0)), 2).reshape(-1, 2) + rng.normal(0, 0.2, (576, 2))
-    from scipy.spatial import Delaunay
-
     mesh = Mesh(np.column_stack([plane, np.full(len(plane), 40.0)]), Delaunay(plane).simplices.astype(np.int64))
     # Pixels are 1/32 of a unit, so that many centres lie on an edge or at a corner where corners are whole numbers.
     camera = Camera("", 640, 640, np.array([[1280.0, 0, -63.5], [0, 1280.0, -63.5], [0, 0, 1]]), np.eye(4))

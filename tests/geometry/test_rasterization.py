@@ -6,13 +6,13 @@ import torch
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from helpers.drawn_boxes import HEIGHT_PX, INTRINSICS, WIDTH_PX, cast
 from zeroshop_steps.geometry import rasterization
+from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.rasterization import PixelGrid, draw_in_parts, rasterize
-from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
-WIDTH_PX, HEIGHT_PX, POSES = 48, 40, 5
-INTRINSICS = np.array([[90.0, 0.0, 25.0], [0.0, 80.0, 18.0], [0.0, 0.0, 1.0]])
+POSES = 5
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +40,7 @@ def test_depth_is_that_of_rays(mesh):
     depth = found.interpolate(points, faces)[..., 2].numpy()
     np.testing.assert_allclose(found.shares.sum(3), found.face >= 0, atol=1e-5)
     for pose, ours in zip(poses, depth, strict=True):
-        sizes = (WIDTH_PX, HEIGHT_PX)
-        through = o3d.t.geometry.RaycastingScene.create_rays_pinhole(o3d.core.Tensor(INTRINSICS), o3d.core.Tensor(pose), *sizes)
-        rays = ray_caster((mesh.vertices, mesh.faces)).cast_rays(through)["t_hit"].numpy()
-        rays[np.isinf(rays)] = 0.0
+        _, _, rays = cast(mesh, Camera("", WIDTH_PX, HEIGHT_PX, INTRINSICS, pose))
         np.testing.assert_array_equal(ours > 0, rays > 0)
         np.testing.assert_allclose(ours, rays, atol=0.02)
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 WIDTH_PX, HEIGHT_PX = 48, 40
 INTRINSICS = np.array([[90.0, 0.0, 25.0], [0.0, 80.0, 18.0], [0.0, 0.0, 1.0]])
@@ -32,6 +33,16 @@ def make_cameras(away_mm: tuple[float, float, float] = (5.0, -4.0, 260.0), count
         pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), away_mm
         cameras.append(Camera("", WIDTH_PX, HEIGHT_PX, INTRINSICS, pose))
     return cameras
+
+
+def cast(mesh: Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Face, barycentric coordinates and depth by Open3D's rays through the centres of the pixels; face -1 and depth 0 where nothing is."""
+    rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
+        o3d.core.Tensor(camera.intrinsics), o3d.core.Tensor(camera.camera_from_world), camera.width_px, camera.height_px
+    )
+    found = ray_caster((mesh.vertices, mesh.faces)).cast_rays(rays)
+    depth, face = found["t_hit"].numpy(), found["primitive_ids"].numpy().astype(np.int64)
+    return np.where(np.isfinite(depth), face, -1), found["primitive_uvs"].numpy(), np.where(np.isfinite(depth), depth, 0)
 
 
 def draw(device: str) -> dict[str, np.ndarray]:

@@ -12,6 +12,7 @@ from zeroshop_steps.register.gap_evidence import GAP_DEG, check_gap, estimate_tu
 from zeroshop_steps.register.record import RegistrationFailed
 
 COUNT, SIZE_PX, FOCAL_PX = 20, (640, 480), 700.0
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def make_cameras(azimuths_deg):
@@ -41,7 +42,7 @@ def folded():
 
 def test_the_ends_of_a_folded_circle_match_across_its_gap(whole, folded):
     near = {(one, other) for one in whole for other in whole if one < other and 0 < turn_deg(whole, one, other) <= 36}
-    judged, beyond = find_beyond(rotations_of(folded), {pair: turn_between(whole, *pair) for pair in near})
+    judged, beyond = find_beyond(rotations_of(folded), UP, {pair: turn_between(whole, *pair) for pair in near})
     assert judged == 6 and len(beyond) >= 4
     assert all(turn_deg(folded, *pair) > 100 for pair in beyond)
 
@@ -49,7 +50,7 @@ def test_the_ends_of_a_folded_circle_match_across_its_gap(whole, folded):
 def test_equal_sides_of_a_right_model_point_to_where_cameras_are(whole):
     names = sorted(whole)
     equal = {(names[k], names[k + COUNT // 2 + 1]): turn_between(whole, names[k], names[k + 1]) for k in range(COUNT // 2 - 1)}
-    assert find_beyond(rotations_of(whole), equal) == (len(equal), ())
+    assert find_beyond(rotations_of(whole), UP, equal) == (len(equal), ())
 
 
 @pytest.mark.parametrize(("elevation_deg", "in_gap"), [(10.0, True), (25.0, True), (50.0, False), (-15.0, False)])
@@ -59,14 +60,14 @@ def test_pairs_that_match_one_equal_thing_to_another_point_to_where_no_camera_co
     one, other = list(half)[0], list(half)[-3]
     said = ring_camera(675, 720, 400.0, (elevation_deg,) * 2, (0, 0, 0), FOCAL_PX, SIZE_PX).camera_from_world[:3, :3]
     turn = said @ half[one].camera_from_world[:3, :3].T
-    judged, beyond = find_beyond(rotations_of(half), {(one, other): turn})
+    judged, beyond = find_beyond(rotations_of(half), UP, {(one, other): turn})
     assert judged == 1 and bool(beyond) == in_gap
 
 
 def test_half_a_circle_of_an_object_without_equal_sides_says_nothing(whole):
     half = {name: camera for name, camera in list(whole.items())[: COUNT // 2]}
     pairs = {(one, other): turn_between(half, one, other) for one in half for other in half if one < other}
-    assert find_beyond(rotations_of(half), pairs) == (0, ())
+    assert find_beyond(rotations_of(half), UP, pairs) == (0, ())
 
 
 def turn_deg(cameras, one, other):

@@ -15,12 +15,14 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import take_cameras
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
 from zeroshop_steps.register.consistency import FOLDED, REMEDY
 from zeroshop_steps.register.film_order import measure_turn_deg
 from zeroshop_steps.register.pair_support import count_pair_support
 from zeroshop_steps.register.record import RegistrationFailed
 from zeroshop_steps.register.rotation_agreement import estimate_turn
-from zeroshop_steps.register.view_coverage import measure_view_coverage
+from zeroshop_steps.register.view_coverage import measure_directions, measure_view_coverage
 from zeroshop_steps.runtime.errors import StepError
 
 Pair = tuple[str, str]
@@ -93,8 +95,9 @@ def find_gap_evidence(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Re
         database: the verified matches of all pairs, also of those that had no part in the model.
         seed: of the RANSAC loops.
     """
+    cameras = list(take_cameras(pinhole_model))
     try:
-        gap_deg = measure_view_coverage(list(take_cameras(pinhole_model))).largest_gap_deg
+        gap_deg = measure_view_coverage(cameras).largest_gap_deg
     except StepError:  # the cameras look away from each other
         gap_deg = 0.0
     if gap_deg < GAP_DEG:
@@ -105,46 +108,32 @@ def find_gap_evidence(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Re
     pairs = [(evidence.names[one], evidence.names[other]) for one, other in np.argwhere(np.triu(doubtful))]
     turns = {pair: turn for pair, turn in zip(pairs, estimate_turns(model, database, pairs, seed), strict=True) if turn is not None}
     rotations = {image.name: image.cam_from_world().rotation.matrix() for image in model.images.values() if image.has_pose}
-    return GapEvidence(gap_deg, *find_beyond(rotations, turns))
+    up, _ = estimate_up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
+    return GapEvidence(gap_deg, *find_beyond(rotations, up, turns))
 
 
-def find_beyond(rotations: Mapping[str, np.ndarray], turns: Mapping[Pair, np.ndarray]) -> tuple[int, tuple[Pair, ...]]:
+def find_beyond(rotations: Mapping[str, np.ndarray], up: np.ndarray, turns: Mapping[Pair, np.ndarray]) -> tuple[int, tuple[Pair, ...]]:
     """How many pairs of images are laid much farther apart than they say, and those of them that say that a camera is where none is.
 
     Args:
         rotations: {image name: (3, 3) from the world to the camera}.
+        up: (3,) in the world.
         turns: {names of two images: (3, 3) from the first camera to the second, by their matches}.
     """
-    every = np.array(list(rotations.values()))
-    to_upright = _turn_upright(every)
-    azimuths, elevations = _find_direction(every[:, 2] @ to_upright.T)
+    azimuths, elevations = measure_directions(np.array([-rotation[2] for rotation in rotations.values()]), up)
     judged, beyond = 0, list[Pair]()
     for (one, other), turn in turns.items():
         own_deg = measure_turn_deg(np.eye(3), turn)
         if own_deg > NEAR_DEG or measure_turn_deg(rotations[one], rotations[other]) < own_deg + APART_DEG:
             continue
         judged += 1
-        places = [(turn @ rotations[one])[2], (turn.T @ rotations[other])[2]]
-        turned_deg, raised_deg = _find_direction(np.array(places) @ to_upright.T)
+        places = np.array([-(turn @ rotations[one])[2], -(turn.T @ rotations[other])[2]])
+        turned_deg, raised_deg = measure_directions(places, up)
         away = np.abs((turned_deg[:, None] - azimuths + 180.0) % 360.0 - 180.0).min(1)
         level = (raised_deg > elevations.min() - LEVEL_DEG) & (raised_deg < elevations.max() + LEVEL_DEG)
         if level.all() and (away > BEYOND_DEG).any():
             beyond.append((one, other))
     return judged, tuple(beyond)
-
-
-def _turn_upright(rotations: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation from the world to one whose z is up: square to the horizontal axes of (N, 3, 3) cameras, which were held level."""
-    up = np.linalg.svd(rotations[:, 0])[2][-1]
-    up *= -np.sign(up @ rotations[:, 1].mean(0))
-    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(up, first), up])
-
-
-def _find_direction(looks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) azimuths and elevations, in degrees, of cameras that look along (N, 3), z being up."""
-    return np.degrees(np.arctan2(-looks[:, 1], -looks[:, 0])), np.degrees(np.arcsin(np.clip(-looks[:, 2], -1.0, 1.0)))
 
 
 def estimate_turns(model: pycolmap.Reconstruction, database: Path, pairs: Sequence[Pair], seed: int) -> list[np.ndarray | None]:

@@ -66,11 +66,7 @@ def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
         StepError: the cameras look away from each other.
     """
     up, _ = estimate_up_from_roll([View(camera, Path(camera.name), None) for camera in cameras])
-    looks = _find_looks(cameras)
-    elevations = np.degrees(np.arcsin(np.clip(looks @ up, -1.0, 1.0)))
-    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
-    first /= np.linalg.norm(first)
-    azimuths = np.degrees(np.arctan2(looks @ np.cross(up, first), looks @ first)) % 360.0
+    azimuths, elevations = measure_directions(_find_looks(cameras), up)
     aside = np.flatnonzero(np.abs(elevations) < OVERHEAD_DEG)
     order = aside[np.argsort(azimuths[aside], kind="stable")]
     if len(order) < 2:
@@ -79,6 +75,14 @@ def measure_view_coverage(cameras: list[Camera]) -> ViewCoverage:
     widest = int(gaps.argmax())
     between = cameras[order[widest]].name, cameras[order[(widest + 1) % len(order)]].name
     return ViewCoverage(float(gaps[widest]), between, (float(elevations.min()), float(elevations.max())))
+
+
+def measure_directions(looks: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) azimuths from 0 to 360 and elevations, in degrees, of (N, 3) unit directions from the object; azimuth 0 is any."""
+    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    azimuths = np.degrees(np.arctan2(looks @ np.cross(up, first), looks @ first)) % 360.0
+    return azimuths, np.degrees(np.arcsin(np.clip(looks @ up, -1.0, 1.0)))
 
 
 def check_spread(cameras: list[Camera], least_deg: float = LEAST_SPREAD_DEG) -> None:

@@ -56,8 +56,13 @@ def find_with_points(
         found = find(None)
     except (MasksRejected, ObjectMoved) as error:
         failure = error
-    is_one = cluster is not None and (cluster.stay if isinstance(failure, ObjectMoved) else cluster.tie)(model)
-    if cluster is None or not (is_one if found is None else cluster.are_missed_by(found.masks, views)):
+    if cluster is None:
+        return _choose(found, failure), None
+    if found is not None:
+        can_help = cluster.are_missed_by(found.masks, views)
+    else:
+        can_help = cluster.stay(model) if isinstance(failure, ObjectMoved) else cluster.tie(model)
+    if not can_help:
         return _choose(found, failure), None
     print("the ground's colours tell too little of the object: most of its points lie outside the masks, or these contradict each other")
     prior = cluster.weigh(views)
