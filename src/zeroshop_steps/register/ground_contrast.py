@@ -16,6 +16,7 @@ import numpy as np
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
+from zeroshop_steps.geometry.channels import sum_channels
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.networks.object_finder import keep_main_thing
 
@@ -92,7 +93,7 @@ def measure_offset(image: np.ndarray) -> np.ndarray:
 def weigh_contrast(offset: np.ndarray) -> np.ndarray:
     """(...) contrast by (..., 3) deviations of L, a and b, in which darkness counts less."""
     weighed = offset * np.where(offset[..., :1] < 0, [DARKER, 1.0, 1.0], 1.0)
-    return np.sqrt((weighed**2).mean(axis=-1))
+    return np.sqrt(sum_channels(weighed**2) / 3)
 
 
 def _find_soft_shadow(image: np.ndarray, thing: np.ndarray, offset: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.register.silhouette_coherence import choose_rim_pixels
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 SMOOTHING_PX = 1.0  # of the signed distance: steps of pixels along the rim are not the object's
 RIM_ROUNDS = 2  # of moving a pixel's centre onto the rim
@@ -87,10 +88,13 @@ class OutlineRays:
         view = np.repeat(self.view, steps)
         points = place(view, np.repeat(self.pixels, steps, axis=0), depths.ravel())
         inside = np.full((self.views, len(points)), np.inf, np.float32)
-        for other in range(self.views):
+
+        def look_from(other: int) -> None:
             first, last = np.searchsorted(view, [other, other + 1])  # its own rays lie together
             found = look(other, np.concatenate([points[:first], points[last:]]))
             inside[other, :first], inside[other, last:] = found[:first], found[first:]
+
+        map_in_threads(look_from, range(self.views))
         return inside.reshape(self.views, -1, steps)
 
 

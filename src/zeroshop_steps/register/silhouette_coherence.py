@@ -7,6 +7,7 @@ other masks, and makes rays of the other cameras miss its own.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.register.image_set import REFERENCE_PX
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 RADIUS_MARGIN, RADIUS_PERCENTILE = 1.2, 90  # of the object's sphere: all of the object, but not for the size of a wrong mask
 NEAREST_DEPTH = 0.05  # share of the depth of the object's centre at which rays start where the sphere holds the camera
@@ -134,15 +136,16 @@ def _cast_mask_rays(cameras: list[Camera], masks: dict[str, np.ndarray]) -> Iter
     centre, radius = bound_object(cameras, chosen)
     for i, camera in enumerate(cameras):
         pixels = _choose_mask_pixels(chosen[i], RAYS)
-        inside = np.full((len(cameras), len(pixels), STEPS), np.inf, dtype=np.float32)
         world_from_camera = np.linalg.inv(camera.camera_from_world)
         rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T
         depth = float((camera.camera_from_world @ [*centre, 1.0])[2])
         depths = np.linspace(max(depth - radius, NEAREST_DEPTH * depth), depth + radius, STEPS)
         points = (rays[:, None] * depths[:, None]).reshape(-1, 3) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
-        for j, other in enumerate(cameras):
-            if j != i:
-                inside[j] = _look_up(distance[j], other, points).reshape(len(pixels), STEPS)
+        others = [j for j in range(len(cameras)) if j != i]
+        found = map_in_threads(partial(_look_up, points), [distance[j] for j in others], [cameras[j] for j in others])
+        inside = np.full((len(cameras), len(pixels), STEPS), np.inf, dtype=np.float32)
+        for j, values in zip(others, found, strict=True):
+            inside[j] = values.reshape(len(pixels), STEPS)
         yield inside
 
 
@@ -194,7 +197,7 @@ def _spread(region: np.ndarray, count: int) -> np.ndarray:
     return np.stack([x[pick] + 0.5, y[pick] + 0.5], axis=1)
 
 
-def _look_up(distance: np.ndarray, camera: Camera, points: np.ndarray) -> np.ndarray:
+def _look_up(points: np.ndarray, distance: np.ndarray, camera: Camera) -> np.ndarray:
     """Signed distances at the projections of (P, 3) points; `UNSEEN_PX` off the image and -`UNSEEN_PX` behind the camera."""
     rows, columns, depth, seen = camera.find_pixels(points)
     values = np.where(depth > 0, np.float32(UNSEEN_PX), np.float32(-UNSEEN_PX)).astype(np.float32)

@@ -7,11 +7,12 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.geometry.srgb import linear_to_srgb, srgb_to_linear
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.color_gains import Gains, estimate_gains
 from zeroshop_steps.segment.shared_colors import SharedColors, sample_shared_colors
 
@@ -29,8 +30,11 @@ def equalize_exposure(folder: Path) -> None:
     seen = sample_shared_colors(read_reconstruction(folder / "sparse"), views)
     gains = estimate_gains(seen, len(views))
     if gains.significant:
-        for view, log_gain in zip(views, gains.log_gains, strict=True):
+
+        def correct(view: View, log_gain: np.ndarray) -> None:
             write_image(view.image_path, apply_gain(view.image(), np.exp(log_gain)))
+
+        map_in_threads(correct, views, gains.log_gains)
     record = _describe([view.camera.name for view in views], seen, gains)
     write_json(folder / RECORD, record)
     _warn(record)

@@ -8,6 +8,8 @@ global optimum of the binary one (Chan, Esedoglu and Nikolova 2006; Unger et al.
 import numba
 import numpy as np
 
+from zeroshop_steps.geometry.channels import sum_channels
+
 SMOOTHNESS = 2.5
 """Cost of one pixel of boundary where the image is flat, in log odds. More loses thin parts, less leaves ragged masks."""
 LEAST_SMOOTHNESS = 0.15
@@ -29,34 +31,54 @@ def compute_edge_weights(image: np.ndarray) -> np.ndarray:
     """(H, W) float32 cost of a boundary between a pixel and its right and lower neighbours: low across edges of the image."""
     right = np.diff(image, axis=1, append=image[:, -1:])
     below = np.diff(image, axis=0, append=image[-1:])
-    contrast = (right**2).sum(2) + (below**2).sum(2)
+    contrast = sum_channels(right**2) + sum_channels(below**2)
     typical = 2.0 * float(contrast.mean()) + 1e-6  # as GrabCut's beta (Rother et al. 2004)
     return (SMOOTHNESS * np.maximum(np.exp(-contrast / typical), LEAST_SMOOTHNESS)).astype(np.float32)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(fastmath=True, error_model="numpy", forceinline=True)
+def _step_dual(row, right, below, p, q, weight, sigma):
+    """Of one row of pixels: the dual variables towards the right and the lower neighbours, kept in a disk of the weight's radius."""
+    for x in range(len(row)):
+        a = p[x] + sigma * (right[x] - row[x])
+        b = q[x] + sigma * (below[x] - row[x])
+        scale = np.float32(1) / max(np.float32(1), np.sqrt(a * a + b * b) / weight[x])
+        p[x], q[x] = a * scale, b * scale
+
+
+@numba.njit(fastmath=True, error_model="numpy", forceinline=True)
+def _step_primal(u, ahead, cost, p, from_left, q, from_above, tau):
+    """Of one row of pixels: the labels, and the labels extrapolated."""
+    for x in range(len(u)):
+        old = u[x]
+        divergence = p[x] - from_left[x] + q[x] - from_above[x]
+        new = min(max(old + tau * (divergence - cost[x]), np.float32(0)), np.float32(1))
+        u[x], ahead[x] = new, new + new - old
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=True)
 def _minimize(cost, weight, steps):
+    """Rows are slices of flat arrays, so that the compiler takes many pixels at a time: five times as fast as two loops with conditions.
+
+    Each row has one pixel more, and there is one row more, equal to the last: nothing flows out of the image.
+    """
     height, width = cost.shape
+    stride = width + 1
     u = np.where(cost < 0, np.float32(1), np.float32(0))
-    ahead = u.copy()
-    p, q = np.zeros_like(u), np.zeros_like(u)
+    ahead = np.zeros((height + 1) * stride, np.float32)
+    p, q = np.zeros(height * stride + 1, np.float32), np.zeros((height + 1) * stride, np.float32)
     tau = sigma = np.float32(1 / np.sqrt(8.0))
+    for y in range(height):
+        ahead[y * stride : y * stride + width] = u[y]
     for _ in range(steps):
+        ahead[width::stride] = ahead[width - 1 :: stride]
+        ahead[height * stride :] = ahead[(height - 1) * stride : height * stride]
         for y in range(height):
-            for x in range(width):
-                here = ahead[y, x]
-                a = p[y, x] + sigma * (ahead[y, x + 1] - here) if x + 1 < width else np.float32(0)
-                b = q[y, x] + sigma * (ahead[y + 1, x] - here) if y + 1 < height else np.float32(0)
-                scale = max(np.float32(1), np.sqrt(a * a + b * b) / weight[y, x])
-                p[y, x], q[y, x] = a / scale, b / scale
+            a, b, below = y * stride, y * stride + width, (y + 1) * stride
+            _step_dual(
+                ahead[a:b], ahead[a + 1 : b + 1], ahead[below : below + width], p[a + 1 : b + 1], q[below : below + width], weight[y], sigma
+            )
         for y in range(height):
-            for x in range(width):
-                divergence = p[y, x] + q[y, x]
-                if x > 0:
-                    divergence -= p[y, x - 1]
-                if y > 0:
-                    divergence -= q[y - 1, x]
-                old = u[y, x]
-                new = min(max(old + tau * (divergence - cost[y, x]), np.float32(0)), np.float32(1))
-                u[y, x], ahead[y, x] = new, 2 * new - old
+            a, b, below = y * stride, y * stride + width, (y + 1) * stride
+            _step_primal(u[y], ahead[a:b], cost[y], p[a + 1 : b + 1], p[a:b], q[below : below + width], q[a:b], tau)
     return u

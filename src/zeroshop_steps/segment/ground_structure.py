@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from zeroshop_steps.geometry.channels import sum_channels
+
 # Colours are levels of 255, likeness is zero-mean normalized cross-correlation. Set by hand on films of five things on
 # printed tables (docs/results.md).
 WINDOW_PX = 9  # side of the compared patches, in images of 480 px width and in cells of the ground's picture
@@ -34,7 +36,7 @@ def find_other_structure(image: np.ndarray, expected: np.ndarray) -> np.ndarray:
         image: (H, W, 3) float32 RGB, 0 to 255.
         expected: the same, the ground's picture as the view would see it.
     """
-    own, ground = _Patches.of(image.mean(2)), _Patches.of(expected.mean(2))
+    own, ground = _Patches.of(sum_channels(image) / 3), _Patches.of(sum_channels(expected) / 3)
     best = np.zeros(own.grey.shape, np.float32)
     for rows in range(-SHIFT_PX, SHIFT_PX + 1):
         for columns in range(-SHIFT_PX, SHIFT_PX + 1):
@@ -53,24 +55,24 @@ def measure_print(color: np.ndarray, known: np.ndarray, samples: np.ndarray) -> 
     """
     if not known.any():
         return 0.0
-    ground = _Patches.of(color.mean(2))
+    ground = _Patches.of(sum_channels(color) / 3)
     places = np.flatnonzero(known)[::EVERY]
     likeness = []
     for sample in samples:
         seen = np.isfinite(sample[..., 0])
-        found = _Patches.of(np.where(seen, sample.mean(2), ground.grey)).compare(ground)
+        found = _Patches.of(np.where(seen, sum_channels(sample) / 3, ground.grey)).compare(ground)
         likeness.append(np.where(seen, found, np.nan).ravel()[places])
     return float(_ramp(np.median(np.nanmedian(likeness, axis=0)), *PRINTED_LIKENESS))
 
 
 def find_shared_print(color: np.ndarray, samples: np.ndarray) -> np.ndarray:
     """(V, N, N) bool: where each view shows the print that the ground's picture has. Arguments as for `measure_print`."""
-    ground = _Patches.of(color.mean(2))
+    ground = _Patches.of(sum_channels(color) / 3)
     printed = ground.variance > SHARED_CONTRAST**2
     shared = np.zeros(samples.shape[:3], bool)
     for alike, sample in zip(shared, samples, strict=True):
         seen = np.isfinite(sample[..., 0])
-        alike[:] = seen & printed & (_Patches.of(np.where(seen, sample.mean(2), ground.grey)).compare(ground) > SHARED_LIKENESS)
+        alike[:] = seen & printed & (_Patches.of(np.where(seen, sum_channels(sample) / 3, ground.grey)).compare(ground) > SHARED_LIKENESS)
     return shared
 
 
@@ -79,7 +81,7 @@ def find_risen_plain(color: np.ndarray, known: np.ndarray, samples: np.ndarray) 
 
     A sheet of paper has another one than what stands on it. Arguments as for `measure_print`.
     """
-    plain = known & (_Patches.of(color.mean(2)).variance < LEAST_CONTRAST**2)
+    plain = known & (_Patches.of(sum_channels(color) / 3).variance < LEAST_CONTRAST**2)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (PLAIN_CELLS, PLAIN_CELLS))
     count, labels = cv2.connectedComponents(cv2.morphologyEx(plain.astype(np.uint8), cv2.MORPH_OPEN, disc))
     found = np.zeros(known.shape, bool)

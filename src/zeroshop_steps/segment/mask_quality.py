@@ -8,6 +8,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 TOLERANCE = 0.02
 """Width of the rim that may differ, as a share of the square root of the mask's area: about two voxels of the hull."""
@@ -46,8 +47,8 @@ def compare_with_hull(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[
     ratios = np.array([mask.sum() / max(hull.sum(), 1) for mask, hull in zip(masks, hulls, strict=True)])
     usual = float(np.median(ratios[ratios > 0])) if (ratios > 0).any() else 1.0
     found = []
-    for mask, hull, ratio in zip(masks, hulls, ratios / usual, strict=True):
-        disagreement = _measure_disagreement(mask, hull)
+    disagreements = map_in_threads(_measure_disagreement, masks, hulls)
+    for mask, disagreement, ratio in zip(masks, disagreements, ratios / usual, strict=True):
         fault = None
         if mask.mean() < SMALLEST_SHARE:
             fault = "the mask is empty"
@@ -162,9 +163,17 @@ def _measure_disagreement(mask: np.ndarray, hull: np.ndarray) -> float:
 def find_contradicted(mask: np.ndarray, hull: np.ndarray) -> np.ndarray:
     """(H, W) bool: where an (H, W) bool mask contradicts the silhouette of the hull that all masks share, beyond the tolerance."""
     radius_px = find_rim_px(mask)
-    # A hull of voxels is as large as the object or larger; it may lack thin parts and fill gaps. Neither is a fault of the mask.
-    grown, shrunk = move_rim(hull, radius_px)
-    return (mask & ~grown) | (shrunk & ~move_rim(mask, radius_px)[0])
+    contradicted = np.zeros_like(mask)
+    either = mask | hull
+    rows, columns = np.flatnonzero(either.any(1)), np.flatnonzero(either.any(0))
+    if len(rows):
+        # Around both: a photo is many times as large.
+        near = tuple(slice(max(int(found[0]) - radius_px, 0), int(found[-1]) + radius_px + 1) for found in (rows, columns))
+        own, shared = mask[near], hull[near]
+        # A hull of voxels is as large as the object or larger; it may lack thin parts and fill gaps. Neither is a fault of the mask.
+        grown, shrunk = move_rim(shared, radius_px)
+        contradicted[near] = (own & ~grown) | (shrunk & ~move_rim(own, radius_px)[0])
+    return contradicted
 
 
 def find_rim_px(mask: np.ndarray) -> int:

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from zeroshop_steps.geometry.channels import sum_channels
+
 # Set on the film of YCB-V's sugar box on a dark table (docs/results.md).
 REACH_CUTS = 1.75  # how far an outline may move, in pixels of the width at which the mask was cut
 LEAST_REACH_PX = 2.5  # and at least so far: what is nearer is mixed by the lens and by the video's compression
@@ -54,8 +56,8 @@ def _measure_coverage(mask: np.ndarray, image: np.ndarray, reach_px: float) -> n
         return mask
     (color, near), (ground, ground_near) = (_take_nearest(part, photo, reach_px) for part in (within, beyond))
     way = color - ground
-    contrast = np.sqrt((way**2).mean(2))
-    share = np.clip(((photo - ground) * way).sum(2) / np.maximum((way**2).sum(2), 1e-6), 0.0, 1.0)
+    contrast = np.sqrt(sum_channels(way**2) / 3)
+    share = np.clip(sum_channels((photo - ground) * way) / np.maximum(sum_channels(way**2), 1e-6), 0.0, 1.0)
     sure = np.clip((contrast - CONTRAST_LEVELS[0]) / (CONTRAST_LEVELS[1] - CONTRAST_LEVELS[0]), 0.0, 1.0) * (near & ground_near)
     share = np.where(within, 1.0, np.where(beyond, 0.0, sure * share + (1 - sure) * own)).astype(np.float32)
     share = np.asarray(cv2.GaussianBlur(share, (0, 0), SMOOTH_PX))

@@ -16,6 +16,7 @@ from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.networks.saliency_maps import WIDTH_PX as MAPS_WIDTH_PX
 from zeroshop_steps.register.ground_contrast import cut_in_band
 from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.led_by_points import MOST_DROPPED, Found
 from zeroshop_steps.segment.prior_maps import weigh_maps
 from zeroshop_steps.segment.windows import Window, choose_windows, cut_views
@@ -74,14 +75,16 @@ def cut_around(views: list[View], masks: list[np.ndarray]) -> tuple[list[np.ndar
     """
     windows, _ = choose_windows(masks)
     _, images = cut_views(views, windows, CUT_WIDTH_PX)
-    maps, growths = [], []
-    for view, window, mask, image in zip(views, windows, masks, images, strict=True):
+
+    def cut_one(view: View, window: Window, mask: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, float | None]:
         seen = cv2.resize(mask[window.slices].astype(np.float32), image.shape[1::-1], interpolation=cv2.INTER_AREA) > 0.5
-        cut = _cut_around(image.clip(0, 255).astype(np.uint8), seen) if seen.any() else seen
-        maps.append(_lay_on_map(cut, window, view))
-        if seen.any():
-            growths.append(cut.sum() / seen.sum() - 1)
-    return maps, float(np.median(growths))
+        if not seen.any():
+            return _lay_on_map(seen, window, view), None
+        cut = _cut_around(image.clip(0, 255).astype(np.uint8), seen)
+        return _lay_on_map(cut, window, view), float(cut.sum() / seen.sum() - 1)
+
+    found = map_in_threads(cut_one, views, windows, masks, images)
+    return [each for each, _ in found], float(np.median([growth for _, growth in found if growth is not None]))
 
 
 def _cut_around(image: np.ndarray, mask: np.ndarray) -> np.ndarray:

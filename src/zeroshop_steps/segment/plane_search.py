@@ -14,6 +14,7 @@ from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.channels import take_largest
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.scene_support import (
     THRESHOLD_DISTANCES,
@@ -24,7 +25,7 @@ from zeroshop_steps.geometry.scene_support import (
 )
 from zeroshop_steps.geometry.support_plane import FEW_INLIERS, MIN_CERTAINTY, count_showing_masks, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.ground import sample_ground, take_largest
+from zeroshop_steps.segment.ground import sample_ground
 from zeroshop_steps.segment.plain_ground import RISEN_DISTANCES
 from zeroshop_steps.segment.voxel_carving import VoxelGrid, splat_voxels
 

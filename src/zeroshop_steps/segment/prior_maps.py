@@ -15,6 +15,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.ground_contrast import find_contrasting_thing
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import MasksRejected, check_enough_good, describe_quality, find_rim_px, move_rim
 from zeroshop_steps.segment.outline import follow_edges
@@ -56,21 +57,24 @@ def weigh_maps(maps: list[np.ndarray], cameras: list[Camera], most_odds: float =
     which is as coarse as its voxels, the photo decides.
     """
     hulls, _ = assess_masks([found > 0.5 for found in maps], _resize_cameras(cameras, maps))
-    weighed = []
-    for found, hull in zip(maps, hulls, strict=True):
+
+    def weigh(found: np.ndarray, hull: np.ndarray) -> np.ndarray:
         odds = most_odds * (2 * found - 1)
         grown, shrunk = move_rim(hull, find_rim_px(hull))
         contradicted = (odds > 0) & ~grown | (odds < 0) & shrunk
-        weighed.append(np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32))
-    return weighed
+        return np.where(contradicted | ~hull.any(), 0.0, odds).astype(np.float32)
+
+    return map_in_threads(weigh, maps, hulls)
 
 
 def weigh_contrast(images: list[np.ndarray], cameras: list[Camera]) -> list[np.ndarray]:
     """Log odds, (H, W), of the object by what differs from the plain ground in each image alone, once the images have voted."""
-    sizes = [(camera.width_px, camera.height_px) for camera in cameras]
-    found = [find_contrasting_thing(image.clip(0, 255).astype(np.uint8)).astype(np.float32) for image in images]
-    maps = [cv2.resize(thing, size, interpolation=cv2.INTER_LINEAR) for thing, size in zip(found, sizes, strict=True)]
-    return weigh_maps(maps, cameras, CONTRAST_ODDS)
+
+    def find_thing(image: np.ndarray, camera: Camera) -> np.ndarray:
+        found = find_contrasting_thing(image.clip(0, 255).astype(np.uint8)).astype(np.float32)
+        return cv2.resize(found, (camera.width_px, camera.height_px), interpolation=cv2.INTER_LINEAR)
+
+    return weigh_maps(map_in_threads(find_thing, images, cameras), cameras, CONTRAST_ODDS)
 
 
 def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list[np.ndarray], dict[str, Any]]:
@@ -85,7 +89,7 @@ def find_without_ground(maps: list[np.ndarray], views: list[View]) -> tuple[list
     _, qualities = assess_masks([mask > 0.5 for mask in tidied], cameras)
     names = [view.camera.name for view in views]
     check_enough_good(qualities, names, tidied)
-    return [follow_edges(mask, view.image()) for mask, view in zip(tidied, views, strict=True)], describe_quality(qualities, names)
+    return map_in_threads(lambda mask, view: follow_edges(mask, view.image()), tidied, views), describe_quality(qualities, names)
 
 
 def _resize_cameras(cameras: list[Camera], maps: list[np.ndarray]) -> list[Camera]:

@@ -24,6 +24,7 @@ from zeroshop_steps.register.camera_deviation import write_deviations
 from zeroshop_steps.register.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.bent_cameras import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
 from zeroshop_steps.segment.exposure import equalize_exposure
 from zeroshop_steps.segment.mask_agreement import assess_masks
@@ -75,10 +76,13 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
     with atomic_directory(out) as folder:
         for part in ("images", "masks"):
             (folder / part).mkdir()
-        for view, mask in zip(views, masks, strict=True):
+
+        def write(view: View, mask: np.ndarray) -> None:
             if view.camera.name not in dropped:
                 link_or_copy(view.image_path, folder / "images" / view.camera.name)
                 write_mask(folder / "masks" / f"{Path(view.camera.name).stem}.png", mask)
+
+        map_in_threads(write, views, masks)
         model = read_reconstruction(scene / "sparse")
         for image_id in sorted(model.reg_image_ids()):
             if model.images[image_id].name in dropped:
@@ -115,10 +119,13 @@ def _describe_straightened(straightened: Straightened, before: list[Camera], rec
 def _write_confidence(folder: Path, cameras: list[Camera], masks: list[np.ndarray]) -> None:
     """Write how sure each mask is at each pixel, where it is not sure everywhere: not where the other masks contradict it."""
     hulls, _ = assess_masks(masks, cameras)
-    for camera, mask, hull in zip(cameras, masks, hulls, strict=True):
+
+    def write(camera: Camera, mask: np.ndarray, hull: np.ndarray) -> None:
         contradicted = find_contradicted(mask, hull) if hull.any() else np.zeros_like(mask)
         if contradicted.any():
             write_mask(folder / CONFIDENCE / f"{Path(camera.name).stem}.png", ~contradicted)
+
+    map_in_threads(write, cameras, masks, hulls)
 
 
 def read_mask_record(folder: Path | None) -> dict[str, Any]:
@@ -136,8 +143,8 @@ def warn_of_dropped(record: dict[str, Any]) -> None:
 
 def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str]) -> np.ndarray:
     """(H, W, 3) uint8: every image with what lies outside its mask darkened, the outline red; dropped ones crossed out."""
-    tiles = []
-    for path, mask in zip(paths, masks, strict=True):
+
+    def draw(path: Path, mask: np.ndarray) -> np.ndarray:
         size = tile_size_px(mask)
         tile = cv2.resize(read_image(path), size, interpolation=cv2.INTER_AREA)
         small = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
@@ -146,8 +153,9 @@ def draw_mask_sheet(paths: list[Path], masks: list[np.ndarray], dropped: set[str
         if path.name in dropped:
             cv2.line(tile, (0, 0), size, RED, 3)
         write_label(tile, path.stem)
-        tiles.append(tile)
-    return arrange_in_rows(tiles)
+        return tile
+
+    return arrange_in_rows(map_in_threads(draw, paths, masks))
 
 
 def link_or_copy(source: Path, target: Path) -> None:

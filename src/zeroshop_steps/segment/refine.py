@@ -1,6 +1,7 @@
 """Refine evidence to masks, in rounds: cut each image by colours and edges, then carve the views' common hull from the masks."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -8,9 +9,10 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.graph_cut import cut_image
-from zeroshop_steps.segment.ground import build_ground_picture
+from zeroshop_steps.segment.ground import GroundPicture, build_ground_picture
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection
 from zeroshop_steps.segment.plain_ground import join_odds
 from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, mark_points, render_silhouettes, splat_voxels
@@ -95,26 +97,53 @@ def refine_masks(
         hidden = [_grow(foot, hidden_margin) | other for foot, other in zip(standing, others, strict=True)]
         feet = hulls if whole is occupied else render_silhouettes(selection.grid, whole, cameras)
         ground = build_ground_picture(support, cameras, images, hidden)
-        evidence = [
-            join_odds(ground.evidence(camera, image), table) for camera, image, table in zip(cameras, images, by_table, strict=True)
-        ]
+        evidence = _look_at_ground(ground, cameras, images, by_table)
         colors = _learn_colors(images, hulls, [odds + prior for odds, prior in zip(evidence, priors, strict=True)])
-        masks = []
-        for image, odds, agree, table, prior, seed, hull, foot, room, other in zip(
-            images, evidence, agreed, by_table, priors, seeds, hulls, feet, rooms, others, strict=True
-        ):
-            deep = _grow(hull, -DEEP)
-            odds, prior = (_discount(part, other & ~deep) for part in (odds, prior))
-            color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
-            # A shadow that the first masks took along has taught the colours that it is the object.
-            color = np.where(table < 0, np.minimum(color, 0.0), color)
-            total = np.where(odds == 0.0, agree, odds) + color + prior
-            total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
-            if ground.printed:  # a colour alone is no sign of ground in the midst of what nearly all masks share
-                total += ground.printed * np.where(deep, np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
-            masks.append(_close_holes(_cut_within(room, total + seed, image), color))
+        cut = partial(_cut_view, colors, inside, outside, ground.printed)
+        masks = map_in_threads(cut, images, evidence, agreed, by_table, priors, seeds, hulls, feet, rooms, others)
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, render_silhouettes(selection.grid, occupied, cameras), occupied)
+
+
+def _look_at_ground(ground: GroundPicture, cameras: list[Camera], images: list[np.ndarray], by_table: list[np.ndarray]) -> list[np.ndarray]:
+    """(H, W) log odds of the object in every view by the ground's picture and by its colour, `by_table`."""
+    return map_in_threads(lambda camera, image, table: join_odds(ground.evidence(camera, image), table), cameras, images, by_table)
+
+
+def _cut_view(
+    colors: ColorModel,
+    inside: float,
+    outside: float,
+    printed: float,
+    image: np.ndarray,
+    odds: np.ndarray,
+    agree: np.ndarray,
+    table: np.ndarray,
+    prior: np.ndarray,
+    seed: np.ndarray,
+    hull: np.ndarray,
+    foot: np.ndarray,
+    room: np.ndarray,
+    other: np.ndarray,
+) -> np.ndarray:
+    """The mask of one view, (H, W) float32.
+
+    Args:
+        colors: of the object and around it; `inside`, `outside`: log odds by the hull; `printed`: how far the ground is.
+        image, odds, agree, table, prior, seed: (H, W, 3) RGB; (H, W) log odds by the ground now, by it at first, by its colour, by what
+            else is known, and by the object's points.
+        hull, foot, room, other: (H, W) bool silhouettes of the hull, of the hull with a foot, of where the object may be, of other things.
+    """
+    deep = _grow(hull, -DEEP)
+    odds, prior = (_discount(part, other & ~deep) for part in (odds, prior))
+    color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
+    # A shadow that the first masks took along has taught the colours that it is the object.
+    color = np.where(table < 0, np.minimum(color, 0.0), color)
+    total = np.where(odds == 0.0, agree, odds) + color + prior
+    total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
+    if printed:  # a colour alone is no sign of ground in the midst of what nearly all masks share
+        total += printed * np.where(deep, np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
+    return _close_holes(_cut_within(room, total + seed, image), color)
 
 
 def _discount(odds: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -9,9 +9,11 @@ import pycolmap
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.channels import take_largest
 from zeroshop_steps.geometry.images import sample_bilinear
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.srgb import srgb_to_linear
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 NEIGHBOURS = 10  # nearest points, through which the surface at a point is laid as a plane
 RADIUS_WIDTHS = 0.006  # of a disk, in widths of an image, seen straight on from the median distance of its photos
@@ -56,19 +58,22 @@ def sample_shared_colors(model: pycolmap.Reconstruction, views: Sequence[View]) 
     tracks = [[place[p.point3D_id] for p in images[view.camera.name].points2D if p.has_point3D()] for view in views]
     seen = [np.unique(np.array(track, int)) for track in tracks]
     disks = _lay_disks(positions, seen, [view.camera for view in views])
-    light, clipped = [np.zeros((0, 3))], [np.zeros(0, bool)]
     linear = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
-    for view, points in zip(views, seen, strict=True):
+
+    def sample(view: View, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         pixels = view.image()
         spots = view.camera.project(disks[points].reshape(-1, 3))[0] - 0.5
         shown = sample_bilinear(cv2.GaussianBlur(linear[pixels], (0, 0), 1.0), spots, cv2.BORDER_REPLICATE)
-        light.append(shown.reshape(-1, SAMPLES, 3).mean(1).astype(float))
-        white = sample_bilinear(pixels.max(2) >= CLIPPED_LEVEL, spots, cv2.BORDER_REPLICATE)
-        clipped.append(white.reshape(-1, SAMPLES).mean(1) > CLIPPED_PART)
+        white = sample_bilinear(take_largest(pixels) >= CLIPPED_LEVEL, spots, cv2.BORDER_REPLICATE)
+        return shown.reshape(-1, SAMPLES, 3).mean(1).astype(float), white.reshape(-1, SAMPLES).mean(1) > CLIPPED_PART
+
+    sampled = map_in_threads(sample, views, seen)
+    light = np.concatenate([np.zeros((0, 3)), *(each for each, _ in sampled)])
+    clipped = np.concatenate([np.zeros(0, bool), *(each for _, each in sampled)])
     photo = np.repeat(np.arange(len(views)), [len(points) for points in seen])
     point = np.concatenate([np.zeros(0, int), *seen])
     part = (positions[point] > np.median(positions[point], 0)) @ [1, 2, 4] if len(point) else point
-    return SharedColors(photo, point, part, np.concatenate(light), np.concatenate(clipped))
+    return SharedColors(photo, point, part, light, clipped)
 
 
 def _lay_disks(positions: np.ndarray, seen: list[np.ndarray], cameras: list[Camera]) -> np.ndarray:

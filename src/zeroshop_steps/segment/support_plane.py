@@ -20,6 +20,7 @@ from zeroshop_steps.networks.saliency_maps import read_maps
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.flat_print import take_off_print
 from zeroshop_steps.segment.flat_things import SheetGround, add_sheet, find_beside_flat
 from zeroshop_steps.segment.ground import LIGHT_ODDS, MOST_ODDS, GroundPicture, build_ground_picture, equalize_exposure
@@ -266,7 +267,7 @@ def _find_on_scene(scene: _Scene, priors: list[np.ndarray], by_color: bool = Tru
         "plane": {"normal": support.normal.tolist(), "offset": support.offset},
         "image_width_px": scene.image_width_px,
     }
-    masks = [lay_back(*parts) for parts in zip(tidied, scene.windows, scene.views, strict=True)]
+    masks = map_in_threads(lay_back, tidied, scene.windows, scene.views)
     middle = selection.grid.centres(np.argwhere(refined.occupied)).mean(0)
     return Found(masks, record, support, scene.plain is not None, middle, selection)
 
@@ -277,7 +278,7 @@ def _find_on_plane(
     """Select the object that stands on a plane, and find its masks and the (P, 3) sparse points that show it whatever its colours are."""
     cameras, images = scene.cameras, scene.images
     risen = find_risen_points(scene.model.points, support) if plain or scene.plain else None
-    by_place = [ground.evidence(camera, image, LIGHT_ODDS) for camera, image in zip(cameras, images, strict=True)]
+    by_place = map_in_threads(lambda camera, image: ground.evidence(camera, image, LIGHT_ODDS), cameras, images)
     by_table = [
         plain.evidence(camera, image) if plain else np.zeros(image.shape[:2], np.float32)
         for camera, image in zip(cameras, images, strict=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.outline import follow_edges
 
 SIDE_SIZES = 2.2  # side of a window, in sizes of the mask: the colours around the object are learned there, too
@@ -66,15 +67,18 @@ def cut_views(views: Sequence[View], windows: Sequence[Window], width_px: int) -
 
     Those higher than wide have as many pixels as a square one: an object is not smaller in a photo in portrait format.
     """
-    cameras, images = [], []
+    cameras = []
     for view, window in zip(views, windows, strict=True):
         width, height = window.right - window.left, window.bottom - window.top
         part = view.camera.cropped(window.left, window.top, width, height)
         size = min(round(width_px * min(1.0, math.sqrt(width / height))), width)
         cameras.append(part.resized(size, round(height * size / width)))
-        size_px = (cameras[-1].width_px, cameras[-1].height_px)
-        images.append(cv2.resize(view.image()[window.slices], size_px, interpolation=cv2.INTER_AREA).astype(np.float32))
-    return cameras, images
+
+    def cut(view: View, window: Window, camera: Camera) -> np.ndarray:
+        size_px = (camera.width_px, camera.height_px)
+        return cv2.resize(view.image()[window.slices], size_px, interpolation=cv2.INTER_AREA).astype(np.float32)
+
+    return cameras, map_in_threads(cut, views, windows, cameras)
 
 
 def cut_map(values: np.ndarray, window: Window, view: View, camera: Camera) -> np.ndarray:

@@ -1,0 +1,24 @@
+"""The same work for every view, in as many threads as the job has."""
+
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import numba
+
+Result = TypeVar("Result")
+
+
+def map_in_threads(function: Callable[..., Result], *sequences: Iterable) -> list[Result]:
+    """What `function` returns for the first of each sequence, for the second and so on. All have one length.
+
+    It pays where most of the time goes to OpenCV, NumPy's large arrays, and kernels with `nogil`, which leave the interpreter to other
+    threads. `function` must not start kernels that use several threads: Numba's must be started by one at a time.
+    """
+    arguments = list(zip(*sequences, strict=True))
+    threads = min(numba.get_num_threads(), len(arguments))
+    if threads < 2 or threading.current_thread() is not threading.main_thread():
+        return [function(*one) for one in arguments]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(lambda one: function(*one), arguments))
