@@ -8,7 +8,9 @@ import pytest
 
 from helpers.table_scene import ball_mask, table_views
 from zeroshop_steps.geometry.scene_support import SceneSupport
-from zeroshop_steps.segment.flat_things import find_flat_foot
+from zeroshop_steps.segment import flat_things
+from zeroshop_steps.segment.flat_things import find_beside_flat, find_flat_foot
+from zeroshop_steps.segment.led_by_points import Found
 from zeroshop_steps.segment.support_plane import find_masks
 
 BALL, VIEWS = (0.0, 0.0, 0.35), 8
@@ -46,6 +48,34 @@ def see_boxes(views, *boxes):
 def test_what_rises_hides_the_ground_behind_it(views, boxes, flat):
     support = SceneSupport(np.array([0.0, 0.0, 1.0]), 0.0, np.array([0.0, 0.0, 0.3]), 4.0, 0)
     assert (find_flat_foot(views, see_boxes(views, *boxes), support) is not None) == flat
+
+
+@pytest.mark.parametrize(
+    ("place_by_place", "by_color", "chosen"),
+    [
+        ((0.0, 0.06, 0), (0.0, 0.01, 0), True),
+        ((0.0, 0.01, 0), (0.0, 0.06, 0), False),
+        ((0.0, 0.06, 0), (0.2, 0.01, 0), False),
+        ((0.2, 0.01, 0), (0.0, 0.06, 0), True),
+        ((0.2, 0.01, 0), (0.2, 0.06, 0), True),
+        ((0.0, 0.06, 0), (0.0, 0.01, 4), False),
+    ],
+    ids=["shadows", "agreement", "a side has the sheet's colour", "low and of one colour", "both lack a part", "few masks are left"],
+)
+def test_masks_that_agree_best_are_taken_unless_photos_go_on_beyond_them(views, monkeypatch, place_by_place, by_color, chosen):
+    support = SceneSupport(np.array([0.0, 0.0, 1.0]), 0.0, np.array([0.0, 0.0, 0.3]), 4.0, 0)
+    record = {"plane_from": "points", "plane_inliers": 0}
+
+    def find_on(_, __, told_by_color, ___):
+        _, disagreement, dropped = by_color if told_by_color else place_by_place
+        found = {"median_disagreement": disagreement, "dropped": {str(number): "" for number in range(dropped)}}
+        return Found(box, found, support, True, np.zeros(3), None), None
+
+    sheet, box = see_boxes(views, (0.9, 0.0, 0.005)), see_boxes(views, (0.4, 0.0, 0.7))
+    growths = iter([place_by_place[0], by_color[0]])
+    monkeypatch.setattr(flat_things, "cut_around", lambda *_: ([], next(growths)))
+    found = find_beside_flat(views, Found(sheet, record, support, True, np.zeros(3), None), find_on)
+    assert found is not None and found[2] == chosen
 
 
 @pytest.mark.slow

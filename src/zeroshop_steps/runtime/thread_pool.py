@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import cv2
 import numba
 
 Result = TypeVar("Result")
@@ -20,5 +21,10 @@ def map_in_threads(function: Callable[..., Result], *sequences: Iterable) -> lis
     threads = min(numba.get_num_threads(), len(arguments))
     if threads < 2 or threading.current_thread() is not threading.main_thread():
         return [function(*one) for one in arguments]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(lambda one: function(*one), arguments))
+    opencv_threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # its own threads would wait beside these, and keep cores busy with it
+    try:
+        with ThreadPoolExecutor(threads) as pool:
+            return list(pool.map(lambda one: function(*one), arguments))
+    finally:
+        cv2.setNumThreads(opencv_threads)

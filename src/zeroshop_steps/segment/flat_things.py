@@ -3,7 +3,7 @@
 Its colours are not the table's, so masks by colour have it, and the mesh would stand on a slab. That it is flat is told by its outline:
 where it ends on the ground, the masks end, too. What rises hides the ground behind it from every side. Then the ground is seen place by
 place, as a printed one: all views agree on the sheet. Where they agree on a low thing of one colour, too, or on a side of it, the sheet is
-a plain ground.
+a plain ground. So it is on a turntable: shadows stay while the plate turns below them, and place by place, they are no ground.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.geometry.support_plane import count_showing_masks
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.segment.ground import MIN_WITNESSES, GroundPicture, lay_cells
-from zeroshop_steps.segment.led_by_points import Found
+from zeroshop_steps.segment.led_by_points import MOST_DROPPED, Found
 from zeroshop_steps.segment.own_outlines import OUTGROWN_SHARE, cut_around
 from zeroshop_steps.segment.plain_ground import PlainGround, fit_plain_ground
 
@@ -126,21 +126,29 @@ def find_beside_flat(views: list[View], found: Found, find_on: FindOn) -> tuple[
     if sheet is None:
         return None
     kept = {name: found.record[name] for name in ("plane_from", "plane_inliers")}
-    standing = []
-    for other, prior, by_color in _find_on_sheet(sheet, found.support, find_on):
-        if find_flat_foot(views, other.masks, other.support) is None:
-            standing.append((replace(other, record=other.record | kept), prior, by_color))
-            if by_color or cut_around(views, other.masks)[1] <= OUTGROWN_SHARE:
-                break
-            print("the photos' own colours go on beyond these masks")
+    standing = [
+        (replace(other, record=other.record | kept), prior, by_color)
+        for other, prior, by_color in _find_on_sheet(sheet, found.support, find_on)
+        if find_flat_foot(views, other.masks, other.support) is None
+    ]
     if standing:
         warn("what lies flat under the object, such as a sheet of paper, is left out of the masks; look at contact_sheet.png")
-        return standing[-1]
+        return _choose_standing(views, standing)
     warn(
         "the masks show something flat: if it is a sheet on which the object stands, take it away, or give masks of the object alone; look"
         " at contact_sheet.png"
     )
     return None
+
+
+def _choose_standing(views: list[View], standing: list[tuple[Found, Prior, bool]]) -> tuple[Found, Prior, bool]:
+    """Of what stands on a flat thing, told place by place and by its colour: the masks that agree best with each other.
+
+    Masks that all lack a side agree, too. But the photos' own colours go on beyond them.
+    """
+    whole = [each for each in standing if cut_around(views, each[0].masks)[1] <= OUTGROWN_SHARE] or standing[-1:]
+    most_dropped = MOST_DROPPED * len(views)
+    return min(whole, key=lambda each: (len(each[0].record["dropped"]) > most_dropped, each[0].record["median_disagreement"]))
 
 
 def _find_on_sheet(sheet: np.ndarray, support: SceneSupport, find_on: FindOn) -> Iterator[tuple[Found, Prior, bool]]:

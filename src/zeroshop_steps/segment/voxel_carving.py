@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 VOXEL_WIDTH = 0.7  # of a voxel's edge: evidence is averaged over this width, so that the neighbours' is not
 SPLAT_WIDTH = 1.2  # of a voxel's edge: a cube seen at an angle is wider than its edge, and no gaps may remain between cubes
@@ -49,15 +50,19 @@ def count_votes(
         sure: a view votes where its mean log odds over about the voxel's width are larger than this.
     """
     centres = grid.centres(index).astype(np.float32)
-    full, empty = np.zeros(len(index), np.int32), np.zeros(len(index), np.int32)
-    for camera, odds in zip(cameras, evidence, strict=True):
+
+    def vote(camera: Camera, odds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rows, columns, depth, inside = camera.find_pixels(centres)
         width = max(1, round(VOXEL_WIDTH * grid.side * camera.intrinsics[0, 0] / float(np.median(depth))))
         mean = cv2.blur(odds, (width, width), borderType=cv2.BORDER_REPLICATE)
         seen = np.zeros(len(index), odds.dtype)
         seen[inside] = mean[rows[inside], columns[inside]]
-        full += seen > sure
-        empty += seen < -sure
+        return seen > sure, seen < -sure
+
+    full, empty = np.zeros(len(index), np.int32), np.zeros(len(index), np.int32)
+    for shown_full, shown_empty in map_in_threads(vote, cameras, evidence):
+        full += shown_full
+        empty += shown_empty
     return full, empty
 
 
