@@ -1,5 +1,6 @@
 """Masks that all lack the same part agree with each other, but each photo alone shows where the object ends."""
 
+import numba
 import numpy as np
 import pytest
 
@@ -35,6 +36,14 @@ def test_photos_add_what_masks_lack_and_hardly_anything_to_whole_ones(views, who
     assert OUTGROWN_SHARE < growth < 1.2 * lacking
     assert np.median([compute_overlap(found > 0.5, mask) for found, mask in zip(maps, whole, strict=True)]) > 0.93
     assert cut_around(views, whole)[1] < OUTGROWN_SHARE / 2
+
+
+def test_photos_are_cut_alike_in_one_thread_and_in_two(views, bitten):
+    alone, growth = cut_around(views, bitten)
+    numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+    beside, growth_beside = cut_around(views, bitten)
+    assert growth == growth_beside
+    np.testing.assert_array_equal(alone, beside)
 
 
 def test_whole_masks_stay_as_they_are(views, whole):

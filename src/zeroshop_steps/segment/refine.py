@@ -12,7 +12,7 @@ from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.color_model import ColorModel
 from zeroshop_steps.segment.graph_cut import cut_image
-from zeroshop_steps.segment.ground import GroundPicture, build_ground_picture
+from zeroshop_steps.segment.ground import build_ground_picture
 from zeroshop_steps.segment.object_selection import NothingFound, ObjectSelection
 from zeroshop_steps.segment.plain_ground import join_odds
 from zeroshop_steps.segment.voxel_carving import count_votes, fill_down_to_ground, mark_points, render_silhouettes, splat_voxels
@@ -90,6 +90,7 @@ def refine_masks(
     # Where all views agree is ground, even under the hull: shadows. It may also be an object of one colour, so colours weigh as much.
     agreed = [np.where(table > 0, 0.0, np.minimum(odds, 0.0)) for table, odds in zip(by_table, by_place, strict=True)]
     seeds = [SEED_ODDS * mark_points(own_points, 2 * SEED_PX + 1, camera) for camera in cameras]
+    clues = [_Clues(*parts) for parts in zip(images, agreed, by_table, priors, seeds, rooms, others, strict=True)]
     for inside, outside, hidden_margin in zip(INSIDE_ODDS, OUTSIDE_ODDS, HIDDEN_MARGINS, strict=True):
         hulls = render_silhouettes(selection.grid, occupied, cameras)
         columns, whole = fill_down_to_ground(occupied), _restore_lost_foot(occupied, selection.ground_voxel)
@@ -97,53 +98,57 @@ def refine_masks(
         hidden = [_grow(foot, hidden_margin) | other for foot, other in zip(standing, others, strict=True)]
         feet = hulls if whole is occupied else render_silhouettes(selection.grid, whole, cameras)
         ground = build_ground_picture(support, cameras, images, hidden)
-        evidence = _look_at_ground(ground, cameras, images, by_table)
+        evidence = [join_odds(odds, table) for odds, table in zip(map_in_threads(ground.evidence, cameras, images), by_table, strict=True)]
         colors = _learn_colors(images, hulls, [odds + prior for odds, prior in zip(evidence, priors, strict=True)])
-        cut = partial(_cut_view, colors, inside, outside, ground.printed)
-        masks = map_in_threads(cut, images, evidence, agreed, by_table, priors, seeds, hulls, feet, rooms, others)
+        cut = partial(_cut_view, colors=colors, by_hull=(inside, outside), printed=ground.printed)
+        masks = map_in_threads(cut, clues, evidence, hulls, feet)
         occupied = _carve_common(selection, cameras, masks)
     return RefinedMasks(masks, render_silhouettes(selection.grid, occupied, cameras), occupied)
 
 
-def _look_at_ground(ground: GroundPicture, cameras: list[Camera], images: list[np.ndarray], by_table: list[np.ndarray]) -> list[np.ndarray]:
-    """(H, W) log odds of the object in every view by the ground's picture and by its colour, `by_table`."""
-    return map_in_threads(lambda camera, image, table: join_odds(ground.evidence(camera, image), table), cameras, images, by_table)
+@dataclass(frozen=True)
+class _Clues:
+    """What is known of one view in all rounds.
+
+    Attributes:
+        image: (H, W, 3) float32 RGB, 0 to 255.
+        agreed, table, prior, seed: (H, W) log odds of the object by where all views agree, by the colour of a plain ground, by what else is
+            known, and by the object's points.
+        room, other: (H, W) bool: where the object may be, and where another thing is.
+    """
+
+    image: np.ndarray
+    agreed: np.ndarray
+    table: np.ndarray
+    prior: np.ndarray
+    seed: np.ndarray
+    room: np.ndarray
+    other: np.ndarray
 
 
 def _cut_view(
-    colors: ColorModel,
-    inside: float,
-    outside: float,
-    printed: float,
-    image: np.ndarray,
-    odds: np.ndarray,
-    agree: np.ndarray,
-    table: np.ndarray,
-    prior: np.ndarray,
-    seed: np.ndarray,
-    hull: np.ndarray,
-    foot: np.ndarray,
-    room: np.ndarray,
-    other: np.ndarray,
+    clues: _Clues, odds: np.ndarray, hull: np.ndarray, foot: np.ndarray, colors: ColorModel, by_hull: tuple[float, float], printed: float
 ) -> np.ndarray:
     """The mask of one view, (H, W) float32.
 
     Args:
-        colors: of the object and around it; `inside`, `outside`: log odds by the hull; `printed`: how far the ground is.
-        image, odds, agree, table, prior, seed: (H, W, 3) RGB; (H, W) log odds by the ground now, by it at first, by its colour, by what
-            else is known, and by the object's points.
-        hull, foot, room, other: (H, W) bool silhouettes of the hull, of the hull with a foot, of where the object may be, of other things.
+        odds: (H, W) log odds of the object by the ground.
+        hull, foot: (H, W) bool silhouettes of the hull, and of the hull with a foot.
+        colors: of the object and around it.
+        by_hull: log odds inside the hull's silhouette and well outside of it.
+        printed: how far the ground is printed, 0 to 1.
     """
+    inside, outside = by_hull
     deep = _grow(hull, -DEEP)
-    odds, prior = (_discount(part, other & ~deep) for part in (odds, prior))
-    color = np.clip(colors.of(image), -COLOR_MOST, COLOR_MOST)
+    odds, prior = (_discount(part, clues.other & ~deep) for part in (odds, clues.prior))
+    color = np.clip(colors.of(clues.image), -COLOR_MOST, COLOR_MOST)
     # A shadow that the first masks took along has taught the colours that it is the object.
-    color = np.where(table < 0, np.minimum(color, 0.0), color)
-    total = np.where(odds == 0.0, agree, odds) + color + prior
+    color = np.where(clues.table < 0, np.minimum(color, 0.0), color)
+    total = np.where(odds == 0.0, clues.agreed, odds) + color + prior
     total += np.where(hull | (foot & (color > 0)), inside, np.where(_grow(hull, HULL_MARGIN), 0.0, outside))
     if printed:  # a colour alone is no sign of ground in the midst of what nearly all masks share
         total += printed * np.where(deep, np.maximum(DEEP_ODDS - inside - color, 0.0), 0.0)
-    return _close_holes(_cut_within(room, total + seed, image), color)
+    return _close_holes(_cut_within(clues.room, total + clues.seed, clues.image), color)
 
 
 def _discount(odds: np.ndarray, other: np.ndarray) -> np.ndarray:
