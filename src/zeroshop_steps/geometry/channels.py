@@ -4,7 +4,7 @@ import numpy as np
 
 
 def sum_channels(values: np.ndarray) -> np.ndarray:
-    """(...) the sum of the last axis' three channels."""
+    """(...) the sum of the last axis' three channels, of floating-point numbers: bytes would overflow."""
     total: np.ndarray = values[..., 0] + values[..., 1] + values[..., 2]
     return total
 
