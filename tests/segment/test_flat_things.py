@@ -67,13 +67,15 @@ def test_masks_that_agree_best_are_taken_unless_photos_go_on_beyond_them(views, 
     record = {"plane_from": "points", "plane_inliers": 0}
 
     def find_on(_, __, told_by_color, ___):
-        _, disagreement, dropped = by_color if told_by_color else place_by_place
+        growth, disagreement, dropped = by_color if told_by_color else place_by_place
         found = {"median_disagreement": disagreement, "dropped": {str(number): "" for number in range(dropped)}}
-        return Found(box, found, support, True, np.zeros(3), None), None
+        masks = list(box)
+        growths[id(masks)] = growth
+        return Found(masks, found, support, True, np.zeros(3), None), None
 
     sheet, box = see_boxes(views, (0.9, 0.0, 0.005)), see_boxes(views, (0.4, 0.0, 0.7))
-    growths = iter([place_by_place[0], by_color[0]])
-    monkeypatch.setattr(flat_things, "cut_around", lambda *_: ([], next(growths)))
+    growths = {}
+    monkeypatch.setattr(flat_things, "cut_around", lambda _, masks: ([], growths[id(masks)]))
     found = find_beside_flat(views, Found(sheet, record, support, True, np.zeros(3), None), find_on)
     assert found is not None and found[2] == chosen
 

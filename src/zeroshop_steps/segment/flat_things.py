@@ -146,9 +146,11 @@ def _choose_standing(views: list[View], standing: list[tuple[Found, Prior, bool]
 
     Masks that all lack a side agree, too. But the photos' own colours go on beyond them.
     """
-    whole = [each for each in standing if cut_around(views, each[0].masks)[1] <= OUTGROWN_SHARE] or standing[-1:]
+    if len(standing) == 1:
+        return standing[0]
     most_dropped = MOST_DROPPED * len(views)
-    return min(whole, key=lambda each: (len(each[0].record["dropped"]) > most_dropped, each[0].record["median_disagreement"]))
+    by_agreement = sorted(standing, key=lambda each: (len(each[0].record["dropped"]) > most_dropped, each[0].record["median_disagreement"]))
+    return next((each for each in by_agreement if cut_around(views, each[0].masks)[1] <= OUTGROWN_SHARE), standing[-1])
 
 
 def _find_on_sheet(sheet: np.ndarray, support: SceneSupport, find_on: FindOn) -> Iterator[tuple[Found, Prior, bool]]:

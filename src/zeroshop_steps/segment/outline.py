@@ -56,8 +56,9 @@ def _measure_coverage(mask: np.ndarray, image: np.ndarray, reach_px: float) -> n
         return mask
     (color, near), (ground, ground_near) = (_take_nearest(part, photo, reach_px) for part in (within, beyond))
     way = color - ground
-    contrast = np.sqrt(sum_channels(way**2) / 3)
-    share = np.clip(sum_channels((photo - ground) * way) / np.maximum(sum_channels(way**2), 1e-6), 0.0, 1.0)
+    squared = sum_channels(way**2)
+    contrast = np.sqrt(squared / 3)
+    share = np.clip(sum_channels((photo - ground) * way) / np.maximum(squared, 1e-6), 0.0, 1.0)
     sure = np.clip((contrast - CONTRAST_LEVELS[0]) / (CONTRAST_LEVELS[1] - CONTRAST_LEVELS[0]), 0.0, 1.0) * (near & ground_near)
     share = np.where(within, 1.0, np.where(beyond, 0.0, sure * share + (1 - sure) * own)).astype(np.float32)
     share = np.asarray(cv2.GaussianBlur(share, (0, 0), SMOOTH_PX))

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.channels import measure_length, sum_channels
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.segment.ground import CELL_DISTANCES, MOST_ODDS, GroundPicture, find_in_front
@@ -73,7 +74,7 @@ class PlainGround:
         table = _basis(u, v, count) @ self.coefficients
         hue, light = _split(cv2.blur(image, (BLUR_PX, BLUR_PX)), table)
         hue_off = hue / (NOISE_LEVELS + self.hue_spread)
-        light_off = np.abs(light - 1) * np.linalg.norm(table, axis=2) / np.sqrt(3) / (NOISE_LEVELS + self.light_spread)
+        light_off = np.abs(light - 1) * measure_length(table) / np.sqrt(3) / (NOISE_LEVELS + self.light_spread)
         other_hue = np.clip((hue_off - SAME_HUE_SIGMAS) / (OTHER_HUE_SIGMAS - SAME_HUE_SIGMAS), 0, 1)
         other_light = np.clip((light_off - SAME_LIGHT_SIGMAS) / (OTHER_LIGHT_SIGMAS - SAME_LIGHT_SIGMAS), 0, 1)
         low, high = SHADOW_RANGE
@@ -129,7 +130,7 @@ def _fit_color(picture: GroundPicture, x: np.ndarray, y: np.ndarray) -> tuple[Pl
 
 def find_print(image: np.ndarray, table: np.ndarray) -> np.ndarray:
     """(H, W) bool: where an (H, W, 3) float32 RGB image of a plain table shows print; `table` is where its colours are the table's."""
-    light = np.asarray(cv2.blur(image.mean(axis=2), (2, 2)))
+    light = np.asarray(cv2.blur(sum_channels(image) / 3, (2, 2)))
     light = light - np.asarray(cv2.GaussianBlur(light, (0, 0), FINE_PX))  # without the slopes of soft shadows
     window = np.ones((3, 3), np.uint8)
     steps = cv2.dilate(light, window) - cv2.erode(light, window)
