@@ -67,14 +67,15 @@ def describe_allowed(node: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
     if "if" in node:
         return "`all`, or a list with any of" + describe_allowed(node["else"]["items"], schema).removeprefix("one of")
     types = node["type"] if isinstance(node["type"], list) else [node["type"]]
-    names = {"string": "text", "integer": "whole number", "array": "list", "object": "mapping"}
+    count = {2: " of two numbers", 3: " of three numbers"}.get(node.get("minItems", 0), " of numbers")
+    names = {"string": "text", "integer": "whole number", "array": f"list{count}", "object": "mapping"}
     words = " or ".join(names.get(str(name), str(name)) for name in types)
     numbers = resolve(node.get("items", {}), schema) if "array" in types else node
     low, high = numbers.get("minimum", numbers.get("exclusiveMinimum")), numbers.get("maximum")
     if low is None or high is None:
-        return words
+        return words.replace(count, "")
     above = "above " if "exclusiveMinimum" in numbers else ""
-    return f"{words}{' of two numbers' if 'array' in types else ''}, {above}{low} to {high}"
+    return f"{words}, {above}{low} to {high}"
 
 
 def render_manual(schema: Mapping[str, Any], config: Mapping[str, Any]) -> str:

@@ -40,7 +40,6 @@ class Method:
             below resources/weights and the files in it.
         choices: networks that the config chooses among: for the key of its options, the files below resources/weights that each of its
             values needs; the first is the usual one.
-        own_weights: its network is always the user's: a file that the config names as the method's `weights`.
         mem_mb, runtime_min: what its rule asks a scheduler for, with about 20 images.
         threads: the most that its rule uses.
         gpu_bytes: what its kernels for CUDA take of the card for each "primitive", of which its options allow `count_max`, and for each
@@ -49,9 +48,10 @@ class Method:
     Of registrations:
         true_cameras: it needs true cameras, which photos lack.
         tries: the registrations that it tries one after the other, those whose weights are there; "all" does not mean it.
-        saliency: it finds masks by the salient-object network that the config names for segmentation, if it names one.
+        saliency: it finds masks by the salient-object network of the config (`segment.saliency`), if that is there.
 
     Of segmentations:
+        saliency: it needs this network.
         given: the masks come with the capture; the config cannot choose it.
         in_scene: it finds masks only in a scene that is registered already.
         prompt: it takes the words that describe the object.
@@ -90,7 +90,6 @@ class Method:
     weights: tuple[str, ...] = ()
     models: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
     choices: dict[str, dict[str, tuple[str, ...]]] = field(default_factory=dict)
-    own_weights: bool = False
     mem_mb: int = 4000
     runtime_min: int = 30
     threads: int = 8
@@ -147,7 +146,7 @@ class Method:
             key: {name: values[name]} for key, values in self.choices.items() for name in [str(options.get(key, next(iter(values))))]
         }
         chosen = replace(self, models=models, choices=choices)
-        return replace(chosen, weights=(), own_weights=False) if options.get("weights") else chosen
+        return replace(chosen, weights=()) if options.get("weights") else chosen
 
 
 @functools.cache
@@ -227,8 +226,7 @@ SECTIONS = {
 
 def lacks(method: Method, root: Path = Path()) -> list[str]:
     """What a method needs and does not find, in words; empty where it can run. `root` is the folder that holds resources/."""
-    own = ["a network of yours, which its option weights in the config names"] if method.own_weights else []
-    return own + [f"the weights {WEIGHTS_FOLDER / name}" for name in method.files if not (root / WEIGHTS_FOLDER / name).is_file()]
+    return [f"the weights {WEIGHTS_FOLDER / name}" for name in method.files if not (root / WEIGHTS_FOLDER / name).is_file()]
 
 
 def left_out(*tables: dict[str, Method], root: Path = Path()) -> str | None:

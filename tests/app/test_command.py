@@ -1,5 +1,6 @@
 """The command `zeroshop`, and the version that the project's papers name."""
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -16,6 +17,9 @@ from zeroshop_steps.app.captures import read_captures
 from zeroshop_steps.app.command import main
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.methods import REGISTRATIONS
+from zeroshop_steps.networks import weights
+from zeroshop_steps.networks.weights import WeightsFile
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -54,7 +58,10 @@ def test_the_changelog_and_the_citation_name_this_version():
         (["{photos}", "--height", "nan"], "--height is nan; it is in metres"),
         (["{photos}", "--masks", "nowhere"], "--masks names nowhere, which is no folder"),
         (["{photos}", "--board", "nowhere"], "--board names nowhere, which is no folder"),
-        (["{photos}", "--network", "nowhere.onnx"], "--network names nowhere.onnx, which is no file; give the ONNX file"),
+        (
+            ["{photos}", "--network", "nowhere.onnx"],
+            "the network nowhere.onnx does not exist; segment.saliency.network (--network) is the ONNX file",
+        ),
         (["{photos}", "--cores", "0"], "--cores is 0; at least 1 is needed"),
         (["{photos}", "--name", "..."], "gives no name for the results"),
         (["check", "nowhere"], "nowhere does not exist"),
@@ -78,15 +85,41 @@ def test_the_lines_at_the_end_are_of_the_cell_that_the_config_chooses(tmp_path, 
     assert workflow.read_chosen_cell(changed) == ("video_segmented", "auto")
 
 
-def test_network_and_downloaded_weights_reach_the_workflow(tmp_path, monkeypatch):
+def test_downloaded_weights_reach_the_workflow(tmp_path, monkeypatch):
     monkeypatch.setattr(workflow, "find_project", lambda: tmp_path)
-    assert workflow.settings_of_inputs(None) == {}
-    assert workflow.settings_of_inputs(tmp_path / "net.onnx") == {"segment": {"saliency": {"weights": str(tmp_path / "net.onnx")}}}
+    assert "register" not in workflow.settings_of_inputs(None)
     for name in REGISTRATIONS["aliked"].weights:
         path = tmp_path / "resources/weights" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
-    assert workflow.settings_of_inputs(None) == {"register": {"auto": {"weights": str(tmp_path / "resources/weights/aliked")}}}
+    assert workflow.settings_of_inputs(None)["register"] == {"auto": {"weights": str(tmp_path / "resources/weights/aliked")}}
+
+
+def named_network(network):
+    return workflow.settings_of_inputs(network)["segment"]["saliency"]["network"]
+
+
+def test_the_network_reaches_the_workflow_and_only_the_default_one_may_be_missing(tmp_path, monkeypatch, capsys):
+    content = b"network" * 100
+    row = WeightsFile("saliency/u2netp.onnx", "https://x", len(content), hashlib.sha256(content).hexdigest(), "Apache-2.0", "x", "y")
+    monkeypatch.setattr(weights, "read_table", lambda: {row.file: row})
+    monkeypatch.setattr(workflow, "find_project", lambda: tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.onnx").touch()
+    assert named_network("mine.onnx") == str(tmp_path / "mine.onnx")
+    assert named_network("none") == "none" and not capsys.readouterr().err
+    path = tmp_path / "resources/weights/saliency/u2netp.onnx"
+    path.parent.mkdir(parents=True)
+    for damage, said in ((None, "are not there"), (content[:-1], "cut short"), (content[::-1], "sha256")):
+        if damage:
+            path.write_bytes(damage)
+        assert named_network(None) == "none"
+        warning = capsys.readouterr().err
+        assert said in warning and warning.startswith("warning: ") and warning.count("\n") == 1
+        with pytest.raises(StepError, match=said):
+            named_network("u2netp")
+    path.write_bytes(content)
+    assert named_network(None) == named_network("u2netp") == str(path) and not capsys.readouterr().err
 
 
 def test_a_check_tells_good_photos_from_too_few(tmp_path, capsys):

@@ -14,7 +14,7 @@ from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.networks.aliked import FeatureMatcher
 from zeroshop_steps.networks.object_finder import cut_main_things
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import aliked, colmap
 from zeroshop_steps.register.found_masks import find_object_maps
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
@@ -105,7 +105,7 @@ class StoredCapture:
     def _find_masks(self, network: Path) -> tuple[Path, ...]:
         paths = tuple(self.folder / "masks" / name for name in self.images.names)
         if not all(path.is_file() for path in paths):
-            maps = find_object_maps(SalientObjectNetwork(network, IMAGE_MEAN, IMAGE_DEVIATION), self.images.images)
+            maps = find_object_maps(SalientObjectNetwork(network), self.images.images)
             for path, mask in zip(paths, cut_main_things(maps, self.images.sizes_px), strict=True):
                 write_mask(path, mask)
         return paths

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
-from helpers.small_saliency import write_network
+from helpers.small_saliency import NORMALIZATION, write_network
 from zeroshop_steps.evaluate.mask_error import undistort_mask
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import compute_overlap, read_mask
@@ -138,7 +138,7 @@ class BallPhotos:
         parser = argparse.ArgumentParser()
         auto.add_arguments(parser)
         words = ["--capture", self.folder / "capture", "--scene", "video", "--out", self.folder / "cameras", "--weights", self.folder]
-        auto.run(parser.parse_args([*map(str, words), "--saliency-weights", str(self.folder / network)]))
+        auto.run(parser.parse_args([*map(str, words), "--network", str(self.folder / network), *NORMALIZATION]))
         return records[0]
 
     def has_found_masks(self):
@@ -174,5 +174,7 @@ def test_without_masks_and_network_the_reason_says_what_would_help(tmp_path):
     parser = argparse.ArgumentParser()
     auto.add_arguments(parser)
     words = ["--capture", tmp_path / "capture", "--scene", "video", "--out", tmp_path / "cameras", "--weights", tmp_path / "nowhere"]
-    with pytest.raises(RegistrationFailed, match=r"they need their weights, .*Masks of the object help them, .*segment\.saliency\.weights"):
+    with pytest.raises(
+        RegistrationFailed, match=r"they need their weights, .*Masks of the object help them, .*saliency/u2netp\.onnx` downl"
+    ):
         auto.run(parser.parse_args(list(map(str, words))))

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
-from helpers.small_saliency import write_network
+from helpers.small_saliency import DEVIATION, MEAN, NORMALIZATION, write_network
 from helpers.table_scene import table_views
 from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask, write_image
 from zeroshop_steps.networks.object_finder import cut_main_things, keep_main_thing
 from zeroshop_steps.networks.saliency_maps import write_maps
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
@@ -32,7 +32,7 @@ def workplace(tmp_path, monkeypatch):
 
 
 def segment(*options):
-    names = ["--method", "saliency", "--weights", "saliency.onnx", "--scene", "scene", "--out", "cameras"]
+    names = ["--method", "saliency", "--network", "saliency.onnx", *NORMALIZATION, "--scene", "scene", "--out", "cameras"]
     return stage_main("zeroshop_steps.segment", [*names, *options])
 
 
@@ -116,7 +116,8 @@ def test_photos_without_cameras_are_masked(workplace):
     folder, masks = workplace
     (folder / "scene/capture.json").write_text("{}")
     names = ["--method", "object_capture", "--pictures", "scene", "--capture", "scene", "--out", "object"]
-    assert stage_main("zeroshop_steps.segment", [*names, "--segmentation", "saliency", "--options", "--weights", "saliency.onnx"]) == 0
+    options = ["--segmentation", "saliency", "--options", "--network", "saliency.onnx", *NORMALIZATION]
+    assert stage_main("zeroshop_steps.segment", [*names, *options]) == 0
     assert read_json(folder / "object/segmentation.json")["good_masks"] == 12
     found = read_mask(folder / "object/masks" / f"{list_images(folder / 'object/images')[3].stem}.png", masks[3].shape[::-1])
     assert compute_overlap(found, masks[3]) > 0.95
@@ -136,16 +137,14 @@ def test_values_before_the_sigmoid_mean_the_same(workplace):
     write_network(folder / "raw.onnx", sigmoid=False)
     image = np.full((30, 40, 3), 90, np.uint8)
     image[8:20, 10:30] = (200, 30, 30)
-    [sure, raw] = [
-        SalientObjectNetwork(folder / name, IMAGE_MEAN, IMAGE_DEVIATION).predict(image, (40, 30)) for name in ("saliency.onnx", "raw.onnx")
-    ]
+    [sure, raw] = [SalientObjectNetwork(folder / name, MEAN, DEVIATION).predict(image, (40, 30)) for name in ("saliency.onnx", "raw.onnx")]
     assert sure.shape == (30, 40) and np.allclose(sure, raw, atol=1e-5)
     assert (sure[10:18, 12:28] > 0.9).all() and (sure[:6] < 0.1).all()
 
 
 def test_shares_that_rounding_lifts_above_one_are_no_values_before_the_sigmoid(workplace, monkeypatch):
     """IS-Net gives 1.0000001 now and then: taken for a value before the sigmoid, no pixel was below a half."""
-    network = SalientObjectNetwork(workplace[0] / "saliency.onnx", IMAGE_MEAN, IMAGE_DEVIATION)
+    network = SalientObjectNetwork(workplace[0] / "saliency.onnx", MEAN, DEVIATION)
     answer = np.zeros((1, 1, 30, 40), np.float32)
     answer[..., 8:20, 10:30] = np.nextafter(np.float32(1), np.float32(2))
     monkeypatch.setattr(network, "_session", SimpleNamespace(run=lambda *_: [answer]))
@@ -156,7 +155,7 @@ def test_shares_that_rounding_lifts_above_one_are_no_values_before_the_sigmoid(w
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda path: path.unlink(), "does not exist; segment.saliency.weights names an ONNX file"),
+        (lambda path: path.unlink(), "does not exist; segment.saliency.network (--network) is the ONNX file"),
         (lambda path: path.write_bytes(b"not a network"), "cannot be read as an ONNX network"),
         (lambda path: write_network(path, channels=1), "expected one float image of 1 x 3 x height x width"),
         (lambda path: write_network(path, outputs=2), "expected one map"),
@@ -174,7 +173,7 @@ def test_what_is_no_such_network_is_named(workplace, capfd, damage, message):
 def test_a_closer_look_sees_a_small_thing_finer(workplace, monkeypatch):
     """To a network of 128 pixels, a photo of 1200 shows outlines to ten pixels. What fills the photo is looked at once."""
     folder, _ = workplace
-    network = SalientObjectNetwork(folder / "saliency.onnx", IMAGE_MEAN, IMAGE_DEVIATION)
+    network = SalientObjectNetwork(folder / "saliency.onnx", MEAN, DEVIATION)
     small, large = np.zeros((900, 1200), np.uint8), np.zeros((900, 1200), np.uint8)
     cv2.ellipse(small, (600, 450), (110, 70), 30, 0, 360, 1, -1)
     large[40:860, 60:1100] = 1

@@ -29,6 +29,7 @@ def photographed(tmp_path):
 def test_what_auto_means_depends_on_the_weights(snakemake, tmp_path, photographed):
     run = snakemake("-n", TARGET, *photographed)
     assert run.returncode == 0 and "--method support_plane" in run.stdout, run.stdout
+    assert "warning: objects are found without a salient-object network" in run.stdout
     named = snakemake("-n", TARGET, *photographed, "segmentation=grounded_sam")
     assert named.returncode != 0 and "lacks the weights resources/weights/small-dino/model.safetensors" in named.stdout
     for file in methods.SEGMENTATIONS["grounded_sam"].with_options({"detector": "small-dino", "tracker": "small-sam"}).files:
@@ -54,12 +55,3 @@ def test_the_rule_runs_with_small_random_networks(snakemake, tmp_path, photograp
     record = json.loads((tmp_path / TARGET / "segmentation.json").read_text())
     assert record["method"] == "grounded_sam" and record["prompt"] == "red ball's middle." and record["good_masks"] == 12
     assert len(list(Path(tmp_path / TARGET / "masks").iterdir())) == 12
-
-
-def test_a_network_of_the_users_is_taken_where_it_is_named(snakemake, tmp_path, photographed):
-    *others, _ = photographed
-    named = snakemake("-n", TARGET, *others, "segmentation=saliency")
-    assert named.returncode != 0 and "a network of yours, which its option weights in the config names" in named.stdout, named.stdout
-    run = snakemake("-n", TARGET, *others, 'segment={"saliency": {"weights": "my network.onnx"}}')
-    [line] = [line for line in run.stdout.splitlines() if "--method saliency" in line]
-    assert "my network.onnx'" in line and "--mean 128 128 128 --deviation 256 256 256" in line, line

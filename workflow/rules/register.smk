@@ -64,11 +64,24 @@ def registration_options(
     options = config["register"].get(wildcards.registration)
     if not options:
         return ""
-    network = config["segment"]["saliency"]
-    if registration_needs(wildcards).saliency and network["weights"]:
-        file = shlex.quote(os.path.relpath(ROOT / network["weights"]))
-        options = {**options, "saliency_weights": file, "saliency_mean": network["mean"], "saliency_deviation": network["deviation"]}
-    return step_options({**options, "seed": config["seed"]})
+    return step_options({**options, **network_options(registration_network(wildcards)), "seed": config["seed"]})
+
+
+def registration_network(
+    wildcards,
+):
+    """The salient-object network by which the registration masks photos; None where it uses none, or the photos have masks."""
+    if not registration_needs(wildcards).saliency or is_virtual(wildcards.dataset) or wildcards.scene == OBJECT_SCENE:
+        return None
+    return None if photos_of(wildcards)["masks"] else salient_network()
+
+
+def registration_weights(
+    wildcards,
+):
+    """The files that the registration reads its networks from."""
+    needs = registration_needs(wildcards)
+    return weights_stamp("register", wildcards.registration, needs, registration_network(wildcards))
 
 
 def registered_scene(
@@ -99,7 +112,7 @@ rule register:
     params:
         options=registration_options,
         scene=registered_scene,
-        weights=lambda wildcards: weights_stamp("register", wildcards.registration, registration_needs(wildcards)),
+        weights=registration_weights,
     message:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:

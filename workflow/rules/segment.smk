@@ -16,8 +16,16 @@ def mask_method(
         return GIVEN_MASKS
     name = config["segmentation"]
     if name == "auto":
-        return next(name for name, method in SEGMENTATIONS.items() if not methods.lacks(method))
+        there = [name for name, method in SEGMENTATIONS.items() if not methods.lacks(method)]
+        return next(name for name in there if not SEGMENTATIONS[name].saliency or salient_network())
     return usable("segmentation", name, SEGMENTATIONS, "")
+
+
+def mask_network(
+    name,
+):
+    """The salient-object network of a segmentation method; None where it needs none."""
+    return salient_network(needed=True) if SEGMENTATIONS[name].saliency else None
 
 
 def mask_needs(
@@ -49,7 +57,7 @@ def options_of_segmentation(
     name,
 ):
     """The options of a segmentation method."""
-    options = {**(config["segment"].get(name) or {}), "seed": config["seed"]}
+    options = {**(config["segment"].get(name) or {}), **network_options(mask_network(name)), "seed": config["seed"]}
     if SEGMENTATIONS[name].prompt:
         options["prompt"] = shlex.quote(photos_of(wildcards)["prompt"] or options["prompt"])
     return step_options(options)
@@ -60,7 +68,7 @@ def segmentation_weights(
 ):
     """The files that this method reads its networks from."""
     name = mask_method(wildcards)
-    return [] if name == GIVEN_MASKS else weights_stamp("segment", name, SEGMENTATIONS[name])
+    return [] if name == GIVEN_MASKS else weights_stamp("segment", name, SEGMENTATIONS[name], mask_network(name))
 
 
 def pictures_with_masks(
@@ -72,7 +80,7 @@ def pictures_with_masks(
     return f"{scene}/{registration}/cameras" if mask_needs(wildcards).in_scene else f"{scene}/capture"
 
 
-def network_options(
+def object_options(
     wildcards,
 ):
     """The segmentation that finds masks before the registration, and its options, which come last; nothing if there are masks."""
@@ -102,7 +110,7 @@ rule capture_object:
         gpu=gpu_of("segment", mask_needs),
         gpu_mem_mb=gpu_mem_of("segment", mask_needs),
     params:
-        options=network_options,
+        options=object_options,
         weights=segmentation_weights,
     message:
         "Taking the pictures of {wildcards.object} with their masks, to register the object alone"

@@ -3,9 +3,12 @@
 resources/weights/FILE   one file of src/zeroshop_steps/networks/weights.csv, its size and SHA-256 checked
 """
 
+import functools
 import re
 
+from zeroshop_steps.networks import salient_networks
 from zeroshop_steps.networks.weights import look_up_weights, read_table as weights_table
+from zeroshop_steps.runtime.errors import warn
 
 
 def with_own_weights(
@@ -17,12 +20,50 @@ def with_own_weights(
     return method.with_options(config[stage].get(name) or {})
 
 
+@functools.cache
+def salient_network(
+    needed=False,
+):
+    """The file of the salient-object network of the config, as steps are given it; None where there is none.
+
+    The default network may be missing or damaged where it is not needed: a warning says so, and the rest goes on without it.
+    """
+    network = config["segment"]["saliency"]["network"]
+    if network == salient_networks.NONE:
+        if needed:
+            raise WorkflowError(
+                f"segment.saliency.network is none; name a network: {', '.join(salient_networks.NETWORKS)}, or an ONNX file"
+            )
+        return None
+    named = network in salient_networks.NETWORKS
+    try:
+        return salient_networks.require_network(salient_networks.network_path(network) if named else Path(os.path.relpath(ROOT / network)))
+    except StepError as error:
+        if needed or network != salient_networks.DEFAULT:
+            raise WorkflowError(str(error)) from None
+        warn(f"objects are found without a salient-object network: {error}")
+        return None
+
+
+def network_options(
+    network,
+):
+    """Options of a step that name this salient-object network; none where there is none."""
+    if network is None:
+        return {}
+    described = config["segment"]["saliency"]
+    return {"network": shlex.quote(str(network)), "mean": described["mean"], "deviation": described["deviation"]}
+
+
 def weights_stamp(
     stage,
     name,
     method,
+    network=None,
 ):
     """Size and time of the files that a method reads its networks from: a parameter, so that other weights make its results stale.
+
+    `network` is the file of its salient-object network.
 
     Not an input: Snakemake would delete and download weights again whenever their rule changes.
     """
@@ -32,6 +73,7 @@ def weights_stamp(
     if own:
         path = Path(os.path.relpath(ROOT / own))
         files = sorted(path.iterdir()) if path.is_dir() else [path]
+    files += [network] if network else []
     return [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files if path.is_file()]
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from zeroshop_steps import __version__
 from zeroshop_steps.methods import SURFACES
+from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
 HEIGHT_M = (0.005, 3.0)
@@ -72,8 +73,8 @@ def _mesh_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--board", type=Path, nargs="?", const=Path(), metavar="PHOTOS", help=(
         "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
-    parser.add_argument("--network", type=Path, metavar="FILE", help=(
-        "ONNX file of a salient-object network of yours: finds objects on plain tables and of the table's colours"))  # fmt: skip
+    parser.add_argument("--network", metavar="NAME_OR_FILE", help=(
+        f"salient-object network that finds the object: {', '.join(NETWORKS)}, an ONNX file, or none (default: {DEFAULT})"))  # fmt: skip
     parser.add_argument("--count", type=int, metavar="N", help=(
         "frames to take of a film, or photos at most (default: 20, and more where a film needs them; 60 photos)"))  # fmt: skip
     names = list(SURFACES)
@@ -120,9 +121,7 @@ def _make(args: argparse.Namespace) -> int:
         raise StepError(f"--count is {args.count}; expected {PICTURES[0]} to {PICTURES[1]} frames or photos")
     if args.cores < 1:
         raise StepError(f"--cores is {args.cores}; at least 1 is needed")
-    if args.network and not args.network.is_file():
-        raise StepError(f"--network names {args.network}, which is no file; give the ONNX file of a salient-object network")
-    settings = settings_of_inputs(args.network.resolve() if args.network else None)
+    settings = settings_of_inputs(args.network)
     folder = args.into.resolve()
     by_board = args.board is not None
     capture = Capture(

@@ -19,8 +19,9 @@ from rich.text import Text
 import zeroshop_steps
 from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import REGISTRATIONS
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS, NONE, require_network
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, require_weights
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.settings import read_yaml
@@ -119,14 +120,37 @@ def read_chosen_cell(settings: Mapping[str, Any]) -> tuple[str, str]:
     return chosen["scene"], chosen["registration"]
 
 
-def settings_of_inputs(network: Path | None) -> dict[str, Any]:
-    """The settings by which a salient-object network finds the object, and the weights of learned features, where they are there."""
-    settings: dict[str, Any] = {"segment": {"saliency": {"weights": str(network)}}} if network else {}
-    # Downloaded weights lie in the project, and the working directory may be another one.
+def settings_of_inputs(network: str | None) -> dict[str, Any]:
+    """The settings that name the salient-object network, and the weights of learned features, where they are there.
+
+    Downloaded weights lie in the project, and the working directory may be another one.
+
+    Args:
+        network: name or ONNX file of the network that the user asked for, or NONE; by default the usual one, without which it also goes.
+
+    Raises:
+        StepError: the network that the user asked for is missing or damaged.
+    """
+    settings: dict[str, Any] = {"segment": {"saliency": {"network": _find_network(network)}}}
     weights = [find_project() / WEIGHTS_FOLDER / name for name in REGISTRATIONS["aliked"].weights]
     if all(path.is_file() for path in weights):
         settings["register"] = {"auto": {"weights": str(weights[0].parent)}}
     return settings
+
+
+def _find_network(network: str | None) -> str:
+    if network == NONE:
+        return NONE
+    if network and network not in NETWORKS:
+        return str(require_network(Path(network)).resolve())
+    try:
+        return str(require_weights(NETWORKS[network or DEFAULT].file, find_project()))
+    except StepError as error:
+        message = f"{error} (call snakemake in {find_project()})"
+        if network:
+            raise StepError(message) from None
+        warn(f"the object is found without a salient-object network: {message}")
+        return NONE
 
 
 def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, settings: Mapping[str, Any] | None = None) -> bool:

@@ -23,6 +23,8 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weights
+from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
+from zeroshop_steps.networks.salient_object import add_network_arguments, load_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks, outlines
 from zeroshop_steps.register.ground_contrast import GroundContrast
@@ -33,7 +35,7 @@ from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import scratch_directory
 
-CACHED = Cached(inputs=("capture/images", "capture/masks", "weights", "saliency_weights"), ignored=("threads", "device"))
+CACHED = Cached(inputs=("capture/images", "capture/masks", "weights", "network"), ignored=("threads", "device"))
 METHOD = {"title": "automatic", "rank": 4, "tries": ("colmap", "aliked"), "saliency": True}
 
 DOUBTFUL_SHARE = 0.8
@@ -48,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_matching_arguments(parser)
     colmap.add_own_arguments(parser)
     aliked.add_own_arguments(parser)
-    found_masks.add_arguments(parser)
+    add_network_arguments(parser, None)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -56,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     image_set = read_image_set(args.capture)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
-    network = None if image_set.masks is not None else found_masks.load_network(args)
+    network = None if image_set.masks is not None or args.network is None else load_network(args)
     finder = network or GroundContrast()
     find_maps = functools.cache(lambda: found_masks.find_object_maps(finder, image_set.images))
 
@@ -172,5 +174,8 @@ def _advise(there: bool, has_masks: bool) -> str:
             f"{{{EXTRACTOR},{MATCHER}}}` downloads ({megabytes:.0f} MB, {rows[0].licence})"
         )
     if not has_masks:
-        advice += ". Masks of the object help them, yours or by a salient-object network (segment.saliency.weights)"
+        advice += (
+            ". Masks of the object help them, yours or by a salient-object network (segment.saliency.network), such as"
+            f" {DEFAULT}, which `snakemake {NETWORKS[DEFAULT].path}` downloads"
+        )
     return advice

@@ -4,7 +4,6 @@ They are enough to register the object alone, and a network's to check cameras t
 of each photo. Masks that show something else are found by the registration.
 """
 
-import argparse
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.networks.object_finder import ObjectFinder, cut_main_things
 from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, WIDTH_PX, write_maps
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.neighbour_agreement import check_neighbours
 from zeroshop_steps.register.outline_check import measure_outline_misses_px
@@ -36,22 +35,6 @@ ROUGH_MISSED_PX = 15.0
 pitcher on a white table, 10 where they were bent by 3 %, 77 where they were folded. Bent ones are left to the segmentation, whose masks are
 finer."""
 CHECKED_VIEWS = 20  # at most, evenly spread: the network takes seconds for each, and cameras that are bent are so all around
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the network."""
-    parser.add_argument("--saliency-weights", type=Path, help="ONNX file of a salient-object network; without it, masks must be given")
-    parser.add_argument("--saliency-mean", type=float, nargs=3, default=IMAGE_MEAN, help="of its images, taken off (default: %(default)s)")
-    parser.add_argument(
-        "--saliency-deviation", type=float, nargs=3, default=IMAGE_DEVIATION, help="of its images, divided by (default: %(default)s)"
-    )
-
-
-def load_network(args: argparse.Namespace) -> SalientObjectNetwork | None:
-    """The network that the command line names, if it names one. Raises StepError where it cannot be read."""
-    if args.saliency_weights is None:
-        return None
-    return SalientObjectNetwork(args.saliency_weights, args.saliency_mean, args.saliency_deviation)
 
 
 def find_object_maps(finder: ObjectFinder, images: Sequence[Path]) -> list[np.ndarray]:

@@ -1,6 +1,7 @@
 """One progress display: a bar on a terminal, plain lines in a log."""
 
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from typing import TypeVar
@@ -15,7 +16,8 @@ class ProgressReport:
     """Shows how far a loop is, with a free text (loss, count) beside it.
 
     Used as a context manager. On a terminal this is one moving bar; in a log it is a plain line at most every
-    `line_every_s` seconds, so that a log of hours stays short. `done` are the steps that an earlier run has made.
+    `line_every_s` seconds, so that a log of hours stays short. `done` are the steps that an earlier run has made. Several threads
+    may advance it.
     """
 
     def __init__(self, title: str, total: int, line_every_s: float = 10.0, done: int = 0) -> None:
@@ -23,6 +25,7 @@ class ProgressReport:
         self.done = self._earlier = done
         self._start_s = self._last_line_s = time.monotonic()
         self._bar: Progress | None = None
+        self._lock = threading.Lock()
 
     def __enter__(self) -> "ProgressReport":
         if sys.stderr.isatty():
@@ -44,14 +47,15 @@ class ProgressReport:
 
     def advance(self, steps: int = 1, note: str = "") -> None:
         """Count `steps` more as done and show `note` beside the bar."""
-        self.done += steps
-        now_s = time.monotonic()
-        if self._bar is not None:
-            self._bar.update(self._task, advance=steps, note=note)
-        elif self.done >= self.total or now_s - self._last_line_s >= self.line_every_s:
-            self._last_line_s = now_s
-            left_s = (now_s - self._start_s) / max(self.done - self._earlier, 1) * (self.total - self.done)
-            print(f"{self.title}: {self.done}/{self.total}, {left_s:.0f} s left {note}".rstrip(), file=sys.stderr, flush=True)
+        with self._lock:
+            self.done += steps
+            now_s = time.monotonic()
+            if self._bar is not None:
+                self._bar.update(self._task, advance=steps, note=note)
+            elif self.done >= self.total or now_s - self._last_line_s >= self.line_every_s:
+                self._last_line_s = now_s
+                left_s = (now_s - self._start_s) / max(self.done - self._earlier, 1) * (self.total - self.done)
+                print(f"{self.title}: {self.done}/{self.total}, {left_s:.0f} s left {note}".rstrip(), file=sys.stderr, flush=True)
 
 
 def track(items: Iterable[Item], title: str, total: int) -> Iterator[Item]:

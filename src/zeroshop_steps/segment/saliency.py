@@ -15,14 +15,15 @@ import numpy as np
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, find_maps
-from zeroshop_steps.networks.salient_object import IMAGE_DEVIATION, IMAGE_MEAN, SalientObjectNetwork
+from zeroshop_steps.networks.salient_networks import DEFAULT
+from zeroshop_steps.networks.salient_object import add_network_arguments, load_network
 from zeroshop_steps.segment import support_plane
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
 from zeroshop_steps.segment.prior_maps import Masks, find_by_maps
 from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
 
-METHOD: dict[str, Any] = {"rank": 1, "own_weights": True, "runtime_min": 60}
+METHOD: dict[str, Any] = {"rank": 1, "saliency": True, "runtime_min": 60}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,19 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the network, whether or not the cameras are known."""
-    parser.add_argument("--weights", type=Path, required=True, help="ONNX file of a salient-object network")
-    parser.add_argument("--mean", type=float, nargs=3, default=IMAGE_MEAN, help="of its images, taken off, 0 to 255 (default: %(default)s)")
-    parser.add_argument(
-        "--deviation", type=float, nargs=3, default=IMAGE_DEVIATION, help="of its images, divided by, 0 to 255 (default: %(default)s)"
-    )
+    add_network_arguments(parser, DEFAULT)
     parser.add_argument(
         "--image-width-px", type=int, default=support_plane.WIDTH_PX, help="images are cut at this width (default: %(default)s)"
     )
-
-
-def load_network(args: argparse.Namespace) -> SalientObjectNetwork:
-    """The network that the command line names."""
-    return SalientObjectNetwork(args.weights, args.mean, args.deviation)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -59,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
 
     with show_rejected_masks([view.image_path for view in views], args.rejected):
         masks, record = find_by_maps(maps, views, find_on_ground)
-    record |= {"method": "saliency", "network": args.weights.name, "seconds": round(time.monotonic() - start_s, 2)}
+    record |= {"method": "saliency", "network": args.network.name, "seconds": round(time.monotonic() - start_s, 2)}
     write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
 
 
@@ -79,4 +71,4 @@ def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argpar
     _, qualities = assess_masks(masks, None)
     names = [path.name for path in paths]
     check_enough_good(qualities, names, masks)
-    return masks, {"method": "saliency", "network": args.weights.name, **describe_quality(qualities, names)}
+    return masks, {"method": "saliency", "network": network.name, **describe_quality(qualities, names)}
