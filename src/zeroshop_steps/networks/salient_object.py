@@ -106,8 +106,8 @@ class SalientObjectNetwork:
         if known := recognize_network(self.path, self._sha256, self._size_px):
             return known.mean, known.deviation
         warn(
-            f"{self.path} is none of the known networks ({', '.join(NETWORKS)}); its images are normalized by ImageNet's numbers."
-            " If it was trained with others, set segment.saliency.mean and deviation"
+            f"{self.path} is none of the known networks ({', '.join(NETWORKS)}); its images are normalized by the mean and deviation of"
+            " ImageNet. If it was trained with others, set segment.saliency.mean and deviation"
         )
         return IMAGENET_MEAN, IMAGENET_DEVIATION
 
