@@ -11,14 +11,15 @@ import numba
 Result = TypeVar("Result")
 
 
-def map_in_threads(function: Callable[..., Result], *sequences: Iterable) -> list[Result]:
+def map_in_threads(function: Callable[..., Result], *sequences: Iterable, most_threads: int | None = None) -> list[Result]:
     """What `function` returns for the first of each sequence, for the second and so on. All have one length.
 
     It pays where most of the time goes to OpenCV, NumPy's large arrays, and kernels with `nogil`, which leave the interpreter to other
-    threads. `function` must not start kernels that use several threads: Numba's must be started by one at a time.
+    threads. `function` must not start kernels that use several threads: Numba's must be started by one at a time. `most_threads` is for
+    work that takes much memory.
     """
     arguments = list(zip(*sequences, strict=True))
-    threads = min(numba.get_num_threads(), len(arguments))
+    threads = min(numba.get_num_threads(), len(arguments), most_threads or len(arguments))
     if threads < 2 or threading.current_thread() is not threading.main_thread():
         return [function(*one) for one in arguments]
     opencv_threads = cv2.getNumThreads()
