@@ -49,12 +49,16 @@ def write_demo_object(name: str, out: Path) -> None:
     if name not in names:
         raise StepError(f"there is no demo object {name!r}; there are {', '.join(names)}")
     number = names.index(name)
-    product = CATALOGUE[number]()
+    write_product(CATALOGUE[number](), name, number + 1, out)
+
+
+def write_product(product: Product, name: str, number: int, out: Path) -> None:
+    """Write model.ply, model.png and model_info.json of a product with an object identifier into the folder `out`."""
     mesh = make_textured_mesh(product)
     out = Path(out)
     write_image(out / "model.png", mesh.texture_image)
     write_ply(out / "model.ply", mesh, "model.png")
-    write_json(out / "model_info.json", make_model_info(mesh, product, name, number + 1))
+    write_json(out / "model_info.json", make_model_info(mesh, product, name, number))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -19,13 +19,18 @@ def make_distractor(rng: np.random.Generator) -> Mesh:
         solid = trimesh.creation.cylinder(rng.uniform(15, 45), rng.uniform(40, 150), sections=64)
     else:
         solid = trimesh.creation.icosphere(3, rng.uniform(20, 45))
+    return map_as_boxes(solid, _draw_texture(rng))
+
+
+def map_as_boxes(solid: trimesh.Trimesh, texture: np.ndarray) -> Mesh:
+    """A flat-shaded mesh of a solid on which each side of its bounding box projects the whole (H, W, 3) uint8 texture."""
     corners, normals = np.asarray(solid.triangles), np.asarray(solid.face_normals)
     shares = (corners - solid.bounds[0]) / (solid.bounds[1] - solid.bounds[0]) * (1 - 2 * BORDER) + BORDER
     flat = np.abs(normals).argmax(1)
     axes = np.array([[1, 2], [0, 2], [0, 1]])[flat]
     uv = np.take_along_axis(shares, np.repeat(axes[:, None], 3, 1), 2)
     faces = np.arange(corners.size // 3).reshape(-1, 3)
-    return Mesh(corners.reshape(-1, 3), faces, np.repeat(normals, 3, 0), uv.reshape(-1, 2), _draw_texture(rng))
+    return Mesh(corners.reshape(-1, 3), faces, np.repeat(normals, 3, 0), uv.reshape(-1, 2), texture)
 
 
 def _draw_texture(rng: np.random.Generator) -> np.ndarray:

@@ -118,15 +118,20 @@ class FilmRenderer:
 
     def render_mask(self, camera: Camera) -> np.ndarray:
         """(height, width) bool: pixels whose middle shows the object."""
-        mask = np.zeros((camera.height_px, camera.width_px), bool)
-        pixels, _ = camera.project(self._vertices)
-        low = np.clip(np.floor(pixels.min(0)).astype(int), 0, mask.shape[::-1])
-        high = np.clip(np.ceil(pixels.max(0)).astype(int) + 1, 0, mask.shape[::-1])
-        if (high <= low).any():
-            return mask
-        grid = np.stack(np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5), -1)
-        rays = shading.make_camera_rays(grid.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
-        hits = self._renderer.scene.cast_rays(o3d.core.Tensor(rays))
-        own = (hits["geometry_ids"].numpy() == 0) & (hits["primitive_ids"].numpy() < self._object_faces)
-        mask[low[1] : high[1], low[0] : high[0]] = own.reshape(grid.shape[:2])
+        return find_object_pixels(self._renderer.scene, camera, self._vertices, self._object_faces)
+
+
+def find_object_pixels(scene: o3d.t.geometry.RaycastingScene, camera: Camera, vertices: np.ndarray, faces: int) -> np.ndarray:
+    """(height, width) bool: pixels whose middle shows the object, which has the (V, 3) vertices and the first `faces` of geometry 0."""
+    mask = np.zeros((camera.height_px, camera.width_px), bool)
+    pixels, _ = camera.project(vertices)
+    low = np.clip(np.floor(pixels.min(0)).astype(int), 0, mask.shape[::-1])
+    high = np.clip(np.ceil(pixels.max(0)).astype(int) + 1, 0, mask.shape[::-1])
+    if (high <= low).any():
         return mask
+    grid = np.stack(np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5), -1)
+    rays = shading.make_camera_rays(grid.reshape(-1, 2), camera.intrinsics, np.linalg.inv(camera.camera_from_world))
+    hits = scene.cast_rays(o3d.core.Tensor(rays))
+    own = (hits["geometry_ids"].numpy() == 0) & (hits["primitive_ids"].numpy() < faces)
+    mask[low[1] : high[1], low[0] : high[0]] = own.reshape(grid.shape[:2])
+    return mask
