@@ -53,7 +53,7 @@ def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--stages", choices=list(STAGES), default="masks", help=stages_help)
     parser.add_argument("--half", choices=(*HALVES, "both"), default="both", help="which captures (default: %(default)s)")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these captures alone")
-    parser.add_argument("--method", default="support_plane", help="of segment, for the stage of masks (default: %(default)s)")
+    parser.add_argument("--method", default="saliency", help="of segment, for the stage of masks (default: %(default)s)")
     options_help = "further options of this method, or for all stages of zeroshop; they come last"
     parser.add_argument("--options", nargs=argparse.REMAINDER, default=[], help=options_help)
     parser.add_argument("--earlier", type=Path, help="a results table of before: what got worse since comes first")

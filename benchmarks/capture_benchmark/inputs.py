@@ -8,6 +8,8 @@ from pathlib import Path
 from capture_benchmark.commands import last_line, run_step
 from capture_benchmark.rendered import render, write_model
 from capture_benchmark.table import Capture
+from zeroshop_steps.networks.aliked import FOLDER
+from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.casual_scene import DIFFICULTIES
 from zeroshop_steps.synthetic.film import render_film
@@ -29,7 +31,7 @@ def make_inputs(capture: Capture, data: Path, inputs: Path, weights: Path, threa
         capture: which.
         data: folder of real captures and of models.
         inputs: folder of all inputs.
-        weights: folder of the networks that registration may use.
+        weights: folder of the networks that registration uses, those that are there.
         threads: how many threads may work.
         with_scene: whether the scene is needed, too.
 
@@ -60,7 +62,9 @@ def make_inputs(capture: Capture, data: Path, inputs: Path, weights: Path, threa
     if with_scene and not (folder / "scene").is_dir():
         words: list[str | Path] = ["register", "--method", "auto", "--capture", folder / "capture", "--scene", "video"]
         words += ["--out", folder / "scene", "--threads", str(threads), "--seed", str(SEED), "--record-failure", f"{folder / 'scene'}/"]
-        _run([*words, "--weights", weights / "aliked"], folder / "logs/register.log")
+        network = weights / NETWORKS[DEFAULT].file
+        words += ["--network", network] if network.is_file() else []
+        _run([*words, "--weights", weights / FOLDER], folder / "logs/register.log")
 
 
 def _run(words: list[str | Path], log: Path) -> None:
