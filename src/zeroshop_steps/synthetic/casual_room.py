@@ -76,7 +76,7 @@ def make_panorama(rng: np.random.Generator) -> Panorama:
             wide, tall = int(rng.integers(90, 320)), int(rng.integers(60, 260))
             _box(image, left, skirting + 30 - tall, wide, tall, choose_color(rng))
             _box(image, left + wide // 6, skirting + 30 - tall + 10, wide // 3, max(tall // 3, 4), choose_color(rng))
-    image = cv2.GaussianBlur(image, (0, 0), PANORAMA_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
+    image = np.asarray(cv2.GaussianBlur(image, (0, 0), PANORAMA_BLUR_PX, borderType=cv2.BORDER_REPLICATE), np.float32)
     return Panorama(LINEAR_OF_BYTE[np.rint(np.clip(image, 0, 255)).astype(np.uint8)])
 
 
