@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-from masked_photos import HALVES, MaskedPhoto, find_rendered, pair_folders
+from capture_benchmark.table import HALVES
+from masked_photos import MaskedPhoto, find_rendered, pair_folders
 
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, read_photo
 from zeroshop_steps.geometry.images import compute_overlap, read_mask
@@ -27,10 +28,10 @@ def main() -> int:
     """Run the command line and return the exit status."""
     args = parse_arguments()
     try:
-        photos = find_rendered(args.rendered, args.half) if args.rendered else []
+        photos = find_rendered(args.inputs, args.half) if args.inputs else []
         photos += [one for name, folder, masks in args.photos for one in pair_folders(name, Path(folder), Path(masks))]
         if not photos:
-            raise StepError("there is nothing to compare on; give --rendered, --photos or both")
+            raise StepError("there is nothing to compare on; give --inputs, --photos or both")
         overlaps = pd.concat([measure(path, photos) for path in args.networks], ignore_index=True)
         if args.table:
             write_table(args.table, overlaps)
@@ -46,7 +47,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     networks_help = f"networks, each {', '.join(NETWORKS)} or an ONNX file; unknown ones are taken as trained further from {DEFAULT}"
     parser.add_argument("networks", type=network_path, nargs="+", metavar="NETWORK", help=networks_help)
-    parser.add_argument("--rendered", type=Path, help="folder of rendered captures, OBJECT_DIFFICULTY/capture with truth/masks")
+    parser.add_argument("--inputs", type=Path, help="the benchmark's folder of stored captures, to compare on the rendered ones")
     parser.add_argument("--half", choices=HALVES, default="tune", help="of the rendered captures (default: %(default)s)")
     photos_help = "a capture's name, the folder of its photos, and that of their masks, named as they are; may be repeated"
     parser.add_argument("--photos", nargs=3, action="append", default=[], metavar=("NAME", "FOLDER", "MASKS"), help=photos_help)

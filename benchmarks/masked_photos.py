@@ -1,14 +1,16 @@
-"""Photos with masks that are right: of rendered captures, and of folders."""
+"""Photos with masks that are right: of the benchmark's rendered captures, and of folders."""
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+
+from capture_benchmark.inputs import find_inputs
+from capture_benchmark.table import choose_captures, read_captures
 
 from zeroshop_steps.capture.photo_files import list_photos
 from zeroshop_steps.geometry.images import list_images
 from zeroshop_steps.runtime.errors import StepError
 
-HALVES = ("tune", "judge")
+TABLE = Path(__file__).parent / "captures/captures.csv"
 
 
 @dataclass(frozen=True)
@@ -20,22 +22,20 @@ class MaskedPhoto:
     mask: Path
 
 
-def choose_half(shown: str) -> str:
-    """tune or judge, by a hash of the object's name: nobody chooses, and no object is in both."""
-    return HALVES[hashlib.sha1(shown.encode()).digest()[0] % 2]
-
-
-def find_rendered(folder: Path, half: str) -> list[MaskedPhoto]:
-    """All photos of one half of the rendered captures below a folder, OBJECT_DIFFICULTY/capture with truth/masks.
+def find_rendered(inputs: Path, half: str) -> list[MaskedPhoto]:
+    """All photos of one half of the rendered captures that the benchmark stored in its folder of inputs.
 
     Raises:
-        StepError: there are none, or a photo has no mask.
+        StepError: there are none, or a mask belongs to no photo.
     """
-    captures = sorted(path.parent for path in folder.glob("*/capture") if (path / "truth/masks").is_dir())
-    chosen = [path for path in captures if choose_half(path.name.rpartition("_")[0]) == half]
-    if not chosen:
-        raise StepError(f"{folder} holds no rendered captures of the half {half}; expected OBJECT_DIFFICULTY/capture/truth/masks")
-    return [one for path in chosen for one in pair_folders(path.name, path / "capture/images", path / "capture/truth/masks")]
+    rendered = [one for one in choose_captures(read_captures(TABLE), half, []) if one.kind == "rendered"]
+    folders = {one.name: find_inputs(inputs, one) / "capture" for one in rendered}
+    found = {name: folder for name, folder in folders.items() if (folder / "truth/masks").is_dir()}
+    if not found:
+        raise StepError(
+            f"{inputs} holds no rendered captures of the half {half}; `captures.py --stages inputs --inputs {inputs}` makes them"
+        )
+    return [one for name, folder in found.items() for one in pair_folders(name, folder / "images", folder / "truth/masks")]
 
 
 def pair_folders(name: str, photos: Path, masks: Path) -> list[MaskedPhoto]:

@@ -58,7 +58,7 @@ def main() -> int:
     torch.set_num_threads(args.threads)
     settings = Settings(args.updates, args.batch, args.learning_rate, args.frozen, args.seed)
     try:
-        train(find_rendered(args.rendered, "tune"), args.network, settings, args.out)
+        train(find_rendered(args.inputs, "tune"), args.network, settings, args.out)
     except StepError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -71,7 +71,7 @@ def main() -> int:
 def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rendered", type=Path, required=True, help="folder of rendered captures, OBJECT_DIFFICULTY/capture")
+    parser.add_argument("--inputs", type=Path, required=True, help="the benchmark's folder of stored captures")
     parser.add_argument("--network", type=Path, default=KNOWN.path, help="to start with, an ONNX file (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, help="the trained network, an ONNX file")
     parser.add_argument("--updates", type=int, default=160, help="of the weights (default: %(default)s)")

@@ -20,7 +20,7 @@ from zeroshop_steps.runtime.tables import read_table
 sys.path.insert(0, str(REPOSITORY / "benchmarks"))
 import compare_networks  # noqa: E402
 import train_network  # noqa: E402
-from masked_photos import choose_half, find_rendered  # noqa: E402
+from masked_photos import find_rendered  # noqa: E402
 from train_network import Settings, choose_surroundings, make_example, train  # noqa: E402
 
 SIDE_PX = 32
@@ -28,7 +28,7 @@ SETTINGS = Settings(updates=6, batch=2, learning_rate=2e-2, frozen=1, seed=0)
 
 
 @pytest.fixture
-def rendered(tmp_path: Path) -> Path:
+def inputs(tmp_path: Path) -> Path:
     """Red discs on grey, of an object of each half."""
     rng = np.random.default_rng(0)
     for capture in ("apple_1", "mug_1"):
@@ -38,7 +38,7 @@ def rendered(tmp_path: Path) -> Path:
             photo = np.where(disc[..., None] > 0, np.uint8([250, 10, 10]), rng.integers(60, 160, (60, 80, 1), dtype=np.uint8))
             write_image(tmp_path / "rendered" / capture / "capture/images" / f"{stem}.png", photo.astype(np.uint8))
             write_mask(tmp_path / "rendered" / capture / "capture/truth/masks" / f"{stem}.png", disc > 0)
-    return tmp_path / "rendered"
+    return tmp_path
 
 
 @pytest.fixture
@@ -56,16 +56,16 @@ def load(path: Path) -> U2Net:
     return network
 
 
-def test_halves_share_no_object(rendered):
-    assert choose_half("apple") == "tune" and choose_half("mug") == "judge"
-    assert {one.capture for one in find_rendered(rendered, "tune")} == {"apple_1"}
+def test_halves_share_no_object(inputs):
+    assert {one.capture for one in find_rendered(inputs, "tune")} == {"apple_1"}
+    assert {one.capture for one in find_rendered(inputs, "judge")} == {"mug_1"}
     with pytest.raises(StepError, match="holds no rendered captures of the half judge"):
-        find_rendered(rendered / "apple_1", "judge")
+        find_rendered(inputs / "rendered", "judge")
 
 
-def test_examples_keep_photo_and_mask_together(rendered):
+def test_examples_keep_photo_and_mask_together(inputs):
     """Under each change of light, and in each part of a photo, what is red is the object."""
-    photos = find_rendered(rendered, "tune")
+    photos = find_rendered(inputs, "tune")
     for seed in range(12):
         image, mask = make_example(photos[0], np.random.default_rng(seed))
         assert image.shape == (1, 3, 320, 320) and mask.shape == (1, 1, 320, 320)
@@ -77,8 +77,8 @@ def test_examples_keep_photo_and_mask_together(rendered):
     assert rows.start == 0 and rows.stop >= 5 and columns.start < 45
 
 
-def test_it_learns_and_keeps_what_is_frozen(tmp_path, rendered, start):
-    photos = find_rendered(rendered, "tune")
+def test_it_learns_and_keeps_what_is_frozen(tmp_path, inputs, start):
+    photos = find_rendered(inputs, "tune")
     train(photos, start, replace(SETTINGS, updates=30), tmp_path / "trained.onnx")
     before, after = load(start), load(tmp_path / "trained.onnx")
     image, mask = make_example(photos[0], np.random.default_rng(5))
@@ -90,8 +90,8 @@ def test_it_learns_and_keeps_what_is_frozen(tmp_path, rendered, start):
     assert all(same[:frozen]) and not any(same[-4:])
 
 
-def test_an_interrupted_run_goes_on(tmp_path, monkeypatch, rendered, start):
-    photos = find_rendered(rendered, "tune")
+def test_an_interrupted_run_goes_on(tmp_path, monkeypatch, inputs, start):
+    photos = find_rendered(inputs, "tune")
     train(photos, start, SETTINGS, tmp_path / "whole.onnx")
     take_step, updates = train_network.take_step, []
 
@@ -116,19 +116,19 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch, rendered, start):
         train(photos, start, SETTINGS, tmp_path / "twice.onnx")
 
 
-def test_networks_are_compared(tmp_path, monkeypatch, capsys, rendered):
+def test_networks_are_compared(tmp_path, monkeypatch, capsys, inputs):
     write_network(tmp_path / "red.onnx")
-    folders = [str(rendered / "mug_1/capture" / name) for name in ("images", "truth/masks")]
+    folders = [str(inputs / "rendered/mug_1/capture" / name) for name in ("images", "truth/masks")]
 
     def compare(*words: str) -> int:
         monkeypatch.setattr(sys, "argv", ["compare_networks.py", str(tmp_path / "red.onnx"), *words])
         return compare_networks.main()
 
-    assert compare("--rendered", str(rendered), "--photos", "mine", *folders, "--table", str(tmp_path / "table.csv")) == 0
+    assert compare("--inputs", str(inputs), "--photos", "mine", *folders, "--table", str(tmp_path / "table.csv")) == 0
     table = read_table(tmp_path / "table.csv")
     assert list(table["capture"]) == ["apple_1"] * 3 + ["mine"] * 3
     assert table["overlap"].astype(float).between(0.8, 1).all()
     assert "ALL" in capsys.readouterr().out
-    (rendered / "mug_1/capture/images/c.png").unlink()
+    (inputs / "rendered/mug_1/capture/images/c.png").unlink()
     assert compare("--photos", "mine", *folders) == 1 and "belongs to c.png" in capsys.readouterr().err
     assert compare() == 1 and "nothing to compare on" in capsys.readouterr().err
