@@ -8,17 +8,12 @@ import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
 from helpers.small_saliency import DEVIATION, MEAN, NORMALIZATION, write_network
-from helpers.table_scene import table_views
 from zeroshop_steps.geometry.images import compute_overlap, list_images, read_mask, write_image
 from zeroshop_steps.networks.object_finder import cut_main_things, keep_main_thing
-from zeroshop_steps.networks.saliency_maps import write_maps
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.segment.mask_agreement import render_common_hull
-from zeroshop_steps.segment.prior_maps import PRIOR_ODDS, weigh_maps
-from zeroshop_steps.segment.support_plane import find_masks
 
 OTHER = (1.3, 0.9, 0.2)
 
@@ -42,42 +37,10 @@ def test_the_object_is_found_where_there_is_no_ground(workplace):
     assert segment() == 0
     record = read_json(folder / "cameras/segmentation.json")
     assert record["method"] == "saliency" and record["good_masks"] == 12 and record["network"] == "saliency.onnx"
-    assert "ground" in record["without_ground"] or "plane" in record["without_ground"]
+    assert record["plane_from"] == "object" and record["probability"] > 0.5
     for path, truth in zip(list_images(folder / "cameras/images"), masks, strict=True):
         found = read_mask(folder / "cameras/masks" / f"{path.stem}.png", truth.shape[::-1])
         assert compute_overlap(found, truth) > 0.93
-
-
-@pytest.mark.slow
-def test_what_contrasted_with_a_plain_ground_when_registering_gives_the_masks(workplace):
-    """The object was registered alone: there are no points of a ground, and the maps of single photos vote."""
-    folder, masks = workplace
-    images = list_images(folder / "scene/images")
-    write_maps(folder / "scene", GroundContrast(), {path.stem: np.float32(mask) for path, mask in zip(images, masks, strict=True)})
-    assert stage_main("zeroshop_steps.segment", ["--method", "support_plane", "--scene", "scene", "--out", "cameras"]) == 0
-    record = read_json(folder / "cameras/segmentation.json")
-    assert record["method"] == "support_plane" and record["prior"] == "ground_contrast" and record["good_masks"] == 12
-
-
-def test_what_few_photos_see_says_nothing():
-    """Two photos take another thing along, two miss the half: there the prior is 0, and elsewhere what the photos say."""
-    cameras = ball_cameras()
-    masks = [ball_mask(camera) for camera in cameras]
-    others = [ball_mask(camera, OTHER, 0.25) & ~mask for camera, mask in zip(cameras, masks, strict=True)]
-    maps = [mask.astype(np.float32) for mask in masks]
-    for index in (0, 5):
-        maps[index] = (masks[index] | others[index]).astype(np.float32)
-    lost = {}
-    for index in (2, 8):
-        middle = np.flatnonzero(masks[index].any(axis=1)).mean()
-        lost[index] = masks[index] & (np.arange(len(masks[index])) > middle)[:, None]
-        maps[index] = (masks[index] & ~lost[index]).astype(np.float32)
-    odds = weigh_maps(maps, cameras)
-    for index in (0, 5):
-        assert (odds[index][others[index]] == 0).mean() > 0.8 and (odds[index][masks[index]] == PRIOR_ODDS).mean() > 0.95
-    for index in (2, 8):
-        assert (odds[index][lost[index]] == 0).mean() > 0.8
-    assert (odds[1][~masks[1]] == -PRIOR_ODDS).mean() > 0.95
 
 
 def test_a_part_that_a_few_photos_lack_is_kept():
@@ -93,23 +56,6 @@ def test_a_part_that_a_few_photos_lack_is_kept():
     assert len(shares) > 6 and np.mean(shares) > 0.6, shares
     whole = [ball | part for ball, part in zip(balls, knob, strict=True)]
     assert np.median([compute_overlap(hull, truth) for hull, truth in zip(hulls, whole, strict=True)]) > 0.88
-
-
-@pytest.mark.slow
-def test_a_prior_finds_what_has_the_tables_colour(tmp_path):
-    """A ball of the table's colour: colours see no more than its shadow, the prior gives its outline."""
-    ball = (0.0, 0.0, 0.45)
-    views, model = table_views(tmp_path, [[ball]] * 8, plain=True)
-    truths = [ball_mask(view.camera, ball, ball[2]) for view in views]
-    for view, truth in zip(views, truths, strict=True):
-        image = view.image().copy()
-        image[truth] = np.median(image[~truth], axis=0) * (0.5 + 0.5 * image[truth].mean(1, keepdims=True) / 130)  # grey, shaded as before
-        write_image(view.image_path, image)
-    prior = weigh_maps([truth.astype(np.float32) for truth in truths], [view.camera for view in views])
-    masks, _ = find_masks(views, model, 240, 0, prior)
-    plain, _ = find_masks(views, model, 240, 0)
-    overlaps, without = ([compute_overlap(mask, truth) for mask, truth in zip(found, truths, strict=True)] for found in (masks, plain))
-    assert np.median(overlaps) > max(0.97, np.median(without))
 
 
 def test_photos_without_cameras_are_masked(workplace):

@@ -7,7 +7,7 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
 from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.support_plane import Plane, estimate_up_from_roll, sample_planes
+from zeroshop_steps.geometry.support_plane import SMALLEST_TRIANGLE, Plane, estimate_up_from_roll
 from zeroshop_steps.runtime.errors import StepError
 
 # Lengths are shares of the cameras' median distance from the focus.
@@ -22,6 +22,7 @@ CAMERAS_ABOVE_SHARE = 0.9  # of the cameras at least are above the support
 MIN_INLIERS = 40  # fewer points are a plane by chance
 OBJECT_DISTANCES = 0.22  # the radius of an object that fills most of the photos' height
 AROUND_SHARE = 0.15  # of the inliers lie beyond it; a plane without them is a flat side of the object itself
+AT_ONCE = 250  # candidates, for memory
 REFINEMENT_ROUNDS = 10  # of least squares on the current inliers, which settle in fewer
 
 
@@ -76,17 +77,14 @@ def fit_scene_support(model: SparseModel, views: list[View], seed: int = 0) -> S
         raise fault
     up, _ = estimate_up_from_roll(views)
     threshold = THRESHOLD_DISTANCES * distance
-    best, best_score = None, 0.0
-    for point, normal, length in sample_planes(near, TRIALS, distance, np.random.default_rng(seed)):
-        normal = normal / length * (1.0 if normal @ up > 0 else -1.0)
-        if normal @ up < np.cos(np.radians(MAX_TILT_DEG)) or (centres @ normal > point @ normal).mean() < CAMERAS_ABOVE_SHARE:
-            continue
-        score = _score(near, focus, normal, float(point @ normal), threshold, distance)
-        if score > best_score:
-            best, best_score = (normal, float(point @ normal)), score
-    if best is None:
+    normals, offsets = _sample_planes(near, up, distance, np.random.default_rng(seed))
+    upright = (normals @ up >= np.cos(np.radians(MAX_TILT_DEG))) & ((centres @ normals.T > offsets).mean(0) >= CAMERAS_ABOVE_SHARE)
+    normals, offsets = normals[upright], offsets[upright]
+    parts = [slice(start, start + AT_ONCE) for start in range(0, len(normals), AT_ONCE)]
+    scores = np.concatenate([[0.0], *(_score(near, focus, normals[part], offsets[part], threshold, distance) for part in parts)])
+    if not scores.argmax():
         raise fault
-    normal, offset = best
+    normal, offset = normals[scores.argmax() - 1], float(offsets[scores.argmax() - 1])
     for _ in range(REFINEMENT_ROUNDS):
         chosen = near[np.abs(near @ normal - offset) < threshold]
         mean = chosen.mean(0)
@@ -127,9 +125,23 @@ def measure_aside(points: np.ndarray, focus: np.ndarray, normal: np.ndarray) -> 
     return np.linalg.norm(offsets - (offsets @ normal)[:, None] * normal, axis=1)
 
 
-def _score(points: np.ndarray, focus: np.ndarray, normal: np.ndarray, offset: float, threshold: float, distance: float) -> float:
-    """How well a plane holds (P, 3) points: inliers, which count less towards the threshold, minus points below it near the focus."""
-    heights = points @ normal - offset
-    aside = measure_aside(points, focus, normal)
-    on = np.clip(1.0 - (heights / threshold) ** 2, 0.0, None).sum()
-    return float(on - ((heights < -BELOW_THRESHOLDS * threshold) & (aside < BELOW_DISTANCES * distance)).sum())
+def _sample_planes(points: np.ndarray, up: np.ndarray, scale: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) unit normals, upwards, and (N,) offsets of planes through three random points of (P, 3), but for those on a line."""
+    a, b, c = points[rng.integers(len(points), size=(TRIALS, 3))].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    spans = lengths >= SMALLEST_TRIANGLE * scale**2
+    normals = normals[spans] / lengths[spans, None]
+    normals *= np.where(normals @ up > 0, 1.0, -1.0)[:, None]
+    return normals, (a[spans] * normals).sum(1)
+
+
+def _score(
+    points: np.ndarray, focus: np.ndarray, normals: np.ndarray, offsets: np.ndarray, threshold: float, distance: float
+) -> np.ndarray:
+    """(N,) how well planes hold (P, 3) points: inliers, which count less towards the threshold, minus points below it near the focus."""
+    heights = points @ normals.T - offsets
+    away = points - focus
+    aside = (away**2).sum(1)[:, None] - (away @ normals.T) ** 2
+    on = np.clip(1.0 - (heights / threshold) ** 2, 0.0, None).sum(0)
+    return np.asarray(on - ((heights < -BELOW_THRESHOLDS * threshold) & (aside < (BELOW_DISTANCES * distance) ** 2)).sum(0))

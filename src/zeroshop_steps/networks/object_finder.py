@@ -1,30 +1,11 @@
-"""Finders of the object in single photos, such as a salient-object network, and the main thing of what they find."""
+"""The main thing of what a salient-object network sees in a single photo."""
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
 PART_GAP = 0.05  # shares of the square root of the main thing's area: what is nearer to it is a part of it
-
-
-class ObjectFinder(Protocol):
-    """What finds the object in single photos: a network, or the contrast to a plain ground."""
-
-    @property
-    def name(self) -> str:
-        """For records."""
-
-    def describe(self) -> dict[str, Any]:
-        """What its maps depend on."""
-
-    def find_maps(self, paths: Sequence[Path], width_px: int) -> list[np.ndarray]:
-        """Maps of the photos, (h, w) float32, 0 to 1, at most `width_px` wide."""
-
-    def look_closer(self, paths: Sequence[Path], maps: Sequence[np.ndarray], width_px: int) -> list[np.ndarray]:
-        """The maps with what it sees where it looks at the main thing alone, at most `width_px` wide; as they are if it cannot."""
 
 
 def cut_main_things(maps: Sequence[np.ndarray], sizes_px: Sequence[tuple[int, int]]) -> list[np.ndarray]:

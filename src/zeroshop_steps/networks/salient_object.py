@@ -155,6 +155,10 @@ class SalientObjectNetwork:
 
         return self._map("saliency", look, paths)
 
+    def predict_all(self, images: Sequence[np.ndarray], sizes_px: Sequence[tuple[int, int]]) -> list[np.ndarray]:
+        """What `predict` returns for each image and size."""
+        return self._map("saliency", self.predict, images, sizes_px)
+
     def look_closer(self, paths: Sequence[Path], maps: Sequence[np.ndarray], width_px: int) -> list[np.ndarray]:
         """The maps, (h, w) float32, with the mean of them and of what the network sees in the surroundings of the main thing alone.
 
@@ -182,9 +186,9 @@ class SalientObjectNetwork:
 
         return self._map("closer", look, paths, maps)
 
-    def _map(self, title: str, look: Callable[..., np.ndarray], paths: Sequence[Path], *others: Sequence[np.ndarray]) -> list[np.ndarray]:
+    def _map(self, title: str, look: Callable[..., np.ndarray], photos: Sequence[Any], *others: Sequence[Any]) -> list[np.ndarray]:
         """What `look` returns for each photo, with a display of the progress."""
-        with ProgressReport(title, len(paths)) as report:
+        with ProgressReport(title, len(photos)) as report:
 
             def look_and_count(*of_photo: Any) -> np.ndarray:
                 found = look(*of_photo)
@@ -192,8 +196,8 @@ class SalientObjectNetwork:
                 return found
 
             if self._one_by_one:
-                return [look_and_count(*of_photo) for of_photo in zip(paths, *others, strict=True)]
-            return map_in_threads(look_and_count, paths, *others, most_threads=MOST_AT_ONCE)
+                return [look_and_count(*of_photo) for of_photo in zip(photos, *others, strict=True)]
+            return map_in_threads(look_and_count, photos, *others, most_threads=MOST_AT_ONCE)
 
     @property
     def name(self) -> str:

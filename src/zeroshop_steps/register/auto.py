@@ -3,10 +3,9 @@
 The record says which gave the cameras, and why the others did not.
 
 What SIFT registers keeps the cameras, the bytes and the seconds that `colmap` gives, but where many images were left out: then the next
-is tried, too. Learned features are tried only with masks, which check their cameras: on whole photos of plain tables they match other
-sides and other things too readily. Photos without masks get them by a salient-object network, if one is named; then SIFT's cameras, too,
-are checked by such masks where few points hold them. Without a network, what contrasts with a plain ground gives the masks for learned
-features. Outlines alone are tried with given masks and with a network's; those by contrast are too rough for them.
+is tried, too. Learned features and outlines are tried only with masks, which check their cameras: on whole photos of plain tables they
+match other sides and other things too readily. Photos without masks get them by a salient-object network, if one is named; then SIFT's
+cameras, too, are checked by such masks where few points hold them.
 """
 
 import argparse
@@ -27,7 +26,6 @@ from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.networks.salient_object import add_network_arguments, load_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
 from zeroshop_steps.register import aliked, colmap, found_masks, outlines
-from zeroshop_steps.register.ground_contrast import GroundContrast
 from zeroshop_steps.register.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
 from zeroshop_steps.register.structure import add_matching_arguments
@@ -59,8 +57,7 @@ def run(args: argparse.Namespace) -> None:
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
     network = None if image_set.masks is not None or args.network is None else load_network(args)
-    finder = network or GroundContrast()
-    find_maps = functools.cache(lambda: found_masks.find_object_maps(finder, image_set.images))
+    find_maps = functools.cache(found_masks.find_object_maps)
 
     def register_scene(folder: Path) -> dict[str, Any]:
         record = colmap.register(image_set, folder, colmap.read_options(args))
@@ -69,20 +66,20 @@ def run(args: argparse.Namespace) -> None:
     def register_object(folder: Path, by: Callable[[ImageSet, Path], dict[str, Any]]) -> dict[str, Any]:
         if image_set.masks is not None:
             return by(image_set, folder)
-        return found_masks.register_by_found_masks(folder, image_set, finder, find_maps(), lambda masked: by(masked, folder))
+        assert network is not None  # without masks and a network, these attempts are not made
+        maps = find_maps(network, image_set.images)
+        return found_masks.register_by_found_masks(folder, image_set, network, maps, lambda masked: by(masked, folder))
 
     attempts: dict[str, Attempt] = {"colmap": register_scene}
-    there = has_weights(args.weights)
-    if there:
+    there, masked = has_weights(args.weights), image_set.masks is not None or network is not None
+    if there and masked:
         prepare = aliked.make_matcher(args, learned)
         attempts["aliked"] = lambda folder: register_object(folder, lambda masked, into: aliked.register(masked, into, learned, prepare))
-    if image_set.masks is not None or network:
+    if masked:
         scene = colmap.read_options(args)
         by_outlines = outlines.OutlineOptions(scene.sift, scene.structure)
         attempts["outlines"] = lambda folder: register_object(folder, lambda masked, into: outlines.register(masked, into, by_outlines))
-    write_registration(
-        args.out, lambda folder: register(folder, attempts, _advise(there, image_set.masks is not None or network is not None))
-    )
+    write_registration(args.out, lambda folder: register(folder, attempts, _advise(there, masked)))
 
 
 def register(out: Path, attempts: dict[str, Attempt], advice: str = "") -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""Masks of photos by a salient-object network, or by their contrast to a plain ground.
+"""Masks of photos by a salient-object network.
 
-They are enough to register the object alone, and a network's to check cameras that little else holds. Both take the thing in the middle
-of each photo. Masks that show something else are found by the registration.
+They are enough to register the object alone, and to check cameras that little else holds. The network takes the thing in the middle of
+each photo. Masks that show something else are found by the registration.
 """
 
 import math
@@ -17,7 +17,7 @@ from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import write_mask
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
-from zeroshop_steps.networks.object_finder import ObjectFinder, cut_main_things
+from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, WIDTH_PX, write_maps
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.image_set import MIN_IMAGES, ImageSet
@@ -37,31 +37,31 @@ finer."""
 CHECKED_VIEWS = 20  # at most, evenly spread: the network takes seconds for each, and cameras that are bent are so all around
 
 
-def find_object_maps(finder: ObjectFinder, images: Sequence[Path]) -> list[np.ndarray]:
-    """What a finder sees in each image, (h, w) float32, as fine as it can: its outlines hold the cameras."""
-    return finder.look_closer(images, finder.find_maps(images, WIDTH_PX), FINE_WIDTH_PX)
+def find_object_maps(network: SalientObjectNetwork, images: Sequence[Path]) -> list[np.ndarray]:
+    """What a network sees in each image, (h, w) float32, as fine as it can: its outlines hold the cameras."""
+    return network.look_closer(images, network.find_maps(images, WIDTH_PX), FINE_WIDTH_PX)
 
 
 def register_by_found_masks(
-    folder: Path, image_set: ImageSet, finder: ObjectFinder, maps: list[np.ndarray], register: Callable[[ImageSet], dict[str, Any]]
+    folder: Path, image_set: ImageSet, network: SalientObjectNetwork, maps: list[np.ndarray], register: Callable[[ImageSet], dict[str, Any]]
 ) -> dict[str, Any]:
     """Register the object alone by masks that are found in each photo; what was seen in the photos is kept beside the cameras.
 
     Args:
         folder: the registration.
         image_set: photos without masks.
-        finder, maps: what finds the object in each, and what it saw there.
+        network, maps: what finds the object in each, and what it saw there.
         register: fills `folder` from images with masks, and returns its record.
 
     Raises:
         RegistrationFailed: it sees a thing in too few photos, or the registration fails.
     """
     with scratch_directory(folder, "masks") as scratch:
-        record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), finder, scratch))
+        record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), network, scratch))
     seen = {path.stem: (found, size_px) for path, found, size_px in zip(image_set.images, maps, image_set.sizes_px, strict=True)}
     stems = [Path(camera.name).stem for camera in read_sparse_model(folder / "sparse").cameras]
-    write_maps(folder, finder, {stem: _undistort_map(*seen[stem], find_lens(record, stem)) for stem in stems})
-    return record | {"masks_by": finder.name}
+    write_maps(folder, network, {stem: _undistort_map(*seen[stem], find_lens(record, stem)) for stem in stems})
+    return record | {"masks_by": network.name}
 
 
 def _undistort_map(found: np.ndarray, size_px: tuple[int, int], lens: dict[str, Any] | None) -> np.ndarray:
@@ -72,8 +72,8 @@ def _undistort_map(found: np.ndarray, size_px: tuple[int, int], lens: dict[str, 
     return np.asarray(cv2.resize(whole, found.shape[::-1], interpolation=cv2.INTER_AREA))
 
 
-def _mask_images(image_set: ImageSet, found: list[np.ndarray], finder: ObjectFinder, folder: Path) -> ImageSet:
-    """The images in which the finder sees a thing, with masks that are written to `folder`.
+def _mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientObjectNetwork, folder: Path) -> ImageSet:
+    """The images in which the network sees a thing, with masks that are written to `folder`.
 
     Raises:
         RegistrationFailed: it sees one in too few.
@@ -81,7 +81,7 @@ def _mask_images(image_set: ImageSet, found: list[np.ndarray], finder: ObjectFin
     chosen, masks = _write_useful(found, image_set.images, folder)
     if len(chosen) < MIN_IMAGES:
         raise RegistrationFailed(
-            f"{finder.name} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
+            f"{network.name} sees something that stands out in {len(chosen)} of {len(found)} photos only", {"registered": 0}
         )
     return replace(
         image_set,

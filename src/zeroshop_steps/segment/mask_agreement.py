@@ -12,7 +12,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import compute_overlap
 from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.segment.mask_quality import MaskQuality, compare_sizes, compare_with_hull
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, count_votes, render_silhouettes
+from zeroshop_steps.segment.voxels import VoxelGrid, count_votes, render_silhouettes
 
 ROOM = 1.5  # half the edge of the voxel grid, in radii of the object
 ROUNDS = ((0.34, 48), (0.2, 48), (0.1, 72), (0.05, 72))
@@ -43,8 +43,7 @@ def render_common_hull(cameras: list[Camera], masks: list[np.ndarray]) -> list[n
             break
         grid, occupied = _carve_hull([cameras[index] for index in chosen], [masks[index] for index in chosen], misses, voxels)
         last = number == len(ROUNDS) - 1
-        # Limits of the overlap were set with one width. Of a coarse hull, what lies before the object is large when it is drawn as near.
-        hulls = render_silhouettes(grid, occupied, cameras, not last) if occupied.any() else [np.zeros_like(masks[0]) for _ in cameras]
+        hulls = render_silhouettes(grid, occupied, cameras) if occupied.any() else [np.zeros_like(masks[0]) for _ in cameras]
         if last:
             judged = [(cameras[index], masks[index], hulls[index]) for index in chosen]
             whole = _add_parts(grid, occupied, judged)
@@ -100,9 +99,9 @@ def _carve_hull(cameras: list[Camera], masks: list[np.ndarray], misses: float, v
     grid = VoxelGrid(np.eye(3), centre - ROOM * radius, side, (voxels,) * 3)
     index = np.argwhere(np.ones(grid.shape, bool))
     evidence = [np.where(mask, 1.0, -1.0).astype(np.float32) for mask in masks]
-    full, empty = count_votes(grid, index, cameras, evidence, 0.0)
+    votes = count_votes(grid, index, cameras, evidence)
     occupied = np.zeros(grid.shape, bool)
-    kept = (empty <= misses * (full + empty)) & (full >= min(3, len(masks)))
+    kept = (votes.missed <= misses * votes.seen) & (votes.shown >= min(3, len(masks)))
     occupied[tuple(index[kept].T)] = True
     return grid, occupied
 
@@ -120,9 +119,9 @@ def _add_parts(grid: VoxelGrid, occupied: np.ndarray, judged: list[tuple[Camera,
         near = cv2.distanceTransform((~silhouette).astype(np.uint8), cv2.DIST_L2, 3) <= radius
         beside.append(np.where(near, 0.0, np.where(mask, 1.0, -1.0)).astype(np.float32))
     index = np.argwhere(~occupied)
-    full, empty = count_votes(grid, index, [camera for camera, _, _ in judged], beside, 0.0)
+    votes = count_votes(grid, index, [camera for camera, _, _ in judged], beside)
     whole = occupied.copy()
-    whole[tuple(index[(full >= PART_VIEWS) & (full >= PART_SHARE * (full + empty))].T)] = True
+    whole[tuple(index[(votes.shown >= PART_VIEWS) & (votes.shown >= PART_SHARE * (votes.shown + votes.missed))].T)] = True
     labels, _ = ndimage.label(ndimage.binary_dilation(whole), np.ones((3, 3, 3)))
     return whole & np.isin(labels, np.unique(labels[occupied]))
 

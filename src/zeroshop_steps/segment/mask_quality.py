@@ -6,7 +6,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 
@@ -18,9 +17,6 @@ MOST_AREA_JUMP = 0.3  # from the size that the other views predict
 MOST_SIZE_RATIO = 4.0  # to the median mask, where no cameras tell how near the object is
 SMALLEST_SHARE = 5e-4  # of the image; a smaller mask is empty
 BORDER_SHARE = 0.005  # of the image's circumference; less is a shadow or noise, not a cut object
-MOST_MISSED_POINTS = 0.15  # of the object's sparse points that may lie outside the masks: wrong matches, thin parts
-MIN_POINTS = 30  # fewer points tell nothing about the masks
-POINT_RIM_PX = 7  # points at the silhouette's edge may lie just outside
 MIN_GOOD, MIN_GOOD_SHARE = 8, 0.6  # masks that must be good, as a number and as a share of all
 
 
@@ -95,30 +91,6 @@ def check_enough_good(qualities: list[MaskQuality], names: list[str], masks: lis
             f"{'; '.join(faults[:6])}{' ...' if len(faults) > 6 else ''}",
             [mask > 0.5 for mask in masks],
             {name for name, quality in zip(names, qualities, strict=True) if quality.fault},
-        )
-
-
-def measure_missed_share(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> float:
-    """Share of an object's sparse points, (P, 3), that lie outside the masks, (H, W), above 1/2 on the object: of the median view."""
-    shares = []
-    for camera, mask in zip(cameras, masks, strict=True):
-        rows, columns, _, inside = camera.find_pixels(points)
-        near = cv2.dilate((mask > 0.5).astype(np.uint8), np.ones((POINT_RIM_PX,) * 2))
-        shares.append(1 - near[rows[inside], columns[inside]].mean() if inside.any() else 0.0)
-    return float(np.median(shares))
-
-
-def check_points_covered(points: np.ndarray, cameras: list[Camera], masks: list[np.ndarray]) -> None:
-    """Raise MasksRejected where too many of the object's sparse points, (P, 3), lie outside the masks, (H, W), above 1/2 on the object."""
-    if len(points) < MIN_POINTS:
-        return
-    missed = measure_missed_share(points, cameras, masks)
-    if missed > MOST_MISSED_POINTS:
-        raise MasksRejected(
-            f"the masks miss a part of the object: {missed:.0%} of the points that were found on it lie outside them. That part has the "
-            "ground's colours; put the object on a ground of other colours, or draw masks and name their folder in objects.tsv.",
-            [mask > 0.5 for mask in masks],
-            set(),
         )
 
 

@@ -22,11 +22,11 @@ from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
 from zeroshop_steps.register.camera_deviation import write_deviations
 from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.register.silhouette_adjustment import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.thread_pool import map_in_threads
-from zeroshop_steps.segment.bent_cameras import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
-from zeroshop_steps.segment.exposure import equalize_exposure
+from zeroshop_steps.segment.exposure import Exposure, equalize_exposure, estimate_exposure
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import MasksRejected, find_contradicted
 
@@ -62,7 +62,15 @@ def show_rejected_masks(paths: list[Path], picture: Path | None) -> Iterator[Non
         raise MasksRejected(f"{error} All masks are shown in {picture}", error.masks, error.dropped) from None
 
 
-def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.ndarray], dropped: set[str], record: dict[str, Any]) -> None:
+def write_segmented(
+    scene: Path,
+    out: Path,
+    views: list[View],
+    masks: list[np.ndarray],
+    dropped: set[str],
+    record: dict[str, Any],
+    exposure: Exposure | None = None,
+) -> None:
     """Write the cameras folder.
 
     Args:
@@ -71,8 +79,10 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         masks: (H, W) bool in their order and size.
         dropped: names of images that are left out.
         record: for segmentation.json.
+        exposure: of the views, where it was estimated already.
     """
     registration = read_registration(scene)
+    exposure = exposure or estimate_exposure(scene, views)
     with atomic_directory(out) as folder:
         for part in ("images", "masks"):
             (folder / part).mkdir()
@@ -91,7 +101,7 @@ def write_segmented(scene: Path, out: Path, views: list[View], masks: list[np.nd
         cameras, kept_masks = [views[index].camera for index in kept], [masks[index] for index in kept]
         straightened = straighten_cameras(model, cameras, kept_masks)
         write_reconstruction(straightened.model, folder / "sparse")
-        equalize_exposure(folder)
+        equalize_exposure(folder, views, exposure)
         _write_confidence(folder, straightened.cameras, kept_masks)
         registration |= write_deviations(folder, by_outlines=straightened.before_px is not None)
         record = record | _describe_straightened(straightened, cameras, record)

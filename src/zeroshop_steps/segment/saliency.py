@@ -6,22 +6,20 @@ network as a prior. Where there is no ground, what the photos agree on is the ob
 """
 
 import argparse
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.networks.object_finder import cut_main_things
-from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, find_maps
+from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX
 from zeroshop_steps.networks.salient_networks import DEFAULT
 from zeroshop_steps.networks.salient_object import add_network_arguments, load_network
 from zeroshop_steps.segment import support_plane
+from zeroshop_steps.segment.finder import WIDTH_PX
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality
-from zeroshop_steps.segment.prior_maps import Masks, find_by_maps
-from zeroshop_steps.segment.record import add_common_arguments, show_rejected_masks, write_segmented
+from zeroshop_steps.segment.record import add_common_arguments
 
 METHOD: dict[str, Any] = {"rank": 1, "saliency": True, "runtime_min": 60}
 
@@ -35,24 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the network, whether or not the cameras are known."""
     add_network_arguments(parser, DEFAULT)
-    parser.add_argument(
-        "--image-width-px", type=int, default=support_plane.WIDTH_PX, help="images are cut at this width (default: %(default)s)"
-    )
+    parser.add_argument("--image-width-px", type=int, default=WIDTH_PX, help="images are cut at this width (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> None:
     """Write the cameras folder."""
-    start_s = time.monotonic()
-    views, model = read_views(args.scene)
-    maps = find_maps(args.scene, load_network(args), [view.image_path for view in views], args.image_width_px)
-
-    def find_on_ground(prior: list[np.ndarray]) -> Masks:
-        return support_plane.find_masks(views, model, args.image_width_px, args.seed, prior)
-
-    with show_rejected_masks([view.image_path for view in views], args.rejected):
-        masks, record = find_by_maps(maps, views, find_on_ground)
-    record |= {"method": "saliency", "network": args.network.name, "seconds": round(time.monotonic() - start_s, 2)}
-    write_segmented(args.scene, args.out, views, masks, set(record["dropped"]), record)
+    support_plane.write_found_masks(args, "saliency", load_network(args))
 
 
 def mask_photos(paths: list[Path], sizes_px: list[tuple[int, int]], args: argparse.Namespace) -> tuple[list[np.ndarray], dict[str, Any]]:

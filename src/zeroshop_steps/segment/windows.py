@@ -1,15 +1,12 @@
 """Windows of the images around an object that is small in them: masks are cut there again, at the images' own resolution."""
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.outline import follow_edges
 
 SIDE_SIZES = 2.2  # side of a window, in sizes of the mask: the colours around the object are learned there, too
@@ -62,32 +59,13 @@ def choose_windows(masks: Sequence[np.ndarray]) -> tuple[list[Window], float]:
     return windows, SIDE_SIZES * usual
 
 
-def cut_views(views: Sequence[View], windows: Sequence[Window], width_px: int) -> tuple[list[Camera], list[np.ndarray]]:
-    """Cameras and (H, W, 3) float32 RGB images of the windows, at most `width_px` wide and never enlarged.
-
-    Those higher than wide have as many pixels as a square one: an object is not smaller in a photo in portrait format.
-    """
-    cameras = []
-    for view, window in zip(views, windows, strict=True):
-        width, height = window.right - window.left, window.bottom - window.top
-        part = view.camera.cropped(window.left, window.top, width, height)
-        size = min(round(width_px * min(1.0, math.sqrt(width / height))), width)
-        cameras.append(part.resized(size, round(height * size / width)))
-
-    def cut(view: View, window: Window, camera: Camera) -> np.ndarray:
-        size_px = (camera.width_px, camera.height_px)
-        return cv2.resize(view.image()[window.slices], size_px, interpolation=cv2.INTER_AREA).astype(np.float32)
-
-    return cameras, map_in_threads(cut, views, windows, cameras)
-
-
-def cut_map(values: np.ndarray, window: Window, view: View, camera: Camera) -> np.ndarray:
-    """The part of (h, w) values of a whole image that lies in a window, resampled to the size of its camera."""
-    scale_x, scale_y = values.shape[1] / view.camera.width_px, values.shape[0] / view.camera.height_px
-    x = (window.left + (np.arange(camera.width_px) + 0.5) * (window.right - window.left) / camera.width_px) * scale_x - 0.5
-    y = (window.top + (np.arange(camera.height_px) + 0.5) * (window.bottom - window.top) / camera.height_px) * scale_y - 0.5
-    columns, rows = np.meshgrid(x.astype(np.float32), y.astype(np.float32))
-    return cv2.remap(values, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+def scale_windows(windows: Sequence[Window], cameras: Sequence[Camera], views: Sequence[View]) -> list[Window]:
+    """Windows in pixels of the views, from those in pixels of cameras that see the whole views at another size."""
+    scaled = []
+    for window, camera, view in zip(windows, cameras, views, strict=True):
+        x, y = view.camera.width_px / camera.width_px, view.camera.height_px / camera.height_px
+        scaled.append(Window(round(window.left * x), round(window.top * y), round(window.right * x), round(window.bottom * y)))
+    return scaled
 
 
 def lay_back(mask: np.ndarray, window: Window, view: View) -> np.ndarray:

@@ -3,8 +3,9 @@
 import cv2
 import numpy as np
 
+from helpers.ball_scene import RADIUS, ball_cameras, ball_mask
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.segment.voxel_carving import VoxelGrid, render_silhouettes, splat_voxels
+from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes, splat_voxels
 
 
 def test_silhouettes_of_something_tall_have_no_gaps():
@@ -24,3 +25,16 @@ def test_a_camera_among_the_voxels_sees_what_is_before_it():
     beside = camera.centre_in_world + [[-1e-9, 0.0, 0.0]]
     assert splat_voxels(beside, 0.1, camera).all()
     assert not splat_voxels(camera.centre_in_world + [[0.3, 0.0, 0.0]], 0.1, camera).any()
+
+
+def test_a_hull_bears_a_view_that_misses_the_object():
+    """Of twelve masks of a ball, one is empty: the strict hull would be, too."""
+    cameras = ball_cameras()
+    masks = [2 * ball_mask(camera).astype(np.float32) - 1 for camera in cameras]
+    masks[3][:] = -1
+    side = 2.0 / 40
+    grid = VoxelGrid(np.eye(3), np.full(3, -1.0), side, (40, 40, 40))
+    occupied = carve(grid, np.argwhere(np.ones(grid.shape, bool)), cameras, masks)
+    volume = occupied.sum() * side**3
+    assert 1.0 < volume / (4 / 3 * np.pi * RADIUS**3) < 1.4
+    assert grid.look_up(occupied, np.array([[0.0, 0.0, 0.0], [0.9, 0.9, 0.9], [5.0, 0.0, 0.0]])).tolist() == [True, False, False]

@@ -12,7 +12,7 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.register.outline_check import MOST_MISSED_PX
-from zeroshop_steps.segment.bent_cameras import carry_plane, straighten_cameras
+from zeroshop_steps.register.silhouette_adjustment import carry_plane, straighten_cameras
 
 VIEWS = 10
 

@@ -1,0 +1,34 @@
+"""Colours that the object has more often than what is around it, learned over all views from what was found before."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.segment.color_model import ColorModel
+from zeroshop_steps.segment.scene import Guess, MaskScene
+
+CHANNELS = ("colors",)
+RING, MARGIN = (
+    0.6,
+    0.03,
+)  # width of the surroundings whose colours are learned, and of the rim that is not, in square roots of the hull's area
+MOST_ODDS = 3.0
+
+
+def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]] | None:
+    """Log odds of the colours, scaled to -1 to 1."""
+    if guess.hulls is None:
+        return None
+    inside, outside = [], []
+    for image, hull in zip(scene.images, guess.hulls, strict=True):
+        if not hull.any():
+            continue
+        size = float(np.sqrt(hull.sum()))
+        depth, away = (cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 3) for part in (hull, ~hull))
+        inside.append(image[depth > MARGIN * size][::2])
+        outside.append(image[(away > MARGIN * size) & (away <= RING * size)][::4])
+    if not inside or not sum(map(len, inside)) or not sum(map(len, outside)):
+        return None
+    colors = ColorModel(np.concatenate(inside), np.concatenate(outside))
+    return lambda index: [(np.clip(colors.of(scene.images[index]), -MOST_ODDS, MOST_ODDS) / MOST_ODDS).astype(np.float32)]

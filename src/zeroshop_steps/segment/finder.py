@@ -1,0 +1,214 @@
+"""Find the object in registered photos: for each plane that it may stand on, masks by all cues; the score chooses."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import SparseModel
+from zeroshop_steps.geometry.rays import find_nearest_point
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus
+from zeroshop_steps.networks.object_finder import keep_main_thing
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.segment.exposure import Exposure
+from zeroshop_steps.segment.fusion import estimate_odds
+from zeroshop_steps.segment.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
+from zeroshop_steps.segment.objects import NothingFound, ObjectBlock, TwoObjects, cut_block, find_objects
+from zeroshop_steps.segment.scene import MaskScene, read_mask_scene, start_guess
+from zeroshop_steps.segment.scores import REASONS, Measures, Score, measure, score
+from zeroshop_steps.segment.solve import Solution, close_holes, solve
+from zeroshop_steps.segment.support import Candidate, propose_supports, settle_support
+from zeroshop_steps.segment.tidy_mask import tidy_mask
+from zeroshop_steps.segment.voxels import render_silhouettes
+from zeroshop_steps.segment.windows import CLOSER, choose_windows, lay_back, scale_windows
+
+WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
+SURE, LEAST = 0.85, 0.62
+"""The probability from which on no other hypothesis is tried, and below which masks are refused: the least that refuses all masks of the
+tune half which overlap with the truth by less than 0.8."""
+LEAST_RAYS = 3  # photos in which a network sees something, to tell where that is
+LEAST_LEAD = 0.1  # of the rating of an object before that of the next; below, either may be meant
+LEAST_HALF, LEAST_COMMON = 6, 0.3  # photos in half of the capture, and share of the voxels that both halves show of an object that stays
+SETTLED = 0.003  # a plane that moves less than this, in distances of the cameras, needs no new masks
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Masks on one plane.
+
+    Attributes:
+        candidate: the plane.
+        settled: whether the views agreed on its height.
+        scene: the photos, or windows of them, that were cut.
+        solution, qualities, measures, score: the masks, and how good they are.
+        objects: the number of objects that were found.
+    """
+
+    candidate: Candidate
+    settled: bool
+    scene: MaskScene
+    solution: Solution
+    qualities: list[MaskQuality]
+    measures: Measures
+    score: Score
+    objects: int
+
+
+def find_masks(
+    views: Sequence[View],
+    model: SparseModel,
+    exposure: Exposure,
+    saliency: Sequence[np.ndarray] | None,
+    network: SalientObjectNetwork | None,
+    width_px: int = WIDTH_PX,
+    seed: int = 0,
+) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """(H, W) bool masks of all views, of the photos' sizes, and the record of their quality.
+
+    Args:
+        views, model: the registered views and their sparse points.
+        exposure: of the views.
+        saliency, network: what a salient-object network sees in each whole photo, (h, w) of 0 to 1, and the network; None without one.
+        width_px: photos are cut at this width.
+        seed: of RANSAC.
+
+    Raises:
+        StepError: nothing is found, or the masks are likely wrong.
+    """
+    scene = read_mask_scene(views, model, exposure, saliency, width_px)
+    best: Hypothesis | None = None
+    failures: list[tuple[NothingFound, Candidate]] = []
+    for candidate in propose_supports(model, views, seed):
+        try:
+            hypothesis = try_support(scene, candidate, network)
+        except NothingFound as error:
+            failures.append((error, candidate))
+            continue
+        if best is None or hypothesis.score.probability > best.score.probability:
+            best = hypothesis
+        if best.score.probability >= SURE:
+            break
+    if best is None:
+        failure, candidate = failures[0]
+        moved = "" if isinstance(failure, TwoObjects) else find_motion(scene, candidate)
+        raise NothingFound(moved) if moved else failure
+    names = [view.camera.name for view in views]
+    masks = [
+        tidy_mask(close_holes(mask, odds), hull)
+        for mask, odds, hull in zip(best.solution.masks, best.solution.odds, best.solution.hulls, strict=True)
+    ]
+    whole = map_in_threads(lay_back, masks, best.scene.windows, views)
+    if best.score.probability < LEAST:
+        if moved := find_motion(scene, best.candidate):
+            raise MasksRejected(moved, whole, set())
+        raise MasksRejected(
+            f"the object was not told from what is around it: {REASONS[best.score.doubt]}. Put it alone on a ground of other colours, keep"
+            " all of it in the photos, do not move it, or draw masks and name their folder in objects.tsv",
+            whole,
+            {name for name, quality in zip(names, best.qualities, strict=True) if quality.fault},
+        )
+    return whole, _describe(best, names)
+
+
+def try_support(scene: MaskScene, candidate: Candidate, network: SalientObjectNetwork | None, without: Sequence[str] = ()) -> Hypothesis:
+    """Masks on one plane, by all cues but those in `without`.
+
+    Raises:
+        NothingFound: nothing is found on it.
+    """
+    focus, distance = find_focus(scene)
+    support = None if candidate.support is None else replace(candidate.support, focus=focus, distance=distance)
+    odds = estimate_odds(scene, start_guess(scene, support), without)
+    found = find_objects(scene.cameras, support, focus, distance, odds)
+    if found.lead < LEAST_LEAD:
+        raise TwoObjects(
+            "two objects are equally near to the point that the cameras look at: take one away, or keep the one that is meant in the middle"
+            " of the photos"
+        )
+    block = cut_block(found)
+    closer_scene, closer_support = look_closer(scene, support, block, network)
+    solution = solve(closer_scene, closer_support, block, without)
+    settled = None
+    if closer_support is not None and not candidate.fitted:
+        settled = settle_support(replace(closer_support, distance=distance), closer_scene, solution)
+        if settled is not None and abs(settled.offset - closer_support.offset) > SETTLED * distance:
+            solution = solve(closer_scene, replace(settled, distance=closer_support.distance), block, without)
+    qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
+    measures = measure(closer_scene, solution, qualities)
+    return Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
+
+
+def find_motion(scene: MaskScene, candidate: Candidate) -> str:
+    """What to say where the first half of the photos shows the object elsewhere than the second half; empty where it does not."""
+    middle = len(scene.views) // 2
+    if middle < LEAST_HALF:
+        return ""
+    focus, distance = find_focus(scene)
+    support = None if candidate.support is None else replace(candidate.support, focus=focus, distance=distance)
+    halves = []
+    for part in (slice(middle), slice(middle, None)):
+        half = scene.take(part)
+        try:
+            halves.append(find_objects(half.cameras, support, focus, distance, estimate_odds(half, start_guess(half, support))))
+        except NothingFound:
+            return ""
+    first, second = (half.labels == 1 for half in halves)
+    if (first & second).sum() >= LEAST_COMMON * min(first.sum(), second.sum()):
+        return ""
+    names = [scene.views[index].camera.name for index in (middle - 1, middle)]
+    return (
+        f"until {names[0]} the photos show a thing elsewhere than from {names[1]} on: the object moved, or another thing stands out more in"
+        " a half of them; film it alone, without touching it or the ground, or register it by itself (scene video_segmented)"
+    )
+
+
+def look_closer(
+    scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, network: SalientObjectNetwork | None
+) -> tuple[MaskScene, SceneSupport | None]:
+    """The scene in windows around an object that is small in the photos, and the plane with lengths as seen through them."""
+    silhouettes = render_silhouettes(block.grid, block.occupied, scene.cameras)
+    windows, closer = choose_windows(silhouettes)
+    if closer > CLOSER:
+        return scene, support
+    middle = block.grid.centres(np.argwhere(block.occupied)).mean(0)
+    if support is not None:
+        support = replace(support, distance=closer * support.distance, focus=middle)
+    return scene.look_closer(scale_windows(windows, scene.cameras, scene.views), network), support
+
+
+def find_focus(scene: MaskScene) -> tuple[np.ndarray, float]:
+    """(3,) the point that the cameras look at, where a network sees something in them, and their median distance from it."""
+    focus, distance = find_scene_focus(scene.model)
+    if scene.saliency is None:
+        return focus, distance
+    centres, rays = [], []
+    for camera, seen in zip(scene.cameras, scene.saliency, strict=True):
+        rows, columns = np.nonzero(keep_main_thing(seen) > 0.5)
+        if len(rows):
+            ray = camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ [columns.mean() + 0.5, rows.mean() + 0.5, 1.0]
+            centres.append(camera.centre_in_world)
+            rays.append(ray / np.linalg.norm(ray))
+    if len(rays) < LEAST_RAYS:
+        return focus, distance
+    point = find_nearest_point(np.array(centres), np.array(rays))
+    if np.median(((point - np.array(centres)) * np.array(rays)).sum(1)) <= 0:
+        return focus, distance
+    return point, float(np.median(np.linalg.norm(point - np.array(centres), axis=1)))
+
+
+def _describe(best: Hypothesis, names: list[str]) -> dict[str, Any]:
+    support = best.solution.guess.support
+    record: dict[str, Any] = {
+        **describe_quality(best.qualities, names),
+        "objects": best.objects,
+        "probability": round(best.score.probability, 4),
+        "measures": {name: round(value, 4) for name, value in asdict(best.measures).items()},
+        "image_width_px": best.scene.width_px,
+        "plane_from": "points" if best.candidate.fitted else "views" if best.settled else "object",
+    }
+    if support is not None:
+        record |= {"plane_inliers": support.inliers, "plane": {"normal": support.normal.tolist(), "offset": support.offset}}
+    return record

@@ -1,0 +1,167 @@
+"""Every object on the support, and which of them is meant."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes
+
+# Lengths are shares of the cameras' distance from the focus.
+COARSE_VOXELS, REACH = 96, 0.6  # along each edge of the searched block, and half its side
+BELOW_VOXELS = 2  # of the block's lower face below the plane, which is not exact
+MOST_VIEWS = 24  # that are asked where things are, evenly spread
+LEAST_VOXELS = 40  # of an object; smaller clusters are noise
+VOTE_ODDS = 1.5  # log odds that count as a full vote
+BRIDGE_VOXELS = 1  # a bridge no wider than twice this does not join two objects
+FINE_VOXELS = 96  # along the longest edge of the block around an object
+MARGIN = 0.15  # of that block around the object, as a share of its size
+CENTRE_WEIGHT, CUT_OFF_WEIGHT = 3.0, 1.0
+"""What it costs an object to lie off the photos' middle, by half their diagonal, and outside of them, beside the logarithm of its size."""
+
+
+class NothingFound(StepError):
+    """The photos do not show an object where the cameras look."""
+
+
+class TwoObjects(NothingFound):
+    """The photos do not tell which of two objects is meant."""
+
+
+@dataclass(frozen=True)
+class SceneObjects:
+    """The objects of a scene.
+
+    Attributes:
+        grid: the block of voxels that was searched.
+        labels: (X, Y, Z) int: 0 where nothing is, and the objects' numbers from 1, the likeliest to be meant first.
+        ground_voxel: height of the support plane above the block's foot, in voxels; below 0 where there is none.
+        lead: by how much the first is rated above the second; infinite where there is but one.
+    """
+
+    grid: VoxelGrid
+    labels: np.ndarray
+    ground_voxel: float
+    lead: float
+
+    @property
+    def count(self) -> int:
+        """The number of objects."""
+        return int(self.labels.max())
+
+
+@dataclass(frozen=True)
+class ObjectBlock:
+    """A fine block of voxels around one object.
+
+    Attributes:
+        grid: the block, of `FINE_VOXELS` along its longest side.
+        allowed: (X, Y, Z) bool: voxels that may be its own.
+        occupied: (X, Y, Z) bool: voxels of the object as it was found.
+        ground_voxel: height of the support plane above the block's foot, in voxels; below 0 where there is none.
+        other_points: world positions (P, 3) of the centres of the other objects' voxels; `other_side` is the edge of these.
+    """
+
+    grid: VoxelGrid
+    allowed: np.ndarray
+    occupied: np.ndarray
+    ground_voxel: float
+    other_points: np.ndarray
+    other_side: float
+
+
+def find_objects(
+    cameras: Sequence[Camera], support: SceneSupport | None, focus: np.ndarray, distance: float, odds: Sequence[np.ndarray]
+) -> SceneObjects:
+    """Carve a block around the focus by the log odds of all views, and tell the objects in it from each other.
+
+    Args:
+        cameras: of the views.
+        support: the plane; None where there is none.
+        focus, distance: (3,) the point that the cameras look at, and how far they are from it.
+        odds: (h, w) log odds of an object in every view.
+
+    Raises:
+        NothingFound: nothing is there.
+    """
+    side = 2 * REACH * distance / COARSE_VOXELS
+    if support is None:
+        axes, foot, low = np.eye(3), focus, -COARSE_VOXELS / 2
+    else:
+        axes, foot, low = np.vstack([support.axes(), support.normal]), support.foot, -BELOW_VOXELS
+    origin = foot + side * np.array([-COARSE_VOXELS / 2, -COARSE_VOXELS / 2, low]) @ axes
+    grid = VoxelGrid(axes, origin, side, (COARSE_VOXELS,) * 3)
+    index = np.argwhere(np.ones(grid.shape, bool))
+    index = index[index[:, 2] >= (0 if support is None else BELOW_VOXELS)]
+    chosen = np.unique(np.linspace(0, len(odds) - 1, min(MOST_VIEWS, len(odds))).round().astype(int))
+    asked = [cameras[view] for view in chosen]
+    occupied = carve(grid, index, asked, [odds[view] for view in chosen], VOTE_ODDS)
+    labels, count = _label(occupied, support is not None)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    names = [name for name in range(1, count + 1) if sizes[name] >= LEAST_VOXELS]
+    if not names:
+        raise NothingFound(
+            "no object was found where the cameras look: keep it in the middle of the photos, alone, on a ground of other colours, and"
+            " do not move it between the first photo and the last; or draw masks and name their folder in objects.tsv"
+        )
+    ratings = {name: _rate(grid, labels == name, asked) for name in names}
+    ranks = sorted(names, key=lambda name: -ratings[name])
+    order = np.zeros(count + 1, int)
+    order[ranks] = np.arange(1, len(ranks) + 1)
+    lead = ratings[ranks[0]] - ratings[ranks[1]] if len(ranks) > 1 else np.inf
+    return SceneObjects(grid, order[labels], BELOW_VOXELS if support is not None else -1.0, lead)
+
+
+def cut_block(found: SceneObjects, number: int = 1) -> ObjectBlock:
+    """The fine block around the object of this number."""
+    own, others = found.labels == number, (found.labels > 0) & (found.labels != number)
+    index = np.argwhere(own)
+    low, high = index.min(0), index.max(0) + 1
+    margin = max(2, int(np.ceil(MARGIN * (high - low).max())))
+    low, high = np.maximum(low - margin, 0), np.minimum(high + margin, own.shape)
+    side = found.grid.side * float((high - low).max()) / FINE_VOXELS
+    shape = tuple(np.ceil((high - low) * found.grid.side / side - 1e-6).astype(int).tolist())
+    fine = VoxelGrid(found.grid.axes, found.grid.origin + low * found.grid.side @ found.grid.axes, side, shape)
+    # The object reaches the ground, even where its foot looks like it.
+    near = ndimage.distance_transform_edt(~(_fill_down(own) if found.ground_voxel >= 0 else own))
+    rival = ndimage.distance_transform_edt(~others) if others.any() else np.full(own.shape, np.inf)
+    room = (near <= margin) & (near < rival)
+    coarse = np.minimum(((np.argwhere(np.ones(shape, bool)) + 0.5) * side / found.grid.side).astype(int) + low, np.array(own.shape) - 1)
+    allowed, occupied = (part[tuple(coarse.T)].reshape(shape) for part in (room, own))
+    ground = (found.ground_voxel - float(low[2])) * found.grid.side / side if found.ground_voxel >= 0 else -1.0
+    return ObjectBlock(fine, allowed, occupied, ground, found.grid.centres(np.argwhere(others)), found.grid.side)
+
+
+def _label(occupied: np.ndarray, stands: bool) -> tuple[np.ndarray, int]:
+    """Label objects: what stands on a ground belongs together with what is above it; a thin bridge joins nothing."""
+    part = occupied.any(axis=2) if stands else occupied
+    window = np.ones((2 * BRIDGE_VOXELS,) * part.ndim)
+    labels, count = ndimage.label(ndimage.binary_opening(part, window), np.ones((3,) * part.ndim))
+    if not count:
+        return np.zeros(occupied.shape, int), 0
+    distance, nearest = ndimage.distance_transform_edt(labels == 0, return_indices=True)
+    spread = np.where(distance <= 2 * BRIDGE_VOXELS, labels[tuple(nearest)], 0)
+    return np.where(occupied, spread[:, :, None] if stands else spread, 0), count
+
+
+def _rate(grid: VoxelGrid, own: np.ndarray, cameras: Sequence[Camera]) -> float:
+    """How likely this object, (X, Y, Z) bool, is the one that is meant: large, in the middle of the photos, and whole in them."""
+    sizes, asides, outside = [], [], []
+    points = grid.centres(np.argwhere(own))
+    for camera, shown in zip(cameras, render_silhouettes(grid, own, cameras), strict=True):
+        half_diagonal = np.hypot(*shown.shape) / 2
+        rows, columns = np.nonzero(shown)
+        middle = np.array([rows.mean(), columns.mean()]) if len(rows) else np.zeros(2)
+        asides.append(np.linalg.norm(middle - np.array(shown.shape) / 2) / half_diagonal)
+        sizes.append(np.sqrt(len(rows)) / half_diagonal)
+        outside.append(1 - camera.find_pixels(points)[3].mean())
+    return float(np.log(np.median(sizes) + 1e-3) - CENTRE_WEIGHT * np.median(asides) - CUT_OFF_WEIGHT * np.median(outside))
+
+
+def _fill_down(occupied: np.ndarray) -> np.ndarray:
+    """The voxels and all voxels below them."""
+    return np.asarray(np.flip(np.maximum.accumulate(np.flip(occupied, 2), axis=2), 2))

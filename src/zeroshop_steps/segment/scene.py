@@ -1,0 +1,161 @@
+"""What masks are found from: photos of one size and exposure, their cameras, and what a network saw in them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.networks.salient_object import SalientObjectNetwork
+from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.segment.exposure import Exposure, apply_gain
+from zeroshop_steps.segment.ground_picture import GroundPicture, build_ground_picture
+from zeroshop_steps.segment.windows import Window, take_whole
+
+KEPT_WIDTH_PX = 1600  # of photos in memory: windows of them are looked at closer, and 60 large photos would not fit
+
+
+@dataclass(frozen=True)
+class MaskScene:
+    """Windows of registered photos.
+
+    Attributes:
+        views: the registered views.
+        model: their sparse points.
+        photos: (H, W, 3) uint8 RGB of each view, of equal exposure, at most `KEPT_WIDTH_PX` wide.
+        windows: the parts of the photos that are looked at, in pixels of the views.
+        cameras: of these windows, at the width at which masks are cut.
+        saliency: (h, w) float32, 0 to 1, what a salient-object network sees in each window, of the cameras' sizes; None without a network.
+        width_px: the width at which masks are cut.
+    """
+
+    views: Sequence[View]
+    model: SparseModel
+    photos: Sequence[np.ndarray]
+    windows: Sequence[Window]
+    cameras: Sequence[Camera]
+    saliency: Sequence[np.ndarray] | None
+    width_px: int
+
+    @cached_property
+    def images(self) -> list[np.ndarray]:
+        """(h, w, 3) float32 RGB, 0 to 255, of the cameras' sizes."""
+        return map_in_threads(self._resample, self.photos, self.views, self.windows, self.cameras)
+
+    @staticmethod
+    def _resample(photo: np.ndarray, view: View, window: Window, camera: Camera) -> np.ndarray:
+        part = photo[scale_window(window, view, photo.shape).slices]
+        enlarged = camera.width_px > part.shape[1]
+        size_px = (camera.width_px, camera.height_px)
+        return cv2.resize(part, size_px, interpolation=cv2.INTER_LINEAR if enlarged else cv2.INTER_AREA).astype(np.float32)
+
+    def take(self, part: slice) -> "MaskScene":
+        """Some of the views."""
+        saliency = None if self.saliency is None else self.saliency[part]
+        model = replace(self.model, seen=None if self.model.seen is None else self.model.seen[part])
+        own = self.views[part], model, self.photos[part], self.windows[part], self.cameras[part], saliency, self.width_px
+        return MaskScene(*own)
+
+    def look_closer(self, windows: Sequence[Window], network: SalientObjectNetwork | None) -> "MaskScene":
+        """The scene seen through other windows.
+
+        The network sees each of them alone: it reduces what it sees to a small square, so the outline of a small thing is coarse in a
+        whole photo. But from closer a part may look like a thing: both views of it count.
+        """
+        cameras = [_cut_camera(view, window, self.width_px) for view, window in zip(self.views, windows, strict=True)]
+        saliency = None
+        if self.saliency is not None:
+            before = zip(self.saliency, self.windows, windows, self.views, cameras, strict=True)
+            saliency = [_resample_map(*parts) for parts in before]
+        if saliency is not None and network is not None:
+            parts = [
+                photo[scale_window(window, view, photo.shape).slices]
+                for photo, view, window in zip(self.photos, self.views, windows, strict=True)
+            ]
+            sizes = [(camera.width_px, camera.height_px) for camera in cameras]
+            seen = network.predict_all(parts, sizes)
+            saliency = [(whole + closer) / 2 for whole, closer in zip(saliency, seen, strict=True)]
+        return replace(self, windows=windows, cameras=cameras, saliency=saliency)
+
+
+def read_mask_scene(
+    views: Sequence[View], model: SparseModel, exposure: Exposure, saliency: Sequence[np.ndarray] | None, width_px: int
+) -> MaskScene:
+    """Read the whole photos.
+
+    Args:
+        views, model: the registered views and their sparse points.
+        exposure: the factors that make them equal.
+        saliency: (h, w) of each photo, 0 to 1, of any size; None without a network.
+        width_px: the width at which masks are cut.
+    """
+
+    def read(view: View, log_gain: np.ndarray) -> np.ndarray:
+        photo = view.image()
+        height, width = photo.shape[:2]
+        if width > KEPT_WIDTH_PX:
+            photo = cv2.resize(photo, (KEPT_WIDTH_PX, round(height * KEPT_WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
+        return apply_gain(photo, np.exp(log_gain)) if exposure.corrected else photo
+
+    windows = take_whole(views)
+    cameras = [_cut_camera(view, window, width_px) for view, window in zip(views, windows, strict=True)]
+    photos = map_in_threads(read, views, exposure.log_gains)
+    if saliency is not None:
+        saliency = [
+            cv2.resize(seen, (camera.width_px, camera.height_px), interpolation=cv2.INTER_LINEAR)
+            for seen, camera in zip(saliency, cameras, strict=True)
+        ]
+    return MaskScene(views, model, photos, windows, cameras, saliency, width_px)
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What is known of the object before it is cut out.
+
+    Attributes:
+        support: the plane that it stands on; None where there is none.
+        ground: the picture of that plane; None likewise.
+        hulls: (h, w) bool silhouettes of the object in every view; None where it is not known yet.
+        others: (h, w) bool silhouettes of other things; None likewise.
+        outside: (P,) bool, which of the model's sparse points surely are not the object's; None likewise.
+    """
+
+    support: SceneSupport | None
+    ground: GroundPicture | None = None
+    hulls: Sequence[np.ndarray] | None = None
+    others: Sequence[np.ndarray] | None = None
+    outside: np.ndarray | None = None
+
+
+def start_guess(scene: MaskScene, support: SceneSupport | None) -> Guess:
+    """Nothing is known but the plane."""
+    return Guess(support, None if support is None else build_ground_picture(support, scene.cameras, scene.images))
+
+
+def scale_window(window: Window, view: View, shape: tuple[int, ...]) -> Window:
+    """The window of a view in pixels of its photo of another size, (H, W, ...)."""
+    x, y = shape[1] / view.camera.width_px, shape[0] / view.camera.height_px
+    left, top = math.floor(window.left * x), math.floor(window.top * y)
+    return Window(left, top, max(round(window.right * x), left + 1), max(round(window.bottom * y), top + 1))
+
+
+def _cut_camera(view: View, window: Window, width_px: int) -> Camera:
+    """The camera of a window at most `width_px` wide; one higher than wide has as many pixels as a square."""
+    width, height = window.right - window.left, window.bottom - window.top
+    part = view.camera.cropped(window.left, window.top, width, height)
+    size = min(round(width_px * min(1.0, math.sqrt(width / height))), width)
+    return part.resized(size, max(round(height * size / width), 1))
+
+
+def _resample_map(values: np.ndarray, before: Window, window: Window, view: View, camera: Camera) -> np.ndarray:
+    """The part of (h, w) values of one window that lies in another one inside it, of that one's camera's size."""
+    x, y = values.shape[1] / (before.right - before.left), values.shape[0] / (before.bottom - before.top)
+    columns = (window.left - before.left + (np.arange(camera.width_px) + 0.5) * (window.right - window.left) / camera.width_px) * x - 0.5
+    rows = (window.top - before.top + (np.arange(camera.height_px) + 0.5) * (window.bottom - window.top) / camera.height_px) * y - 0.5
+    x_map, y_map = np.meshgrid(columns.astype(np.float32), rows.astype(np.float32))
+    return cv2.remap(values, x_map, y_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,0 +1,149 @@
+"""How likely masks are right, by what can be measured without the truth: one score for every hypothesis.
+
+Masks are right if in the median photo they overlap with the object by `RIGHT_OVERLAP`. The probability is a logistic regression on the
+measures, fitted on hypotheses for many captures, right and wrong ones (benchmarks/fit_masks.py).
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+from scipy.special import expit
+
+from zeroshop_steps.geometry.images import compute_overlap
+from zeroshop_steps.segment.mask_quality import MaskQuality
+from zeroshop_steps.segment.scene import MaskScene
+from zeroshop_steps.segment.solve import Solution
+from zeroshop_steps.segment.support import find_clusters
+
+WEIGHTS = Path(__file__).with_name("score_weights.json")
+RIGHT_OVERLAP = 0.9  # from here on, a mesh lacks no part
+LEAST_CLUSTER = 30  # points; fewer tell nothing about the masks
+AROUND, LINK, LIFTED, PART = 1.5, 0.12, 0.05, 0.3
+"""Shares of the object's size: points so near to its middle, so close to each other and so high above the ground may be its own;
+and the share of a cluster in the hull that makes it the object's."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Measures of masks, each 0 for perfect ones.
+
+    Attributes:
+        contradiction: of the median mask's area, what the other views' masks contradict.
+        faulty: share of the masks that are empty, contradicted or of another size than the others predict.
+        expected_error: of the median mask's area, what is wrong by the cues' own probabilities.
+        worst_expected_error: the same of the worst tenth of the masks.
+        network_difference: 1 less the overlap with what a salient-object network sees, of the median photo; 0 without a network.
+        points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
+        points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
+        cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
+    """
+
+    contradiction: float
+    faulty: float
+    expected_error: float
+    worst_expected_error: float
+    network_difference: float
+    points_missed: float
+    points_contradicted: float
+    cut_off: float
+
+
+REASONS = {
+    "contradiction": "the masks of the photos contradict each other",
+    "faulty": "many masks are empty or contradict the others",
+    "expected_error": "the object hardly differs from what is around it",
+    "worst_expected_error": "in some photos the object hardly differs from what is around it",
+    "network_difference": "the network sees something else than what stands on the ground",
+    "points_missed": "sparse points of the object lie outside the masks",
+    "points_contradicted": "the masks show points of other things",
+    "cut_off": "the object is cut off at the border of most photos",
+}
+
+
+def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQuality]) -> Measures:
+    """Measure the masks of a solution; `qualities` compare them with their hull."""
+    masks = [mask > 0.5 for mask in solution.masks]
+    areas = [max(int(mask.sum()), 1) for mask in masks]
+    borders = [2 * sum(mask.shape) * quality.border_share for mask, quality in zip(masks, qualities, strict=True)]
+    errors = [
+        float(np.where(mask, expit(-odds), expit(odds))[_near(mask, hull)].sum()) / area
+        for mask, hull, odds, area in zip(masks, solution.hulls, solution.odds, areas, strict=True)
+    ]
+    difference = 0.0
+    if scene.saliency is not None:
+        difference = 1 - float(np.median([compute_overlap(mask, seen > 0.5) for mask, seen in zip(masks, scene.saliency, strict=True)]))
+    return Measures(
+        contradiction=float(np.median([quality.disagreement or 0.0 for quality in qualities])),
+        faulty=float(np.mean([quality.fault is not None for quality in qualities])),
+        expected_error=float(np.median(errors)),
+        worst_expected_error=float(np.percentile(errors, 90)),
+        network_difference=difference,
+        points_missed=_measure_missed(scene, solution),
+        points_contradicted=_measure_contradicted(scene, solution, masks),
+        cut_off=float(np.median([border / np.sqrt(area) for border, area in zip(borders, areas, strict=True)])),
+    )
+
+
+def _near(mask: np.ndarray, hull: np.ndarray) -> tuple[slice, slice]:
+    """The part of a photo around a mask, twice as large, in which an error counts."""
+    rows, columns = np.nonzero(mask | hull)
+    if not len(rows):
+        return slice(None), slice(None)
+    margin = int(0.5 * max(np.ptp(rows), np.ptp(columns)))
+    return slice(max(rows.min() - margin, 0), rows.max() + margin), slice(max(columns.min() - margin, 0), columns.max() + margin)
+
+
+def _measure_missed(scene: MaskScene, solution: Solution) -> float:
+    """Of the dense clusters of sparse points that the hull has a part of, the share that lies outside of it."""
+    points, support = scene.model.points, solution.guess.support
+    occupied = solution.grid.centres(np.argwhere(solution.occupied))
+    middle, size = occupied.mean(0), float(np.ptp(occupied @ solution.grid.axes.T, axis=0).max())
+    near = np.linalg.norm(points - middle, axis=1) < AROUND * size
+    if support is not None:
+        near &= support.heights(points) > LIFTED * size
+    inside = total = 0
+    for cluster in find_clusters(points[near], LINK * size):
+        within = int(solution.grid.look_up(ndimage.binary_dilation(solution.occupied, iterations=2), cluster).sum())
+        if within > PART * len(cluster):
+            inside, total = inside + within, total + len(cluster)
+    return 1 - inside / total if total >= LEAST_CLUSTER else 0.0
+
+
+def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> float:
+    outside, seen = solution.guess.outside, scene.model.seen
+    if outside is None or seen is None:
+        return 0.0
+    shown = wrong = 0
+    for camera, mask, rows_of_points in zip(scene.cameras, masks, seen, strict=True):
+        rows, columns, _, inside = camera.find_pixels(scene.model.points[rows_of_points])
+        on_mask = mask[rows[inside], columns[inside]]
+        shown += int(on_mask.sum())
+        wrong += int((on_mask & outside[rows_of_points][inside]).sum())
+    return wrong / max(shown, 1)
+
+
+@dataclass(frozen=True)
+class Score:
+    """The probability that masks are right, and the measure that speaks most against them."""
+
+    probability: float
+    doubt: str
+
+
+@cache
+def _load_weights() -> tuple[dict[str, float], float]:
+    stored = json.loads(WEIGHTS.read_text())
+    return stored["weights"], stored["offset"]
+
+
+def score(measures: Measures) -> Score:
+    """Rate masks by their measures."""
+    weights, offset = _load_weights()
+    against = {name: weights[name] * value for name, value in asdict(measures).items()}
+    probability = float(expit(offset - sum(against.values())))
+    return Score(probability, max(against, key=lambda name: against[name]))

@@ -1,0 +1,145 @@
+"""Masks and hull of one object, in alternation: cut each photo by the odds of all cues, then carve what the masks share.
+
+The energy is that of a labelling of all photos: the log odds of the cues, which include the hull's silhouette, and the length of the
+outlines, less along edges of the photos. With the hull fixed, each photo's cut is its global minimum (segment/graph_cut.py).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.runtime.thread_pool import map_in_threads
+from zeroshop_steps.segment.fusion import MOST_ODDS, estimate_odds
+from zeroshop_steps.segment.graph_cut import cut_image
+from zeroshop_steps.segment.ground_picture import build_ground_picture
+from zeroshop_steps.segment.objects import NothingFound, ObjectBlock
+from zeroshop_steps.segment.scene import Guess, MaskScene
+from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes, splat_voxels
+
+ROUNDS = 3  # the masks hardly change after two
+FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
+"""Columns no higher than this share of the hull's height, or than so many voxels, are print or shadows on the ground."""
+HIDDEN = 0.03  # around the object, in square roots of its area, the ground is not looked at: its outline is not exact
+NEAR_VOXELS, FAR_SHARE = 2, 0.15
+"""Parts of the hull so near to each other are connected; sparse points farther than this share of its size from it are not the object's."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Masks and their common hull.
+
+    Attributes:
+        guess: what the last round started from.
+        odds: (h, w) float32 log odds of the last round, in every view.
+        masks: (h, w) float32 in [0, 1], above 1/2 on the object.
+        hulls: (h, w) bool: the silhouettes of the voxels that the masks share.
+        grid, occupied: these voxels.
+    """
+
+    guess: Guess
+    odds: list[np.ndarray]
+    masks: list[np.ndarray]
+    hulls: list[np.ndarray]
+    grid: VoxelGrid
+    occupied: np.ndarray
+
+
+def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, without: Sequence[str] = ()) -> Solution:
+    """Alternate between cutting the photos and carving the hull of the masks.
+
+    Args:
+        scene: the photos, or windows of them around the object.
+        support: the plane; None where there is none.
+        block: the object as it was found.
+        without: cues that are not asked.
+
+    Raises:
+        NothingFound: the masks share nothing.
+    """
+    occupied = block.occupied
+    rooms = render_silhouettes(block.grid, block.allowed, scene.cameras)
+    others = map_in_threads(lambda camera: splat_voxels(block.other_points, block.other_side, camera), scene.cameras)
+    index = np.argwhere(block.allowed)
+    for _ in range(ROUNDS):
+        hulls = render_silhouettes(block.grid, occupied, scene.cameras)
+        guess = make_guess(scene, support, block.grid, occupied, hulls, others)
+        odds = estimate_odds(scene, guess, without)
+        masks = map_in_threads(_cut_within, rooms, odds, scene.images)
+        occupied = carve(block.grid, index, scene.cameras, [2 * mask - 1 for mask in masks], 1.0)
+        occupied = _keep_connected(_drop_flat(occupied, block.ground_voxel))
+        if not occupied.any():
+            raise NothingFound(
+                "the masks of the photos have nothing in common; put the object alone on a ground of other colours, do not move it, or draw"
+                " masks and name their folder in objects.tsv"
+            )
+    return Solution(guess, odds, masks, render_silhouettes(block.grid, occupied, scene.cameras), block.grid, occupied)
+
+
+def make_guess(
+    scene: MaskScene,
+    support: SceneSupport | None,
+    grid: VoxelGrid,
+    occupied: np.ndarray,
+    hulls: Sequence[np.ndarray],
+    others: Sequence[np.ndarray],
+) -> Guess:
+    """What is known of an object that occupies voxels, (X, Y, Z) bool, with these silhouettes, (h, w) bool, and those of other things."""
+    points = scene.model.points
+    index = np.argwhere(occupied)
+    reach = int(FAR_SHARE * max(np.ptp(index, axis=0).max(), 1)) if len(index) else 0
+    far = ndimage.distance_transform_edt(~np.pad(occupied, reach + 1)) > reach
+    padded = VoxelGrid(grid.axes, grid.origin - (reach + 1) * grid.side * grid.axes.sum(0), grid.side, far.shape)
+    outside = ~padded.look_up(~far, points)
+    ground = None
+    if support is not None:
+        hidden = [_grow(hull) | other for hull, other in zip(hulls, others, strict=True)]
+        ground = build_ground_picture(support, scene.cameras, scene.images, hidden)
+    return Guess(support, ground, hulls, others, outside)
+
+
+def _grow(hull: np.ndarray) -> np.ndarray:
+    """The (h, w) bool silhouette and what is close around it."""
+    return np.asarray(cv2.distanceTransform((~hull).astype(np.uint8), cv2.DIST_L2, 3) <= HIDDEN * np.sqrt(hull.sum())) & hull.any()
+
+
+def _cut_within(room: np.ndarray, odds: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Cut the part of an image in which the object may be; the rest is background."""
+    y, x = np.nonzero(room)
+    mask = np.zeros(room.shape, np.float32)
+    if len(y):
+        crop = (slice(max(y.min() - 2, 0), y.max() + 3), slice(max(x.min() - 2, 0), x.max() + 3))
+        mask[crop] = cut_image(np.where(room[crop], odds[crop], -2 * MOST_ODDS), image[crop])
+    return mask
+
+
+def _drop_flat(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
+    """Drop columns that hardly rise above the ground: print and shadows agree between views, too, but are flat."""
+    layers = np.flatnonzero(occupied.any(axis=(0, 1)))
+    if ground_voxel < 0 or not len(layers):
+        return occupied
+    top = occupied.shape[2] - occupied[:, :, ::-1].argmax(axis=2)
+    flat = max(FLAT_SHARE * (layers[-1] - ground_voxel), FLAT_VOXELS)
+    kept = occupied & (top - ground_voxel > flat)[:, :, None]
+    return kept if kept.any() else occupied
+
+
+def _keep_connected(occupied: np.ndarray) -> np.ndarray:
+    """The largest part, and those that are hardly smaller or nearly touch it."""
+    labels, count = ndimage.label(ndimage.binary_dilation(occupied, iterations=NEAR_VOXELS), np.ones((3, 3, 3)))
+    if count < 2:
+        return occupied
+    sizes = np.bincount(labels[occupied], minlength=count + 1)
+    return np.asarray(occupied & np.isin(labels, np.flatnonzero(sizes >= 0.5 * sizes.max())))
+
+
+def close_holes(mask: np.ndarray, odds: np.ndarray) -> np.ndarray:
+    """Fill the holes of an (H, W) float32 mask whose odds are above even in the mean: print may have the ground's colours."""
+    count, labels = cv2.connectedComponents((mask <= 0.5).astype(np.uint8), connectivity=4)
+    rim = np.unique(np.concatenate([labels[[0, -1]].ravel(), labels[:, [0, -1]].ravel()]))
+    likely = np.asarray(ndimage.mean(odds, labels, np.arange(count))) > 0
+    likely[rim] = likely[0] = False
+    return np.where(likely[labels], np.float32(1), mask)
