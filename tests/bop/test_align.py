@@ -129,7 +129,7 @@ def test_commands_make_a_folder_of_models(models, tmp_path, capsys):
 def test_what_was_not_measured_does_not_count(models, few_samples, tmp_path):
     """A plate across the can's top, which would spoil the alignment: a lid, or an underside that was closed without a photo."""
     truth = read_ply(models / "tomato_can" / "model.ply")
-    plate = trimesh.creation.cylinder(60.0, 1.0)
+    plate = trimesh.creation.cylinder(45.0, 1.0)
     plate.apply_translation([0, 0, float(truth.vertices[:, 2].max()) + 40])
     vertices = np.concatenate([truth.vertices, plate.vertices])
     faces = np.concatenate([truth.faces, np.array(plate.faces) + len(truth.vertices)])

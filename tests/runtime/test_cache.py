@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 import zeroshop_steps
+from zeroshop_steps.networks.salient_networks import network_path
 from zeroshop_steps.register import mast3r, vggt
 from zeroshop_steps.runtime import cache
 from zeroshop_steps.runtime.cache import Cached, cache_folder, check_cache, content_digest, entry_name, run_cached
@@ -225,7 +226,7 @@ def test_the_real_steps_know_their_inputs():
         inputs = {name.partition("/")[0] for name in module.CACHED.inputs}
         actions = {action.dest: action for action in parser._actions if action.dest != "help"}
         assert inputs | set(module.CACHED.ignored) <= set(actions), step
-        paths = {name for name, action in actions.items() if action.type is Path}
+        paths = {name for name, action in actions.items() if action.type in (Path, network_path)}
         assert paths - set(module.CACHED.ignored) == inputs | {"out"}, step
         assert len(code_version(step)) == 64
         files, libraries = reached(f"zeroshop_steps.{step}")

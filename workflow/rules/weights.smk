@@ -8,7 +8,6 @@ import re
 
 from zeroshop_steps.networks import salient_networks
 from zeroshop_steps.networks.weights import look_up_weights, read_table as weights_table
-from zeroshop_steps.runtime.errors import warn
 
 
 def with_own_weights(
@@ -29,20 +28,12 @@ def salient_network(
     The default network may be missing or damaged where it is not needed: a warning says so, and the rest goes on without it.
     """
     network = config["segment"]["saliency"]["network"]
-    if network == salient_networks.NONE:
-        if needed:
-            raise WorkflowError(
-                f"segment.saliency.network is none; name a network: {', '.join(salient_networks.NETWORKS)}, or an ONNX file"
-            )
-        return None
-    named = network in salient_networks.NETWORKS
+    if network not in (*salient_networks.NETWORKS, salient_networks.NONE):
+        network = os.path.relpath(ROOT / network)
     try:
-        return salient_networks.require_network(salient_networks.network_path(network) if named else Path(os.path.relpath(ROOT / network)))
+        return salient_networks.find_network(network, needed)
     except StepError as error:
-        if needed or network != salient_networks.DEFAULT:
-            raise WorkflowError(str(error)) from None
-        warn(f"objects are found without a salient-object network: {error}")
-        return None
+        raise WorkflowError(str(error)) from None
 
 
 def network_options(

@@ -19,9 +19,9 @@ from rich.text import Text
 import zeroshop_steps
 from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import REGISTRATIONS
-from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS, NONE, require_network
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, require_weights
-from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS, NONE, find_network
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.settings import read_yaml
@@ -139,18 +139,13 @@ def settings_of_inputs(network: str | None) -> dict[str, Any]:
 
 
 def _find_network(network: str | None) -> str:
+    """The network as the config names it: an absolute file, or NONE."""
     if network == NONE:
         return NONE
-    if network and network not in NETWORKS:
-        return str(require_network(Path(network)).resolve())
-    try:
-        return str(require_weights(NETWORKS[network or DEFAULT].file, find_project()))
-    except StepError as error:
-        message = f"{error} (call snakemake in {find_project()})"
-        if network:
-            raise StepError(message) from None
-        warn(f"the object is found without a salient-object network: {message}")
-        return NONE
+    root, name = find_project(), network or DEFAULT
+    if name in NETWORKS:
+        return str(find_network(name, bool(network), root, f" (call snakemake in {root})") or NONE)
+    return str(Path(name).resolve() if find_network(name, True) else NONE)
 
 
 def run_workflow(target: str, folder: Path, table: Path, cores: int, log: Path, settings: Mapping[str, Any] | None = None) -> bool:

@@ -25,6 +25,7 @@ from zeroshop_steps.capture.frames import (
     write_capture_record,
 )
 from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.registered_views import space_evenly
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
@@ -221,11 +222,6 @@ def choose_frames(film: VideoScan, count: int) -> list[int]:
         if best not in chosen and not any(look_alike(film.thumbnails[best], film.thumbnails[other]) for other in chosen):
             chosen.append(best)
     return sorted(chosen)
-
-
-def space_evenly(frames: int, count: int) -> list[int]:
-    """Numbers of up to `count` frames of a film of `frames`: the first, the last, and those at equal times between them."""
-    return np.unique(np.linspace(0, frames - 1, count).round().astype(int)).tolist()
 
 
 def _open(video: Path) -> cv2.VideoCapture:

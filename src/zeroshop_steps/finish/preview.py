@@ -10,7 +10,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import Mesh, read_ply
-from zeroshop_steps.geometry.registered_views import View, read_views
+from zeroshop_steps.geometry.registered_views import View, read_views, space_evenly
 from zeroshop_steps.geometry.transforms import crop_to_mask, transform_camera
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics
 from zeroshop_steps.runtime.errors import StepError
@@ -60,7 +60,7 @@ def draw_around(mesh: Mesh, count: int) -> np.ndarray:
 
 def draw_preview(renderer: MeshRenderer, views: list[View], object_from_registration: np.ndarray, count: int) -> np.ndarray:
     """Three rows of tiles (photo, textured mesh, bare shape) with one column for each photo, cropped to the object."""
-    chosen = [views[k] for k in np.unique(np.linspace(0, len(views) - 1, count).round().astype(int))]
+    chosen = [views[number] for number in space_evenly(len(views), count)]
     columns = []
     for view in chosen:
         camera, left, top = crop_to_mask(transform_camera(view.camera, object_from_registration), view.mask())

@@ -64,6 +64,11 @@ class Camera:
         with np.errstate(divide="ignore", invalid="ignore"):
             return x / depth * k[0, 0] + k[0, 2], y / depth * k[1, 1] + k[1, 2], depth
 
+    def find_ray(self, x_px: float, y_px: float) -> np.ndarray:
+        """(3,) unit direction, in the world, of the ray from the centre through a position of the image."""
+        ray = self.camera_from_world[:3, :3].T @ np.linalg.inv(self.intrinsics) @ np.array([x_px, y_px, 1.0])
+        return np.asarray(ray / np.linalg.norm(ray))
+
     def find_pixels(self, points_in_world: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The pixels that (N, 3) points fall into.
 

@@ -61,6 +61,11 @@ class View:
         return read_confidence(path, (self.camera.width_px, self.camera.height_px)) if path.is_file() else None
 
 
+def space_evenly(count: int, most: int) -> list[int]:
+    """Numbers of at most `most` of `count` things in their order: the first, the last, and those evenly between them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+
+
 def read_views(folder: Path, images: str = "images", masks: str = "masks", sparse: str = "sparse") -> tuple[list[View], SparseModel]:
     """Read what the register stage writes, or held-out views, whose sub-folders have other names.
 

@@ -14,7 +14,7 @@ import pycolmap
 import torch
 
 from zeroshop_steps.geometry.images import list_images
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.registered_views import View, space_evenly
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.networks.devices import DEVICES, choose_device
@@ -150,4 +150,4 @@ def compute_baseline_ratio(alignment: Alignment, views: Sequence[View]) -> float
 
 def _take_evenly(paths: list[Path], count: int) -> list[Path]:
     """`count` of the paths, evenly from the first to the last."""
-    return [paths[number] for number in np.unique(np.linspace(0, len(paths) - 1, min(count, len(paths))).round().astype(int))]
+    return [paths[number] for number in space_evenly(len(paths), count)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table, require_weights
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 
 FOLDER = "saliency"
 Levels = tuple[float, float, float]
@@ -63,6 +63,31 @@ NONE = "none"
 def network_path(network: str) -> Path:
     """The file of a network, given by its name or by the path of an ONNX file."""
     return NETWORKS[network].path if network in NETWORKS else Path(network)
+
+
+def find_network(network: str, needed: bool, root: Path = Path(), advice: str = "") -> Path | None:
+    """The file of a network that a user names; None for NONE. The default one may be absent where it is not needed: a warning says so.
+
+    Args:
+        network: a name of `NETWORKS`, the path of an ONNX file, or NONE.
+        needed: whether there must be one.
+        root: the folder that holds resources/.
+        advice: ends the message.
+
+    Raises:
+        StepError: it is missing or damaged.
+    """
+    if network == NONE:
+        if needed:
+            raise StepError(f"segment.saliency.network is none; name a network: {', '.join(NETWORKS)}, or an ONNX file")
+        return None
+    try:
+        return require_weights(NETWORKS[network].file, root) if network in NETWORKS else require_network(Path(network))
+    except StepError as error:
+        if needed or network != DEFAULT:
+            raise StepError(f"{error}{advice}") from None
+        warn(f"objects are found without a salient-object network: {error}{advice}")
+        return None
 
 
 def require_network(path: Path) -> Path:

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.registered_views import View, space_evenly
 from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
 from zeroshop_steps.geometry.transforms import compute_scale, move_similarity
 from zeroshop_steps.register.image_set import REFERENCE_PX
@@ -90,10 +90,10 @@ class CameraGroup:
         """
         few = copy(self)
         few.most_px = most_px
-        chosen = spread(len(self.cameras), views)
+        chosen = space_evenly(len(self.cameras), views)
         few.cameras, few.distances = [self.cameras[one] for one in chosen], [self.distances[one] for one in chosen]
         every = np.split(self.points, self.starts[1:])
-        thinned = [every[ray][spread(len(every[ray]), points)] for ray in spread(len(every), rays)]
+        thinned = [every[ray][space_evenly(len(every[ray]), points)] for ray in space_evenly(len(every), rays)]
         few.points = np.concatenate(thinned)
         few.starts = np.cumsum([0, *(len(ray) for ray in thinned[:-1])])
         return few
@@ -108,11 +108,6 @@ class CameraGroup:
         inside = self.measure_inside(points, number).reshape(len(pixels), STEPS)
         allowed = inside >= np.minimum(OWN_MISS_PX, inside.max(1, keepdims=True))
         return [ray[keep] for ray, keep in zip(points.reshape(len(pixels), STEPS, 3), allowed, strict=True)]
-
-
-def spread(count: int, most: int) -> np.ndarray:
-    """Indices of `most` of `count` things, or of all where there are fewer, evenly chosen with the first and the last."""
-    return np.linspace(0, count - 1, min(count, most)).round().astype(int)
 
 
 def find_hypotheses(target: CameraGroup, source: CameraGroup) -> list[Hypothesis]:

@@ -158,10 +158,8 @@ def bound_object(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.nda
     origins, directions, extents = [], [], []
     for camera, mask in zip(cameras, masks, strict=True):
         y, x = np.nonzero(mask)
-        middle = np.array([x.mean() + 0.5, y.mean() + 0.5, 1.0])
-        ray = camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ middle
         origins.append(camera.centre_in_world)
-        directions.append(ray / np.linalg.norm(ray))
+        directions.append(camera.find_ray(x.mean() + 0.5, y.mean() + 0.5))
         extents.append(np.hypot(np.ptp(x) + 1, np.ptp(y) + 1) / camera.intrinsics[0, 0])
     centre = find_nearest_point(np.array(origins), np.array(directions))
     reach = np.array(extents) * np.linalg.norm(centre - np.array(origins), axis=1)

@@ -7,29 +7,26 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import SparseModel
-from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus
-from zeroshop_steps.networks.object_finder import keep_main_thing
+from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.exposure import Exposure
 from zeroshop_steps.segment.fusion import estimate_odds
 from zeroshop_steps.segment.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
-from zeroshop_steps.segment.objects import NothingFound, ObjectBlock, TwoObjects, cut_block, find_objects
+from zeroshop_steps.segment.objects import NothingFound, TwoObjects, cut_block, find_objects
 from zeroshop_steps.segment.scene import MaskScene, read_mask_scene, start_guess
 from zeroshop_steps.segment.scores import REASONS, Measures, Score, measure, score
 from zeroshop_steps.segment.solve import Solution, close_holes, solve
 from zeroshop_steps.segment.support import Candidate, propose_supports, settle_support
 from zeroshop_steps.segment.tidy_mask import tidy_mask
-from zeroshop_steps.segment.voxels import render_silhouettes
+from zeroshop_steps.segment.voxels import VoxelGrid, render_silhouettes
 from zeroshop_steps.segment.windows import CLOSER, choose_windows, lay_back, scale_windows
 
 WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
 SURE, LEAST = 0.85, 0.62
 """The probability from which on no other hypothesis is tried, and below which masks are refused: the least that refuses all masks of the
 tune half which overlap with the truth by less than 0.8."""
-LEAST_RAYS = 3  # photos in which a network sees something, to tell where that is
 LEAST_LEAD = 0.1  # of the rating of an object before that of the next; below, either may be meant
 LEAST_HALF, LEAST_COMMON = 6, 0.3  # photos in half of the capture, and share of the voxels that both halves show of an object that stays
 SETTLED = 0.003  # a plane that moves less than this, in distances of the cameras, needs no new masks
@@ -119,17 +116,16 @@ def try_support(scene: MaskScene, candidate: Candidate, network: SalientObjectNe
     Raises:
         NothingFound: nothing is found on it.
     """
-    focus, distance = find_focus(scene)
-    support = None if candidate.support is None else replace(candidate.support, focus=focus, distance=distance)
+    support, distance = scene.place(candidate.support), scene.focus[1]
     odds = estimate_odds(scene, start_guess(scene, support), without)
-    found = find_objects(scene.cameras, support, focus, distance, odds)
+    found = find_objects(scene.cameras, support, *scene.focus, odds)
     if found.lead < LEAST_LEAD:
         raise TwoObjects(
             "two objects are equally near to the point that the cameras look at: take one away, or keep the one that is meant in the middle"
             " of the photos"
         )
     block = cut_block(found)
-    closer_scene, closer_support = look_closer(scene, support, block, network)
+    closer_scene, closer_support = look_closer(scene, support, block.grid, block.occupied, network)
     solution = solve(closer_scene, closer_support, block, without)
     settled = None
     if closer_support is not None and not candidate.fitted:
@@ -146,13 +142,11 @@ def find_motion(scene: MaskScene, candidate: Candidate) -> str:
     middle = len(scene.views) // 2
     if middle < LEAST_HALF:
         return ""
-    focus, distance = find_focus(scene)
-    support = None if candidate.support is None else replace(candidate.support, focus=focus, distance=distance)
-    halves = []
+    support, halves = scene.place(candidate.support), []
     for part in (slice(middle), slice(middle, None)):
         half = scene.take(part)
         try:
-            halves.append(find_objects(half.cameras, support, focus, distance, estimate_odds(half, start_guess(half, support))))
+            halves.append(find_objects(half.cameras, support, *scene.focus, estimate_odds(half, start_guess(half, support))))
         except NothingFound:
             return ""
     first, second = (half.labels == 1 for half in halves)
@@ -166,37 +160,24 @@ def find_motion(scene: MaskScene, candidate: Candidate) -> str:
 
 
 def look_closer(
-    scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, network: SalientObjectNetwork | None
+    scene: MaskScene, support: SceneSupport | None, grid: VoxelGrid, occupied: np.ndarray, network: SalientObjectNetwork | None
 ) -> tuple[MaskScene, SceneSupport | None]:
-    """The scene in windows around an object that is small in the photos, and the plane with lengths as seen through them."""
-    silhouettes = render_silhouettes(block.grid, block.occupied, scene.cameras)
+    """The scene in windows around an object that is small in the photos, and the plane with lengths as seen through them.
+
+    Args:
+        scene: the whole photos.
+        support: the plane.
+        grid, occupied: the object's voxels, (X, Y, Z) bool.
+        network: looks at the windows, too; None where it shall not.
+    """
+    silhouettes = render_silhouettes(grid, occupied, scene.cameras)
     windows, closer = choose_windows(silhouettes)
     if closer > CLOSER:
         return scene, support
-    middle = block.grid.centres(np.argwhere(block.occupied)).mean(0)
+    middle = grid.centres(np.argwhere(occupied)).mean(0)
     if support is not None:
         support = replace(support, distance=closer * support.distance, focus=middle)
     return scene.look_closer(scale_windows(windows, scene.cameras, scene.views), network), support
-
-
-def find_focus(scene: MaskScene) -> tuple[np.ndarray, float]:
-    """(3,) the point that the cameras look at, where a network sees something in them, and their median distance from it."""
-    focus, distance = find_scene_focus(scene.model)
-    if scene.saliency is None:
-        return focus, distance
-    centres, rays = [], []
-    for camera, seen in zip(scene.cameras, scene.saliency, strict=True):
-        rows, columns = np.nonzero(keep_main_thing(seen) > 0.5)
-        if len(rows):
-            ray = camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ [columns.mean() + 0.5, rows.mean() + 0.5, 1.0]
-            centres.append(camera.centre_in_world)
-            rays.append(ray / np.linalg.norm(ray))
-    if len(rays) < LEAST_RAYS:
-        return focus, distance
-    point = find_nearest_point(np.array(centres), np.array(rays))
-    if np.median(((point - np.array(centres)) * np.array(rays)).sum(1)) <= 0:
-        return focus, distance
-    return point, float(np.median(np.linalg.norm(point - np.array(centres), axis=1)))
 
 
 def _describe(best: Hypothesis, names: list[str]) -> dict[str, Any]:

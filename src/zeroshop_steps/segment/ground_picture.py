@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.registered_views import space_evenly
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 
@@ -72,7 +73,7 @@ def build_ground_picture(
         hidden: (H, W) bool: pixels that are known not to show the ground.
         reach: half the side of the picture.
     """
-    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(MOST_VIEWS, len(cameras))).round().astype(int)).tolist()
+    chosen = space_evenly(len(cameras), MOST_VIEWS)
     count, world_from_cell = lay_cells(support, reach)
     samples = np.full((len(chosen), count, count, 3), np.nan, np.float32)
     x, y = np.meshgrid(np.arange(count), np.arange(count))

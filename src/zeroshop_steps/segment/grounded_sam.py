@@ -17,7 +17,7 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import compute_overlap, read_image, require_one_size
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.geometry.registered_views import read_views, space_evenly
 from zeroshop_steps.networks.devices import DEVICES, choose_device, measure_free_bytes
 from zeroshop_steps.networks.grounding_dino import Box, Detector, choose_box, describe_nothing_found
 from zeroshop_steps.networks.pretrained import require_model
@@ -209,7 +209,7 @@ def find_masks(
 def _find_first_box(pictures: ImageSequence, detect: Detect, prompt: str, min_score: float) -> tuple[int, Box]:
     """The first picture that shows the object, usually the very first, and its box there."""
     seen = {}
-    for index in sorted(set(np.linspace(0, len(pictures.paths) - 1, FIRST_PICTURES).round().astype(int).tolist())):
+    for index in space_evenly(len(pictures.paths), FIRST_PICTURES):
         boxes = detect(pictures.image(index))
         box = choose_box(boxes, pictures.size_px, min_score)
         if box is not None:

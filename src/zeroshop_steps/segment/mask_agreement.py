@@ -130,9 +130,8 @@ def _find_looked_at(cameras: list[Camera], masks: list[np.ndarray]) -> tuple[np.
     """The point nearest to the rays through the middles of the masks, by least absolute distances; the object's radius around it."""
     centres = np.array([camera.centre_in_world for camera in cameras])
     boxes = np.array([find_corners(mask) for mask in masks])
-    middles = np.column_stack([(boxes[:, :2] + boxes[:, 2:]) / 2, np.ones(len(boxes))])
-    rays = [camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ m for camera, m in zip(cameras, middles, strict=True)]
-    point = find_nearest_point(centres, np.array([ray / np.linalg.norm(ray) for ray in rays]))
+    middles = (boxes[:, :2] + boxes[:, 2:]) / 2
+    point = find_nearest_point(centres, np.array([camera.find_ray(*middle) for camera, middle in zip(cameras, middles, strict=True)]))
     distances = np.linalg.norm(point - centres, axis=1)
     focal_px = np.array([camera.intrinsics[0, 0] for camera in cameras])
     half_diagonals = np.hypot(boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]) / 2

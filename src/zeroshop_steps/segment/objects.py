@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.registered_views import space_evenly
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes
@@ -97,7 +98,7 @@ def find_objects(
     grid = VoxelGrid(axes, origin, side, (COARSE_VOXELS,) * 3)
     index = np.argwhere(np.ones(grid.shape, bool))
     index = index[index[:, 2] >= (0 if support is None else BELOW_VOXELS)]
-    chosen = np.unique(np.linspace(0, len(odds) - 1, min(MOST_VIEWS, len(odds))).round().astype(int))
+    chosen = space_evenly(len(odds), MOST_VIEWS)
     asked = [cameras[view] for view in chosen]
     occupied = carve(grid, index, asked, [odds[view] for view in chosen], VOTE_ODDS)
     labels, count = _label(occupied, support is not None)

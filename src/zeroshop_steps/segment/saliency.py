@@ -1,8 +1,7 @@
 """Mask the object with the help of a salient-object network, which has learned what things look like, whatever they stand on.
 
-The network sees one photo at a time: it takes other things along, and now and then a part for the whole. So all photos vote in
-space first, and what the network says counts where they agree. On the ground the geometry then decides as in support_plane, with the
-network as a prior. Where there is no ground, what the photos agree on is the object.
+The network sees one photo at a time: it takes other things along, and now and then a part for the whole. So it is one cue among those
+of support_plane, and all photos decide together.
 """
 
 import argparse

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, SparseModel
+from zeroshop_steps.geometry.rays import find_nearest_point
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.geometry.scene_support import SceneSupport
+from zeroshop_steps.geometry.scene_support import SceneSupport, find_scene_focus
+from zeroshop_steps.networks.object_finder import keep_main_thing
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.exposure import Exposure, apply_gain
@@ -18,6 +20,7 @@ from zeroshop_steps.segment.ground_picture import GroundPicture, build_ground_pi
 from zeroshop_steps.segment.windows import Window, take_whole
 
 KEPT_WIDTH_PX = 1600  # of photos in memory: windows of them are looked at closer, and 60 large photos would not fit
+LEAST_RAYS = 3  # photos in which a network sees something, to tell where that is
 
 
 @dataclass(frozen=True)
@@ -49,10 +52,35 @@ class MaskScene:
 
     @staticmethod
     def _resample(photo: np.ndarray, view: View, window: Window, camera: Camera) -> np.ndarray:
-        part = photo[scale_window(window, view, photo.shape).slices]
+        part = _cut_part(photo, view, window)
         enlarged = camera.width_px > part.shape[1]
         size_px = (camera.width_px, camera.height_px)
         return cv2.resize(part, size_px, interpolation=cv2.INTER_LINEAR if enlarged else cv2.INTER_AREA).astype(np.float32)
+
+    @cached_property
+    def focus(self) -> tuple[np.ndarray, float]:
+        """(3,) the point that the cameras look at, where a network sees something in them, and their median distance from it."""
+        focus, distance = find_scene_focus(self.model)
+        if self.saliency is None:
+            return focus, distance
+        centres, rays = [], []
+        for camera, seen in zip(self.cameras, self.saliency, strict=True):
+            rows, columns = np.nonzero(keep_main_thing(seen) > 0.5)
+            if len(rows):
+                centres.append(camera.centre_in_world)
+                rays.append(camera.find_ray(columns.mean() + 0.5, rows.mean() + 0.5))
+        if len(rays) < LEAST_RAYS:
+            return focus, distance
+        point = find_nearest_point(np.array(centres), np.array(rays))
+        ways = point - np.array(centres)
+        if np.median((ways * np.array(rays)).sum(1)) <= 0:
+            return focus, distance
+        return point, float(np.median(np.linalg.norm(ways, axis=1)))
+
+    def place(self, support: SceneSupport | None) -> SceneSupport | None:
+        """A plane with the scene's focus and distance."""
+        focus, distance = self.focus
+        return None if support is None else replace(support, focus=focus, distance=distance)
 
     def take(self, part: slice) -> "MaskScene":
         """Some of the views."""
@@ -73,10 +101,7 @@ class MaskScene:
             before = zip(self.saliency, self.windows, windows, self.views, cameras, strict=True)
             saliency = [_resample_map(*parts) for parts in before]
         if saliency is not None and network is not None:
-            parts = [
-                photo[scale_window(window, view, photo.shape).slices]
-                for photo, view, window in zip(self.photos, self.views, windows, strict=True)
-            ]
+            parts = [_cut_part(*one) for one in zip(self.photos, self.views, windows, strict=True)]
             sizes = [(camera.width_px, camera.height_px) for camera in cameras]
             seen = network.predict_all(parts, sizes)
             saliency = [(whole + closer) / 2 for whole, closer in zip(saliency, seen, strict=True)]
@@ -122,14 +147,14 @@ class Guess:
         ground: the picture of that plane; None likewise.
         hulls: (h, w) bool silhouettes of the object in every view; None where it is not known yet.
         others: (h, w) bool silhouettes of other things; None likewise.
-        outside: (P,) bool, which of the model's sparse points surely are not the object's; None likewise.
+        occupied: (X, Y, Z) bool: the voxels of these silhouettes; None likewise.
     """
 
     support: SceneSupport | None
     ground: GroundPicture | None = None
     hulls: Sequence[np.ndarray] | None = None
     others: Sequence[np.ndarray] | None = None
-    outside: np.ndarray | None = None
+    occupied: np.ndarray | None = None
 
 
 def start_guess(scene: MaskScene, support: SceneSupport | None) -> Guess:
@@ -137,11 +162,11 @@ def start_guess(scene: MaskScene, support: SceneSupport | None) -> Guess:
     return Guess(support, None if support is None else build_ground_picture(support, scene.cameras, scene.images))
 
 
-def scale_window(window: Window, view: View, shape: tuple[int, ...]) -> Window:
-    """The window of a view in pixels of its photo of another size, (H, W, ...)."""
-    x, y = shape[1] / view.camera.width_px, shape[0] / view.camera.height_px
+def _cut_part(photo: np.ndarray, view: View, window: Window) -> np.ndarray:
+    """The part of a view's photo, (H, W, 3) of any size, that a window shows; never empty."""
+    x, y = photo.shape[1] / view.camera.width_px, photo.shape[0] / view.camera.height_px
     left, top = math.floor(window.left * x), math.floor(window.top * y)
-    return Window(left, top, max(round(window.right * x), left + 1), max(round(window.bottom * y), top + 1))
+    return photo[top : max(round(window.bottom * y), top + 1), left : max(round(window.right * x), left + 1)]
 
 
 def _cut_camera(view: View, window: Window, width_px: int) -> Camera:

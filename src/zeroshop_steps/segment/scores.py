@@ -19,13 +19,14 @@ from zeroshop_steps.segment.mask_quality import MaskQuality
 from zeroshop_steps.segment.scene import MaskScene
 from zeroshop_steps.segment.solve import Solution
 from zeroshop_steps.segment.support import find_clusters
+from zeroshop_steps.segment.voxels import VoxelGrid
 
 WEIGHTS = Path(__file__).with_name("score_weights.json")
 RIGHT_OVERLAP = 0.9  # from here on, a mesh lacks no part
 LEAST_CLUSTER = 30  # points; fewer tell nothing about the masks
-AROUND, LINK, LIFTED, PART = 1.5, 0.12, 0.05, 0.3
-"""Shares of the object's size: points so near to its middle, so close to each other and so high above the ground may be its own;
-and the share of a cluster in the hull that makes it the object's."""
+AROUND, LINK, LIFTED, PART, FAR = 1.5, 0.12, 0.05, 0.3, 0.15
+"""Shares of the object's size: points so near to its middle, so close to each other and so high above the ground may be its own; the
+share of a cluster in the hull that makes it the object's; and how far from the hull a point is not the object's."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,7 @@ class Measures:
     Attributes:
         contradiction: of the median mask's area, what the other views' masks contradict.
         faulty: share of the masks that are empty, contradicted or of another size than the others predict.
-        expected_error: of the median mask's area, what is wrong by the cues' own probabilities.
-        worst_expected_error: the same of the worst tenth of the masks.
+        expected_error: of the area of the worst tenth of the masks, what is wrong by the cues' own probabilities.
         network_difference: 1 less the overlap with what a salient-object network sees, of the median photo; 0 without a network.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
@@ -46,7 +46,6 @@ class Measures:
     contradiction: float
     faulty: float
     expected_error: float
-    worst_expected_error: float
     network_difference: float
     points_missed: float
     points_contradicted: float
@@ -56,8 +55,7 @@ class Measures:
 REASONS = {
     "contradiction": "the masks of the photos contradict each other",
     "faulty": "many masks are empty or contradict the others",
-    "expected_error": "the object hardly differs from what is around it",
-    "worst_expected_error": "in some photos the object hardly differs from what is around it",
+    "expected_error": "in some photos the object hardly differs from what is around it",
     "network_difference": "the network sees something else than what stands on the ground",
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things",
@@ -80,8 +78,7 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
     return Measures(
         contradiction=float(np.median([quality.disagreement or 0.0 for quality in qualities])),
         faulty=float(np.mean([quality.fault is not None for quality in qualities])),
-        expected_error=float(np.median(errors)),
-        worst_expected_error=float(np.percentile(errors, 90)),
+        expected_error=float(np.percentile(errors, 90)),
         network_difference=difference,
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
@@ -115,16 +112,27 @@ def _measure_missed(scene: MaskScene, solution: Solution) -> float:
 
 
 def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[np.ndarray]) -> float:
-    outside, seen = solution.guess.outside, scene.model.seen
-    if outside is None or seen is None:
+    seen, points = scene.model.seen, scene.model.points
+    if seen is None:
         return 0.0
+    outside = _find_outside(points, solution)
     shown = wrong = 0
     for camera, mask, rows_of_points in zip(scene.cameras, masks, seen, strict=True):
-        rows, columns, _, inside = camera.find_pixels(scene.model.points[rows_of_points])
+        rows, columns, _, inside = camera.find_pixels(points[rows_of_points])
         on_mask = mask[rows[inside], columns[inside]]
         shown += int(on_mask.sum())
         wrong += int((on_mask & outside[rows_of_points][inside]).sum())
     return wrong / max(shown, 1)
+
+
+def _find_outside(points: np.ndarray, solution: Solution) -> np.ndarray:
+    """(P,) bool: which (P, 3) points lie far from the hull that the masks were cut with."""
+    occupied, grid = solution.guess.occupied, solution.grid
+    assert occupied is not None, "masks are cut with a hull"
+    reach = int(FAR * max(np.ptp(np.argwhere(occupied), axis=0).max(), 1))
+    near = ndimage.distance_transform_edt(~np.pad(occupied, reach + 1)) <= reach
+    padded = VoxelGrid(grid.axes, grid.origin - (reach + 1) * grid.side * grid.axes.sum(0), grid.side, near.shape)
+    return ~padded.look_up(near, points)
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ ROUNDS = 3  # the masks hardly change after two
 FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
 """Columns no higher than this share of the hull's height, or than so many voxels, are print or shadows on the ground."""
 HIDDEN = 0.03  # around the object, in square roots of its area, the ground is not looked at: its outline is not exact
-NEAR_VOXELS, FAR_SHARE = 2, 0.15
-"""Parts of the hull so near to each other are connected; sparse points farther than this share of its size from it are not the object's."""
+NEAR_VOXELS = 2  # parts of the hull so near to each other are connected
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, wi
     index = np.argwhere(block.allowed)
     for _ in range(ROUNDS):
         hulls = render_silhouettes(block.grid, occupied, scene.cameras)
-        guess = make_guess(scene, support, block.grid, occupied, hulls, others)
+        guess = make_guess(scene, support, occupied, hulls, others)
         odds = estimate_odds(scene, guess, without)
         masks = map_in_threads(_cut_within, rooms, odds, scene.images)
         occupied = carve(block.grid, index, scene.cameras, [2 * mask - 1 for mask in masks], 1.0)
@@ -82,23 +81,16 @@ def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, wi
 def make_guess(
     scene: MaskScene,
     support: SceneSupport | None,
-    grid: VoxelGrid,
     occupied: np.ndarray,
     hulls: Sequence[np.ndarray],
     others: Sequence[np.ndarray],
 ) -> Guess:
     """What is known of an object that occupies voxels, (X, Y, Z) bool, with these silhouettes, (h, w) bool, and those of other things."""
-    points = scene.model.points
-    index = np.argwhere(occupied)
-    reach = int(FAR_SHARE * max(np.ptp(index, axis=0).max(), 1)) if len(index) else 0
-    far = ndimage.distance_transform_edt(~np.pad(occupied, reach + 1)) > reach
-    padded = VoxelGrid(grid.axes, grid.origin - (reach + 1) * grid.side * grid.axes.sum(0), grid.side, far.shape)
-    outside = ~padded.look_up(~far, points)
     ground = None
     if support is not None:
         hidden = [_grow(hull) | other for hull, other in zip(hulls, others, strict=True)]
         ground = build_ground_picture(support, scene.cameras, scene.images, hidden)
-    return Guess(support, ground, hulls, others, outside)
+    return Guess(support, ground, hulls, others, occupied)
 
 
 def _grow(hull: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Mask the object that stands where the cameras look, by the ground, its own colours and sparse points. No weights are needed."""
+"""Mask the object that stands where the cameras look, by the ground and its own colours. No weights are needed."""
 
 import argparse
 import time

@@ -23,6 +23,10 @@ class Window(NamedTuple):
     right: int
     bottom: int
 
+    def scaled(self, x: float, y: float) -> "Window":
+        """The same part of the image at another size, by factors of its width and height."""
+        return Window(round(self.left * x), round(self.top * y), round(self.right * x), round(self.bottom * y))
+
     @property
     def slices(self) -> tuple[slice, slice]:
         """Rows and columns."""
@@ -61,11 +65,10 @@ def choose_windows(masks: Sequence[np.ndarray]) -> tuple[list[Window], float]:
 
 def scale_windows(windows: Sequence[Window], cameras: Sequence[Camera], views: Sequence[View]) -> list[Window]:
     """Windows in pixels of the views, from those in pixels of cameras that see the whole views at another size."""
-    scaled = []
-    for window, camera, view in zip(windows, cameras, views, strict=True):
-        x, y = view.camera.width_px / camera.width_px, view.camera.height_px / camera.height_px
-        scaled.append(Window(round(window.left * x), round(window.top * y), round(window.right * x), round(window.bottom * y)))
-    return scaled
+    return [
+        window.scaled(view.camera.width_px / camera.width_px, view.camera.height_px / camera.height_px)
+        for window, camera, view in zip(windows, cameras, views, strict=True)
+    ]
 
 
 def lay_back(mask: np.ndarray, window: Window, view: View) -> np.ndarray:

@@ -4,7 +4,7 @@ Every product is a closed mesh in millimetres in BOP's layout: model.ply, model.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from zeroshop_steps.geometry.images import write_image
@@ -45,20 +45,31 @@ def write_demo_object(name: str, out: Path) -> None:
 
     Raises StepError for a name that is not in the catalogue.
     """
-    names = list_demo_objects()
+    write_product(CATALOGUE, "demo object", name, out)
+
+
+def write_product(catalogue: Sequence[Callable[[], Product]], kind: str, name: str, out: Path) -> None:
+    """Write model.ply, model.png and model_info.json of a product into the folder `out`.
+
+    Args:
+        catalogue: the products in the order of their object identifiers, which start at 1.
+        kind: what they are, for messages.
+        name: of the product.
+        out: the folder.
+
+    Raises:
+        StepError: the catalogue has no such product.
+    """
+    names = [product.__name__ for product in catalogue]
     if name not in names:
-        raise StepError(f"there is no demo object {name!r}; there are {', '.join(names)}")
+        raise StepError(f"there is no {kind} {name!r}; there are {', '.join(names)}")
     number = names.index(name)
-    write_product(CATALOGUE[number](), name, number + 1, out)
-
-
-def write_product(product: Product, name: str, number: int, out: Path) -> None:
-    """Write model.ply, model.png and model_info.json of a product with an object identifier into the folder `out`."""
+    product = catalogue[number]()
     mesh = make_textured_mesh(product)
     out = Path(out)
     write_image(out / "model.png", mesh.texture_image)
     write_ply(out / "model.ply", mesh, "model.png")
-    write_json(out / "model_info.json", make_model_info(mesh, product, name, number))
+    write_json(out / "model_info.json", make_model_info(mesh, product, name, number + 1))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
