@@ -9,6 +9,7 @@ writes segment/cue_weights.json, `score` segment/score_weights.json. Give the ca
 """
 
 import argparse
+import contextlib
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from mask_samples import Truth, name_object, read_truth, sample, scale_to
+from mask_samples import Truth, mislead, name_object, read_truth, sample, scale_to
 
 from zeroshop_steps.geometry.images import compute_overlap
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
@@ -28,6 +29,7 @@ from zeroshop_steps.segment.support import propose_supports
 
 HIDDEN_UNITS, EPOCHS, BATCH, RATE, DECAY = 24, 12, 8192, 5e-3, 1e-4
 FOLDS = 5
+COMMON_WEIGHT, COMMON_STRENGTH = 5.0, 3e-3  # of a measure between 0 and 1; chosen by the likelihood of objects that were left out
 
 
 def fit_network(channels: np.ndarray, labels: np.ndarray, seed: int = 0) -> torch.nn.Module:
@@ -63,16 +65,17 @@ def join(parts: list[tuple[np.ndarray, np.ndarray]], chosen: list[bool]) -> tupl
 
 def fit_cues(args: argparse.Namespace) -> None:
     """Fit the network, and print how it does on objects that were left out."""
-    network, rng = SalientObjectNetwork(args.network), np.random.default_rng(0)
+    network = SalientObjectNetwork(args.network)
     parts, names = [], []
     for folder in args.scenes:
         cached = args.cache / f"{folder.name}.npz"
         if not cached.is_file():
             args.cache.mkdir(parents=True, exist_ok=True)
-            channels, labels = sample(read_truth(folder, network, args.cache), rng)
+            channels, labels = sample(read_truth(folder, network, args.cache), network, np.random.default_rng(0))
             np.savez(cached, channels=channels, labels=labels)
         stored = np.load(cached)
-        parts.append((stored["channels"], stored["labels"]))
+        known = stored["channels"], stored["labels"]
+        parts.append(join([known, mislead(*known, np.random.default_rng(1))], [True, True]))
         names.append(name_object(folder))
         print(folder.name, len(parts[-1][1]), flush=True)
     objects = sorted(set(names))
@@ -98,12 +101,9 @@ def rate_hypotheses(truth: Truth, network: SalientObjectNetwork) -> list[dict[st
     rows = []
     for number, candidate in enumerate(propose_supports(truth.scene.model, truth.scene.views, 0)):
         for without in ((), ("network",), ("ground",), ("network", "own_colors"))[: None if number == 0 else 1]:
-            try:
-                # Another look from closer, which takes most of the time, at the first alone.
-                found = try_support(truth.scene, candidate, network if number == 0 and not without else None, without)
-            except NothingFound:
-                continue
-            rows.append({"measures": asdict(found.measures), "overlap": measure_overlap(found, truth), "without": without})
+            with contextlib.suppress(NothingFound):
+                for found in try_support(truth.scene, candidate, network, without):
+                    rows.append({"measures": asdict(found.measures), "overlap": measure_overlap(found, truth), "without": without})
     return rows
 
 
@@ -132,13 +132,18 @@ def fit_score(args: argparse.Namespace) -> None:
 
 
 def fit_logistic(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weights, none below 0, and offset of a logistic regression: the more of any measure, the less likely masks are right."""
+    """Weights, none below 0, and offset of a logistic regression: the more of any measure, the less likely masks are right.
+
+    The weights are drawn to a common one: what no masks here were wrong by counts, too.
+    """
     weights, offset = torch.zeros(x.shape[1], requires_grad=True), torch.zeros(1, requires_grad=True)
     optimizer = torch.optim.Adam([weights, offset], 0.05)
     values, truth = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y.astype(np.float32))
     for _ in range(3000):
         odds = offset - values @ weights.clamp(min=0)
-        loss = torch.nn.functional.binary_cross_entropy_with_logits(odds, truth) + 1e-4 * weights.square().sum()
+        loss = (
+            torch.nn.functional.binary_cross_entropy_with_logits(odds, truth) + COMMON_STRENGTH * (weights - COMMON_WEIGHT).square().sum()
+        )
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

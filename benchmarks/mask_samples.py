@@ -1,8 +1,10 @@
-"""What the fit of masks learns from: channels of the cues and the true masks, for right and wrong guesses at the object's hull."""
+"""What the fit of masks learns from: channels of the cues and the true masks, for the guesses that the finder makes (auto-context)."""
 
-from collections.abc import Iterator
+import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -11,23 +13,20 @@ from scipy import ndimage
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.geometry.registered_views import View, read_views
-from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.segment import fusion
+from zeroshop_steps.segment import fusion, solve
 from zeroshop_steps.segment.exposure import estimate_exposure
-from zeroshop_steps.segment.finder import WIDTH_PX, look_closer
+from zeroshop_steps.segment.finder import WIDTH_PX, try_support
+from zeroshop_steps.segment.objects import NothingFound
 from zeroshop_steps.segment.scene import Guess, MaskScene, read_mask_scene, start_guess
-from zeroshop_steps.segment.solve import make_guess
 from zeroshop_steps.segment.support import propose_supports
-from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes
 from zeroshop_steps.segment.windows import Window
 
 PIXELS, VIEWS = 300, 6  # of a view for each guess, half of them near the outline; and how many views are asked
-VOXELS = 72
 DROPPED = ((), ("network",), ("ground",))
 """Cues that know nothing in a part of the samples, so that one network serves without them."""
 RING = 0.5  # around the object, of its size, the ground is known to be empty in most captures
-KINDS = ("right", "large", "small", "lacks", "more")  # of hulls that are tried
+MISLED, FAILED_OVERLAP = 0.15, 0.5  # share of the samples in which a cue fails; the network overlaps with the hull by at most so much there
 
 
 @dataclass(frozen=True)
@@ -69,57 +68,45 @@ def resize_mask(path: Path, width_px: int, height_px: int) -> np.ndarray:
     return cv2.resize(read_mask(path).astype(np.float32), (width_px, height_px), interpolation=cv2.INTER_AREA) > 0.5
 
 
-def propose_guesses(truth: Truth, rng: np.random.Generator) -> Iterator[tuple[MaskScene, Guess, list[np.ndarray | None]]]:
-    """What the network meets: nothing known yet; and hulls that are right, too large, too small, and lack a part or have too much."""
+def list_guesses(truth: Truth, network: SalientObjectNetwork) -> Iterator[tuple[MaskScene, Guess, list[np.ndarray | None]]]:
+    """What the fusion meets while the finder runs with the weights that it has: the scene, the guess, and the true masks of its windows."""
     candidates = list(propose_supports(truth.scene.model, truth.scene.views, 0))
     for candidate in (candidates[0], candidates[-1]):
-        support = truth.scene.place(candidate.support)
-        yield truth.scene, start_guess(truth.scene, support), truth.masks
-        if any(mask is None for mask in truth.masks):
-            continue  # a hull needs all masks
-        for kind in rng.choice(KINDS, 3 if support is not None else 1, replace=False):
-            yield from make_hull_guess(truth, support, [perturb(mask, kind, rng) for mask in truth.masks])
+        met: list[tuple[MaskScene, Guess]] = [(truth.scene, start_guess(truth.scene, truth.scene.place(candidate.support)))]
+
+        def observe(
+            scene: MaskScene, guess: Guess, without: Sequence[str] = (), met: list[tuple[MaskScene, Guess]] = met
+        ) -> list[np.ndarray]:
+            met.append((scene, guess))
+            return fusion.estimate_odds(scene, guess, without)
+
+        with mock.patch.object(solve, "estimate_odds", observe), contextlib.suppress(NothingFound):
+            list(try_support(truth.scene, candidate, network))
+        for scene, guess in met:
+            masks = truth.masks
+            if scene is not truth.scene:
+                parts = zip(truth.masks, scene.windows, scene.views, scene.cameras, strict=True)
+                masks = [None if mask is None else cut_part(mask, *part) for mask, *part in parts]
+            yield scene, guess, masks
 
 
-def perturb(mask: np.ndarray, kind: str, rng: np.random.Generator) -> np.ndarray:
-    """A wrong mask of a view."""
-    if not mask.any() or kind == "right":
-        return mask
-    size = float(np.sqrt(mask.sum()))
-    radius = max(1, round(size * rng.uniform(0.02, 0.08)))
-    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
-    if kind == "large":
-        return cv2.dilate(mask.astype(np.uint8), window) > 0
-    if kind == "small":
-        return cv2.erode(mask.astype(np.uint8), window) > 0
-    rows, columns = np.nonzero(mask)
-    # A part of the height, the same in all views, is missing, or a block beside the object is taken along.
-    if kind == "lacks":
-        cut = rows.min() + 0.3 * np.ptp(rows)
-        return mask & (np.arange(mask.shape[0])[:, None] > cut)
-    more = mask.copy()
-    more[rows.max() - int(0.4 * np.ptp(rows)) : rows.max(), columns.max() : columns.max() + int(0.3 * size)] = True
-    return more
+def mislead(channels: np.ndarray, labels: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A part of the (N, C) channels and (N,) labels in which one cue alone fails: it says what it said elsewhere.
 
-
-def make_hull_guess(
-    truth: Truth, support: SceneSupport | None, masks: list[np.ndarray]
-) -> Iterator[tuple[MaskScene, Guess, list[np.ndarray | None]]]:
-    """The guess whose hull masks share, seen in windows around it; none where they share nothing."""
-    scene, known = truth.scene, truth.masks
-    focus, distance = scene.focus
-    axes = np.eye(3) if support is None else np.vstack([support.axes(), support.normal])
-    extent = 0.5 * distance
-    grid = VoxelGrid(axes, focus - extent * axes.sum(0), 2 * extent / VOXELS, (VOXELS,) * 3)
-    index = np.argwhere(np.ones(grid.shape, bool))
-    occupied = carve(grid, index, scene.cameras, [2 * mask.astype(np.float32) - 1 for mask in masks])
-    if not occupied.any():
-        return
-    closer, support = look_closer(scene, support, grid, occupied, None)
-    if closer is not scene:
-        known = [cut_part(*parts) for parts in zip(known, closer.windows, scene.views, closer.cameras, strict=True)]
-    hulls = render_silhouettes(grid, occupied, closer.cameras)
-    yield closer, make_guess(closer, support, occupied, hulls, [np.zeros_like(hull) for hull in hulls]), known
+    A network fails in single photos, and a hull where single photos show something else than the others.
+    """
+    column = fusion.CHANNELS.index
+    known, failed = np.flatnonzero((channels[:, column("hull")] != 0) & (channels[:, column("network_known")] > 0)), []
+    for cue in ("network", "hull"):
+        chosen = known[rng.random(len(known)) < MISLED]
+        columns = [column(name) for name in fusion.CUES[cue].CHANNELS]
+        misled = channels[chosen]
+        misled[:, columns] = rng.permutation(misled[:, columns])
+        for agreement in ("network_agrees", "closer_network_agrees"):
+            misled[:, column(agreement)] = rng.uniform(0, FAILED_OVERLAP, len(misled))
+        failed.append((misled, labels[chosen]))
+    samples, truths = zip(*failed, strict=True)
+    return np.concatenate(samples), np.concatenate(truths)
 
 
 def cut_part(mask: np.ndarray, window: Window, view: View, camera: Camera) -> np.ndarray:
@@ -133,11 +120,11 @@ def scale_to(mask: np.ndarray, window: Window, view: View) -> Window:
     return window.scaled(mask.shape[1] / view.camera.width_px, mask.shape[0] / view.camera.height_px)
 
 
-def sample(truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def sample(truth: Truth, network: SalientObjectNetwork, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """(N, C) channels and (N,) whether they are of the object."""
     channels, labels = [], []
-    for scene, guess, masks in propose_guesses(truth, rng):
-        for without in DROPPED if guess.hulls is None else ((), ("network",)):
+    for scene, guess, masks in list_guesses(truth, network):
+        for without in DROPPED if guess.hull is None else DROPPED[:2]:
             see = fusion.prepare_channels(scene, guess, without)
             for index in rng.choice(len(masks), min(VIEWS, len(masks)), replace=False):
                 mask = masks[index]
@@ -147,7 +134,7 @@ def sample(truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarr
                 away = ndimage.distance_transform_edt(~mask)
                 near, shown = np.abs(ndimage.distance_transform_edt(mask) - away) < 0.1 * size, see(index)
                 # Before there is a hull, other things on the ground are things, too. Nobody has drawn them, so they are left out.
-                ground = (shown[..., fusion.CHANNELS.index("ground_known")] > 0) & (guess.hulls is None)
+                ground = (shown[..., fusion.CHANNELS.index("ground_known")] > 0) & (guess.hull is None)
                 places = [rng.choice(np.flatnonzero(part), PIXELS // 2) for part in (near, ~ground | (away < RING * size))]
                 flat = np.concatenate(places)
                 channels.append(shown.reshape(-1, len(fusion.CHANNELS))[flat])

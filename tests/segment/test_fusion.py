@@ -9,7 +9,7 @@ import torch
 from helpers.table_scene import ball_mask, table_views
 from zeroshop_steps.segment.exposure import Exposure
 from zeroshop_steps.segment.fusion import CHANNELS, CUES, MOST_ODDS, estimate_odds, load_fusion, prepare_channels
-from zeroshop_steps.segment.scene import read_mask_scene, start_guess
+from zeroshop_steps.segment.scene import Hull, read_mask_scene, start_guess
 from zeroshop_steps.segment.support import propose_supports
 
 BALL = (0.0, 0.0, 0.5)
@@ -53,13 +53,26 @@ def test_cues_that_are_left_out_know_nothing(printed):
     assert not stack.any()
 
 
+def hull_of(truths):
+    """A hull that all views show."""
+    nothing = [np.zeros_like(truth) for truth in truths]
+    return Hull(np.ones((1, 1, 1), bool), truths, [truth.astype(np.float32) for truth in truths], nothing)
+
+
 def test_a_hull_teaches_colors(printed):
     scene, support, truths = printed
-    nothing = [np.zeros_like(truth) for truth in truths]
-    stack = prepare_channels(scene, replace(start_guess(scene, support), hulls=truths, others=nothing))(0)
+    stack = prepare_channels(scene, replace(start_guess(scene, support), hull=hull_of(truths)))(0)
     colors, hull = channel(stack, "colors"), channel(stack, "hull")
     assert np.median(colors[truths[0]]) > 0.5 and np.median(colors[~truths[0]]) < 0
     assert (hull[truths[0]] > 0).all() and (hull[~truths[0]] < 0).all()
+
+
+def test_a_network_that_sees_another_thing_than_the_other_views_is_told(printed):
+    scene, support, truths = printed
+    seen = [np.where(truth, 0.9, 0.1).astype(np.float32) for truth in truths]
+    seen[0] = np.roll(seen[0], seen[0].shape[1] // 3, 1)
+    see = prepare_channels(replace(scene, saliency=seen), replace(start_guess(scene, support), hull=hull_of(truths)))
+    assert channel(see(0), "network_agrees").max() < 0.7 and channel(see(1), "network_agrees").min() == 1.0
 
 
 def test_odds_of_all_views(printed):

@@ -5,7 +5,7 @@ import numpy as np
 
 from helpers.ball_scene import RADIUS, ball_cameras, ball_mask
 from helpers.camera_ring import ring_camera
-from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes, splat_voxels
+from zeroshop_steps.segment.voxels import VoxelGrid, carve, count_votes, render_shares, render_silhouettes, splat_voxels
 
 
 def test_silhouettes_of_something_tall_have_no_gaps():
@@ -34,7 +34,26 @@ def test_a_hull_bears_a_view_that_misses_the_object():
     masks[3][:] = -1
     side = 2.0 / 40
     grid = VoxelGrid(np.eye(3), np.full(3, -1.0), side, (40, 40, 40))
-    occupied = carve(grid, np.argwhere(np.ones(grid.shape, bool)), cameras, masks)
+    index = np.argwhere(np.ones(grid.shape, bool))
+    occupied = carve(grid, index, count_votes(grid, index, cameras, masks))
     volume = occupied.sum() * side**3
     assert 1.0 < volume / (4 / 3 * np.pi * RADIUS**3) < 1.4
     assert grid.look_up(occupied, np.array([[0.0, 0.0, 0.0], [0.9, 0.9, 0.9], [5.0, 0.0, 0.0]])).tolist() == [True, False, False]
+
+
+def test_shares_are_those_of_the_other_views():
+    """A half of the masks lacks the ball's upper half, and one shows a thing of its own: the half is shown by half, the thing by none."""
+    cameras, side = ball_cameras(), 2.0 / 40
+    truths = [ball_mask(camera) for camera in cameras]
+    masks = [2 * truth.astype(np.float32) - 1 for truth in truths]
+    for mask, truth in zip(masks[::2], truths[::2], strict=True):
+        mask[: int(np.argwhere(truth)[:, 0].mean())] = -1
+    masks[1][:, :10] = 1
+    grid = VoxelGrid(np.eye(3), np.full(3, -1.0), side, (40, 40, 40))
+    index = np.argwhere(np.ones(grid.shape, bool))
+    shares = render_shares(grid, index, count_votes(grid, index, cameras, masks), cameras)[1]
+    rows = np.argwhere(truths[1])[:, 0]
+    upper, lower = truths[1].copy(), truths[1].copy()
+    upper[int(np.percentile(rows, 30)) :], lower[: int(np.percentile(rows, 70))] = False, False
+    assert 0.25 <= np.median(shares[upper]) <= 0.5 and np.median(shares[lower]) > 0.9
+    assert shares[:, :10].max() <= 0.25

@@ -1,6 +1,6 @@
 """Find the object in registered photos: for each plane that it may stand on, masks by all cues; the score chooses."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -14,20 +14,20 @@ from zeroshop_steps.runtime.thread_pool import map_in_threads
 from zeroshop_steps.segment.exposure import Exposure
 from zeroshop_steps.segment.fusion import estimate_odds
 from zeroshop_steps.segment.mask_quality import MaskQuality, MasksRejected, compare_with_hull, describe_quality
-from zeroshop_steps.segment.objects import NothingFound, TwoObjects, cut_block, find_objects
+from zeroshop_steps.segment.objects import VOTE_ODDS, NothingFound, SceneObjects, TwoObjects, cut_block, find_objects
 from zeroshop_steps.segment.scene import MaskScene, read_mask_scene, start_guess
 from zeroshop_steps.segment.scores import REASONS, Measures, Score, measure, score
 from zeroshop_steps.segment.solve import Solution, close_holes, solve
 from zeroshop_steps.segment.support import Candidate, propose_supports, settle_support
 from zeroshop_steps.segment.tidy_mask import tidy_mask
-from zeroshop_steps.segment.voxels import VoxelGrid, render_silhouettes
+from zeroshop_steps.segment.voxels import VoxelGrid, count_votes, render_silhouettes
 from zeroshop_steps.segment.windows import CLOSER, choose_windows, lay_back, scale_windows
 
 WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
-SURE, LEAST = 0.85, 0.62
+SURE, LEAST = 0.85, 0.65
 """The probability from which on no other hypothesis is tried, and below which masks are refused: the least that refuses all masks of the
-tune half which overlap with the truth by less than 0.8."""
-LEAST_LEAD = 0.1  # of the rating of an object before that of the next; below, either may be meant
+tune half which overlap with the truth by less than 0.8, their object left out of the fit."""
+EQUAL, RIVAL = 0.9, 0.6  # how likely another object is meant: either may be, and it is tried, too
 LEAST_HALF, LEAST_COMMON = 6, 0.3  # photos in half of the capture, and share of the voxels that both halves show of an object that stays
 SETTLED = 0.003  # a plane that moves less than this, in distances of the cameras, needs no new masks
 
@@ -80,13 +80,12 @@ def find_masks(
     failures: list[tuple[NothingFound, Candidate]] = []
     for candidate in propose_supports(model, views, seed):
         try:
-            hypothesis = try_support(scene, candidate, network)
+            for hypothesis in try_support(scene, candidate, network):
+                if best is None or hypothesis.score.probability > best.score.probability:
+                    best = hypothesis
         except NothingFound as error:
             failures.append((error, candidate))
-            continue
-        if best is None or hypothesis.score.probability > best.score.probability:
-            best = hypothesis
-        if best.score.probability >= SURE:
+        if best is not None and best.score.probability >= SURE:
             break
     if best is None:
         failure, candidate = failures[0]
@@ -110,30 +109,49 @@ def find_masks(
     return whole, _describe(best, names)
 
 
-def try_support(scene: MaskScene, candidate: Candidate, network: SalientObjectNetwork | None, without: Sequence[str] = ()) -> Hypothesis:
-    """Masks on one plane, by all cues but those in `without`.
+def try_support(
+    scene: MaskScene, candidate: Candidate, network: SalientObjectNetwork | None, without: Sequence[str] = ()
+) -> Iterator[Hypothesis]:
+    """Masks on one plane, by all cues but those in `without`: of the likeliest object, and of the next if it may be meant instead.
 
     Raises:
         NothingFound: nothing is found on it.
     """
-    support, distance = scene.place(candidate.support), scene.focus[1]
+    support = scene.place(candidate.support)
     odds = estimate_odds(scene, start_guess(scene, support), without)
     found = find_objects(scene.cameras, support, *scene.focus, odds)
-    if found.lead < LEAST_LEAD:
+    rival = found.measure_rival(1)
+    if rival > EQUAL:
         raise TwoObjects(
             "two objects are equally near to the point that the cameras look at: take one away, or keep the one that is meant in the middle"
             " of the photos"
         )
-    block = cut_block(found)
+    for number in (1, 2)[: 1 if rival < RIVAL else 2]:
+        yield _cut_out(scene, candidate, support, found, number, odds, network, without)
+
+
+def _cut_out(
+    scene: MaskScene,
+    candidate: Candidate,
+    support: SceneSupport | None,
+    found: SceneObjects,
+    number: int,
+    odds: Sequence[np.ndarray],
+    network: SalientObjectNetwork | None,
+    without: Sequence[str],
+) -> Hypothesis:
+    """Masks of the object of this number; `odds`, (h, w), of the whole photos found it."""
+    block = cut_block(found, number)
     closer_scene, closer_support = look_closer(scene, support, block.grid, block.occupied, network)
-    solution = solve(closer_scene, closer_support, block, without)
+    votes = count_votes(block.grid, block.index, scene.cameras, odds, VOTE_ODDS)
+    solution = solve(closer_scene, closer_support, block, votes, without)
     settled = None
     if closer_support is not None and not candidate.fitted:
-        settled = settle_support(replace(closer_support, distance=distance), closer_scene, solution)
-        if settled is not None and abs(settled.offset - closer_support.offset) > SETTLED * distance:
-            solution = solve(closer_scene, replace(settled, distance=closer_support.distance), block, without)
+        settled = settle_support(replace(closer_support, distance=scene.focus[1]), closer_scene, solution)
+        if settled is not None and abs(settled.offset - closer_support.offset) > SETTLED * scene.focus[1]:
+            solution = solve(closer_scene, replace(settled, distance=closer_support.distance), block, votes, without)
     qualities = compare_with_hull([mask > 0.5 for mask in solution.masks], solution.hulls)
-    measures = measure(closer_scene, solution, qualities)
+    measures = measure(closer_scene, solution, qualities, found.measure_rival(number))
     return Hypothesis(candidate, settled is not None, closer_scene, solution, qualities, measures, score(measures), found.count)
 
 

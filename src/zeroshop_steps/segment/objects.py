@@ -1,7 +1,9 @@
 """Every object on the support, and which of them is meant."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -10,7 +12,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import space_evenly
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes
+from zeroshop_steps.segment.voxels import VoxelGrid, carve, count_votes, render_silhouettes
 
 # Lengths are shares of the cameras' distance from the focus.
 COARSE_VOXELS, REACH = 96, 0.6  # along each edge of the searched block, and half its side
@@ -41,13 +43,18 @@ class SceneObjects:
         grid: the block of voxels that was searched.
         labels: (X, Y, Z) int: 0 where nothing is, and the objects' numbers from 1, the likeliest to be meant first.
         ground_voxel: height of the support plane above the block's foot, in voxels; below 0 where there is none.
-        lead: by how much the first is rated above the second; infinite where there is but one.
+        ratings: of the objects, falling.
     """
 
     grid: VoxelGrid
     labels: np.ndarray
     ground_voxel: float
-    lead: float
+    ratings: tuple[float, ...]
+
+    def measure_rival(self, number: int) -> float:
+        """How likely another object is meant instead of this one: 1 where one is rated alike or better, 0 where there is none."""
+        others = [rating for place, rating in enumerate(self.ratings, 1) if place != number]
+        return min(math.exp(max(others) - self.ratings[number - 1]), 1.0) if others else 0.0
 
     @property
     def count(self) -> int:
@@ -73,6 +80,11 @@ class ObjectBlock:
     ground_voxel: float
     other_points: np.ndarray
     other_side: float
+
+    @cached_property
+    def index(self) -> np.ndarray:
+        """(P, 3) the voxels that may be its own."""
+        return np.argwhere(self.allowed)
 
 
 def find_objects(
@@ -100,7 +112,7 @@ def find_objects(
     index = index[index[:, 2] >= (0 if support is None else BELOW_VOXELS)]
     chosen = space_evenly(len(odds), MOST_VIEWS)
     asked = [cameras[view] for view in chosen]
-    occupied = carve(grid, index, asked, [odds[view] for view in chosen], VOTE_ODDS)
+    occupied = carve(grid, index, count_votes(grid, index, asked, [odds[view] for view in chosen], VOTE_ODDS))
     labels, count = _label(occupied, support is not None)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     names = [name for name in range(1, count + 1) if sizes[name] >= LEAST_VOXELS]
@@ -113,11 +125,11 @@ def find_objects(
     ranks = sorted(names, key=lambda name: -ratings[name])
     order = np.zeros(count + 1, int)
     order[ranks] = np.arange(1, len(ranks) + 1)
-    lead = ratings[ranks[0]] - ratings[ranks[1]] if len(ranks) > 1 else np.inf
-    return SceneObjects(grid, order[labels], BELOW_VOXELS if support is not None else -1.0, lead)
+    ground_voxel = BELOW_VOXELS if support is not None else -1.0
+    return SceneObjects(grid, order[labels], ground_voxel, tuple(ratings[name] for name in ranks))
 
 
-def cut_block(found: SceneObjects, number: int = 1) -> ObjectBlock:
+def cut_block(found: SceneObjects, number: int) -> ObjectBlock:
     """The fine block around the object of this number."""
     own, others = found.labels == number, (found.labels > 0) & (found.labels != number)
     index = np.argwhere(own)

@@ -33,7 +33,8 @@ class MaskScene:
         photos: (H, W, 3) uint8 RGB of each view, of equal exposure, at most `KEPT_WIDTH_PX` wide.
         windows: the parts of the photos that are looked at, in pixels of the views.
         cameras: of these windows, at the width at which masks are cut.
-        saliency: (h, w) float32, 0 to 1, what a salient-object network sees in each window, of the cameras' sizes; None without a network.
+        saliency: (h, w) float32, 0 to 1, what a salient-object network sees in each whole photo, of the cameras' sizes; None without one.
+        closer_saliency: what it sees in each window alone; None where it was not asked.
         width_px: the width at which masks are cut.
     """
 
@@ -43,6 +44,7 @@ class MaskScene:
     windows: Sequence[Window]
     cameras: Sequence[Camera]
     saliency: Sequence[np.ndarray] | None
+    closer_saliency: Sequence[np.ndarray] | None
     width_px: int
 
     @cached_property
@@ -86,26 +88,25 @@ class MaskScene:
         """Some of the views."""
         saliency = None if self.saliency is None else self.saliency[part]
         model = replace(self.model, seen=None if self.model.seen is None else self.model.seen[part])
-        own = self.views[part], model, self.photos[part], self.windows[part], self.cameras[part], saliency, self.width_px
+        own = self.views[part], model, self.photos[part], self.windows[part], self.cameras[part], saliency, None, self.width_px
         return MaskScene(*own)
 
     def look_closer(self, windows: Sequence[Window], network: SalientObjectNetwork | None) -> "MaskScene":
         """The scene seen through other windows.
 
         The network sees each of them alone: it reduces what it sees to a small square, so the outline of a small thing is coarse in a
-        whole photo. But from closer a part may look like a thing: both views of it count.
+        whole photo. But from closer a part may look like a thing: both looks are cues.
         """
         cameras = [_cut_camera(view, window, self.width_px) for view, window in zip(self.views, windows, strict=True)]
         saliency = None
         if self.saliency is not None:
             before = zip(self.saliency, self.windows, windows, self.views, cameras, strict=True)
             saliency = [_resample_map(*parts) for parts in before]
-        if saliency is not None and network is not None:
+        closer = None
+        if network is not None:
             parts = [_cut_part(*one) for one in zip(self.photos, self.views, windows, strict=True)]
-            sizes = [(camera.width_px, camera.height_px) for camera in cameras]
-            seen = network.predict_all(parts, sizes)
-            saliency = [(whole + closer) / 2 for whole, closer in zip(saliency, seen, strict=True)]
-        return replace(self, windows=windows, cameras=cameras, saliency=saliency)
+            closer = network.predict_all(parts, [(camera.width_px, camera.height_px) for camera in cameras])
+        return replace(self, windows=windows, cameras=cameras, saliency=saliency, closer_saliency=closer)
 
 
 def read_mask_scene(
@@ -135,7 +136,24 @@ def read_mask_scene(
             cv2.resize(seen, (camera.width_px, camera.height_px), interpolation=cv2.INTER_LINEAR)
             for seen, camera in zip(saliency, cameras, strict=True)
         ]
-    return MaskScene(views, model, photos, windows, cameras, saliency, width_px)
+    return MaskScene(views, model, photos, windows, cameras, saliency, None, width_px)
+
+
+@dataclass(frozen=True)
+class Hull:
+    """What the views share.
+
+    Attributes:
+        occupied: (X, Y, Z) bool: the voxels of the object.
+        silhouettes: (h, w) bool: of these voxels, in every view.
+        shares: (h, w) float32 of 0 to 1: the share of the other views that show the object there (voxels.render_shares).
+        others: (h, w) bool: silhouettes of other things.
+    """
+
+    occupied: np.ndarray
+    silhouettes: Sequence[np.ndarray]
+    shares: Sequence[np.ndarray]
+    others: Sequence[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -145,16 +163,12 @@ class Guess:
     Attributes:
         support: the plane that it stands on; None where there is none.
         ground: the picture of that plane; None likewise.
-        hulls: (h, w) bool silhouettes of the object in every view; None where it is not known yet.
-        others: (h, w) bool silhouettes of other things; None likewise.
-        occupied: (X, Y, Z) bool: the voxels of these silhouettes; None likewise.
+        hull: of the object; None where it is not known yet.
     """
 
     support: SceneSupport | None
     ground: GroundPicture | None = None
-    hulls: Sequence[np.ndarray] | None = None
-    others: Sequence[np.ndarray] | None = None
-    occupied: np.ndarray | None = None
+    hull: Hull | None = None
 
 
 def start_guess(scene: MaskScene, support: SceneSupport | None) -> Guess:

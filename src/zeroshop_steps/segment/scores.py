@@ -34,65 +34,53 @@ class Measures:
     """Measures of masks, each 0 for perfect ones.
 
     Attributes:
+        rival: how likely another object is meant (objects.measure_rival).
         contradiction: of the median mask's area, what the other views' masks contradict.
+        mean_contradiction: the same of the mean mask.
         faulty: share of the masks that are empty, contradicted or of another size than the others predict.
-        expected_error: of the area of the worst tenth of the masks, what is wrong by the cues' own probabilities.
         network_difference: 1 less the overlap with what a salient-object network sees, of the median photo; 0 without a network.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
-        cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
     """
 
+    rival: float
     contradiction: float
+    mean_contradiction: float
     faulty: float
-    expected_error: float
     network_difference: float
     points_missed: float
     points_contradicted: float
-    cut_off: float
 
 
 REASONS = {
+    "rival": "another thing is as likely to be meant",
     "contradiction": "the masks of the photos contradict each other",
+    "mean_contradiction": "the masks of some photos contradict the others",
     "faulty": "many masks are empty or contradict the others",
-    "expected_error": "in some photos the object hardly differs from what is around it",
     "network_difference": "the network sees something else than what stands on the ground",
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things",
-    "cut_off": "the object is cut off at the border of most photos",
 }
 
 
-def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQuality]) -> Measures:
-    """Measure the masks of a solution; `qualities` compare them with their hull."""
+def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQuality], rival: float) -> Measures:
+    """Measure the masks of a solution; `qualities` compare them with their hull, and `rival` is how likely another object is meant."""
     masks = [mask > 0.5 for mask in solution.masks]
-    areas = [max(int(mask.sum()), 1) for mask in masks]
-    borders = [2 * sum(mask.shape) * quality.border_share for mask, quality in zip(masks, qualities, strict=True)]
-    errors = [
-        float(np.where(mask, expit(-odds), expit(odds))[_near(mask, hull)].sum()) / area
-        for mask, hull, odds, area in zip(masks, solution.hulls, solution.odds, areas, strict=True)
-    ]
     difference = 0.0
-    if scene.saliency is not None:
-        difference = 1 - float(np.median([compute_overlap(mask, seen > 0.5) for mask, seen in zip(masks, scene.saliency, strict=True)]))
+    looks = [maps for maps in (scene.saliency, scene.closer_saliency) if maps is not None]
+    if looks:
+        best = [max(compute_overlap(mask, seen > 0.5) for seen in maps) for mask, maps in zip(masks, zip(*looks, strict=True), strict=True)]
+        difference = 1 - float(np.median(best))
+    contradictions = [min(quality.disagreement or 0.0, 1.0) for quality in qualities]
     return Measures(
-        contradiction=float(np.median([quality.disagreement or 0.0 for quality in qualities])),
+        rival=rival,
+        contradiction=float(np.median(contradictions)),
+        mean_contradiction=float(np.mean(contradictions)),
         faulty=float(np.mean([quality.fault is not None for quality in qualities])),
-        expected_error=float(np.percentile(errors, 90)),
         network_difference=difference,
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
-        cut_off=float(np.median([border / np.sqrt(area) for border, area in zip(borders, areas, strict=True)])),
     )
-
-
-def _near(mask: np.ndarray, hull: np.ndarray) -> tuple[slice, slice]:
-    """The part of a photo around a mask, twice as large, in which an error counts."""
-    rows, columns = np.nonzero(mask | hull)
-    if not len(rows):
-        return slice(None), slice(None)
-    margin = int(0.5 * max(np.ptp(rows), np.ptp(columns)))
-    return slice(max(rows.min() - margin, 0), rows.max() + margin), slice(max(columns.min() - margin, 0), columns.max() + margin)
 
 
 def _measure_missed(scene: MaskScene, solution: Solution) -> float:
@@ -127,8 +115,8 @@ def _measure_contradicted(scene: MaskScene, solution: Solution, masks: Sequence[
 
 def _find_outside(points: np.ndarray, solution: Solution) -> np.ndarray:
     """(P,) bool: which (P, 3) points lie far from the hull that the masks were cut with."""
-    occupied, grid = solution.guess.occupied, solution.grid
-    assert occupied is not None, "masks are cut with a hull"
+    assert solution.guess.hull is not None, "masks are cut with a hull"
+    occupied, grid = solution.guess.hull.occupied, solution.grid
     reach = int(FAR * max(np.ptp(np.argwhere(occupied), axis=0).max(), 1))
     near = ndimage.distance_transform_edt(~np.pad(occupied, reach + 1)) <= reach
     padded = VoxelGrid(grid.axes, grid.origin - (reach + 1) * grid.side * grid.axes.sum(0), grid.side, near.shape)

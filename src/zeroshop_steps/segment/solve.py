@@ -17,8 +17,8 @@ from zeroshop_steps.segment.fusion import MOST_ODDS, estimate_odds
 from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground_picture import build_ground_picture
 from zeroshop_steps.segment.objects import NothingFound, ObjectBlock
-from zeroshop_steps.segment.scene import Guess, MaskScene
-from zeroshop_steps.segment.voxels import VoxelGrid, carve, render_silhouettes, splat_voxels
+from zeroshop_steps.segment.scene import Guess, Hull, MaskScene
+from zeroshop_steps.segment.voxels import Votes, VoxelGrid, carve, count_votes, render_shares, render_silhouettes, splat_voxels
 
 ROUNDS = 3  # the masks hardly change after two
 FLAT_SHARE, FLAT_VOXELS = 0.06, 2.0
@@ -47,13 +47,14 @@ class Solution:
     occupied: np.ndarray
 
 
-def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, without: Sequence[str] = ()) -> Solution:
+def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, votes: Votes, without: Sequence[str] = ()) -> Solution:
     """Alternate between cutting the photos and carving the hull of the masks.
 
     Args:
         scene: the photos, or windows of them around the object.
         support: the plane; None where there is none.
         block: the object as it was found.
+        votes: of all views on the voxels that may be its own, `block.index`, before there is a hull.
         without: cues that are not asked.
 
     Raises:
@@ -62,13 +63,14 @@ def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, wi
     occupied = block.occupied
     rooms = render_silhouettes(block.grid, block.allowed, scene.cameras)
     others = map_in_threads(lambda camera: splat_voxels(block.other_points, block.other_side, camera), scene.cameras)
-    index = np.argwhere(block.allowed)
     for _ in range(ROUNDS):
         hulls = render_silhouettes(block.grid, occupied, scene.cameras)
-        guess = make_guess(scene, support, occupied, hulls, others)
+        shares = render_shares(block.grid, block.index, votes, scene.cameras)
+        guess = make_guess(scene, support, Hull(occupied, hulls, shares, others))
         odds = estimate_odds(scene, guess, without)
         masks = map_in_threads(_cut_within, rooms, odds, scene.images)
-        occupied = carve(block.grid, index, scene.cameras, [2 * mask - 1 for mask in masks], 1.0)
+        votes = count_votes(block.grid, block.index, scene.cameras, [2 * mask - 1 for mask in masks])
+        occupied = carve(block.grid, block.index, votes)
         occupied = _keep_connected(_drop_flat(occupied, block.ground_voxel))
         if not occupied.any():
             raise NothingFound(
@@ -78,24 +80,19 @@ def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, wi
     return Solution(guess, odds, masks, render_silhouettes(block.grid, occupied, scene.cameras), block.grid, occupied)
 
 
-def make_guess(
-    scene: MaskScene,
-    support: SceneSupport | None,
-    occupied: np.ndarray,
-    hulls: Sequence[np.ndarray],
-    others: Sequence[np.ndarray],
-) -> Guess:
-    """What is known of an object that occupies voxels, (X, Y, Z) bool, with these silhouettes, (h, w) bool, and those of other things."""
+def make_guess(scene: MaskScene, support: SceneSupport | None, hull: Hull) -> Guess:
+    """What is known of an object with this hull on this plane."""
     ground = None
     if support is not None:
-        hidden = [_grow(hull) | other for hull, other in zip(hulls, others, strict=True)]
+        hidden = [_grow(silhouette) | other for silhouette, other in zip(hull.silhouettes, hull.others, strict=True)]
         ground = build_ground_picture(support, scene.cameras, scene.images, hidden)
-    return Guess(support, ground, hulls, others, occupied)
+    return Guess(support, ground, hull)
 
 
-def _grow(hull: np.ndarray) -> np.ndarray:
+def _grow(silhouette: np.ndarray) -> np.ndarray:
     """The (h, w) bool silhouette and what is close around it."""
-    return np.asarray(cv2.distanceTransform((~hull).astype(np.uint8), cv2.DIST_L2, 3) <= HIDDEN * np.sqrt(hull.sum())) & hull.any()
+    away = cv2.distanceTransform((~silhouette).astype(np.uint8), cv2.DIST_L2, 3)
+    return np.asarray(away <= HIDDEN * np.sqrt(silhouette.sum())) & silhouette.any()
 
 
 def _cut_within(room: np.ndarray, odds: np.ndarray, image: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ SPLAT_WIDTH = 1.2  # of a voxel's edge: a cube seen at an angle is wider than it
 MISSES_SHARE, MISSES = 0.1, 1.0
 """A voxel is occupied although so many views miss it, as a share of those that see it and at least as a number: single masks fail."""
 FULL_SHARE, LEAST_VIEWS = 0.35, 3  # of the views that see a voxel must show it, and at least so many
+SHARES = (0.25, 0.5, 0.75, 0.95)  # of the other views that show a voxel, as far as they are told apart
 
 
 @dataclass(frozen=True)
@@ -51,16 +53,36 @@ class VoxelGrid:
 
 @dataclass(frozen=True)
 class Votes:
-    """What views say of P voxels.
+    """What V views say of P voxels.
 
     Attributes:
-        seen: (P,) int, how many views have each in the photo.
-        shown, missed: (P,) float32, how many of these show it and how many show something else, doubtful ones in part.
+        inside: (V, P) bool: which views have which voxels in the photo.
+        votes: (V, P) float32: 1 where a view shows the voxel, -1 where it shows something else, between these where it is doubtful.
     """
 
-    seen: np.ndarray
-    shown: np.ndarray
-    missed: np.ndarray
+    inside: np.ndarray
+    votes: np.ndarray
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """(P,) int: how many views have each in the photo."""
+        return np.asarray(self.inside.sum(0))
+
+    @cached_property
+    def shown(self) -> np.ndarray:
+        """(P,) float32: how many views show each."""
+        return np.asarray(np.maximum(self.votes, 0).sum(0))
+
+    @cached_property
+    def missed(self) -> np.ndarray:
+        """(P,) float32: how many views show something else there."""
+        return np.asarray(-np.minimum(self.votes, 0).sum(0))
+
+    def shares_without(self, view: int) -> np.ndarray:
+        """(P,) float32 of 0 to 1: share of the other views that show each, of those that have it in the photo; 0 where these are few."""
+        others = self.seen - self.inside[view]
+        shown = self.shown - np.maximum(self.votes[view], 0)
+        return np.where(others >= LEAST_VIEWS - 1, shown / np.maximum(others, 1), 0).astype(np.float32)
 
 
 def count_votes(grid: VoxelGrid, index: np.ndarray, cameras: Sequence[Camera], odds: Sequence[np.ndarray], most: float = 1.0) -> Votes:
@@ -83,25 +105,35 @@ def count_votes(grid: VoxelGrid, index: np.ndarray, cameras: Sequence[Camera], o
             votes[inside] = np.clip(mean[rows[inside], columns[inside]] / most, -1, 1)
         return inside, votes
 
-    seen, shown, missed = np.zeros(len(index), np.int32), np.zeros(len(index), np.float32), np.zeros(len(index), np.float32)
-    for inside, votes in map_in_threads(vote, cameras, odds):
-        seen += inside
-        shown += np.maximum(votes, 0)
-        missed -= np.minimum(votes, 0)
-    return Votes(seen, shown, missed)
+    inside, votes = (np.stack(parts) for parts in zip(*map_in_threads(vote, cameras, odds), strict=True))
+    return Votes(inside, votes)
 
 
-def carve(grid: VoxelGrid, index: np.ndarray, cameras: Sequence[Camera], odds: Sequence[np.ndarray], most: float = 1.0) -> np.ndarray:
-    """(X, Y, Z) bool: which of the voxels (P, 3) nearly all views show, a visual hull (Laurentini 1994) that bears a few wrong views.
-
-    Arguments as of `count_votes`.
-    """
-    votes = count_votes(grid, index, cameras, odds, most)
+def carve(grid: VoxelGrid, index: np.ndarray, votes: Votes) -> np.ndarray:
+    """(X, Y, Z) bool: which of the voxels (P, 3) nearly all views show, a visual hull (Laurentini 1994) that bears a few wrong views."""
     kept = votes.missed <= np.maximum(MISSES_SHARE * votes.seen, np.where(votes.seen > 2 * LEAST_VIEWS, MISSES, 0.0))
     kept &= (votes.shown >= FULL_SHARE * votes.seen) & (votes.seen >= LEAST_VIEWS)
     occupied = np.zeros(grid.shape, bool)
     occupied[tuple(index[kept].T)] = True
     return occupied
+
+
+def render_shares(grid: VoxelGrid, index: np.ndarray, votes: Votes, cameras: Sequence[Camera]) -> list[np.ndarray]:
+    """For each view, (H, W) float32 of 0 to 1: the largest share of the other views that show a voxel (P, 3) on the pixel's ray.
+
+    What is thin is missing in some masks, and so in their hull; and one wrong mask must not vote for itself. Shares are told apart at
+    `SHARES` only.
+    """
+    centres = grid.centres(index)
+
+    def render(view: int) -> np.ndarray:
+        camera = cameras[view]
+        shares, picture = votes.shares_without(view), np.zeros((camera.height_px, camera.width_px), np.float32)
+        for share in SHARES:
+            picture[splat_voxels(centres[shares >= share], grid.side, camera)] = share
+        return picture
+
+    return map_in_threads(render, range(len(cameras)))
 
 
 def splat_voxels(points: np.ndarray, side: float, camera: Camera) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where the object is by what all views said before: its hull's silhouette, and those of other things."""
+"""Where the object is by what all views said before: silhouettes of what so many of the others show, and those of other things."""
 
 from collections.abc import Callable
 
@@ -6,23 +6,29 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.segment.scene import Guess, MaskScene
+from zeroshop_steps.segment.voxels import SHARES
 
-CHANNELS = ("hull", "other_thing")
-REACH = 0.2  # distance from the silhouette's outline at which the channel saturates, in square roots of its area
+CHANNELS = ("hull", *(f"shown_by_{share:.0%}" for share in SHARES), "other_thing")
+REACH = 0.2  # distance from an outline at which the channels saturate, in square roots of the hull's area
 
 
 def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]] | None:
-    """The signed distance from the outline, positive inside."""
-    if guess.hulls is None or guess.others is None:
+    """The signed distances from the outlines, positive inside."""
+    hull = guess.hull
+    if hull is None:
         return None
-    hulls, others = guess.hulls, guess.others
 
     def see(index: int) -> list[np.ndarray]:
-        hull = hulls[index]
-        if not hull.any():
-            return [np.zeros(hull.shape, np.float32), others[index].astype(np.float32)]
-        inside, outside = (cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 3) for part in (hull, ~hull))
-        distance = np.clip((inside - outside) / (REACH * np.sqrt(hull.sum())), -1, 1)
-        return [distance.astype(np.float32), others[index].astype(np.float32)]
+        silhouette, shares, other = hull.silhouettes[index], hull.shares[index], hull.others[index]
+        reach = REACH * float(np.sqrt(max(silhouette.sum(), 1)))
+        parts = [silhouette, *(shares >= share for share in SHARES)]
+        return [*(_measure_distance(part, reach) for part in parts), other.astype(np.float32)]
 
     return see
+
+
+def _measure_distance(part: np.ndarray, reach: float) -> np.ndarray:
+    if part.all() or not part.any():
+        return np.full(part.shape, 1.0 if part.any() else -1.0, np.float32)
+    inside, outside = (cv2.distanceTransform(side.astype(np.uint8), cv2.DIST_L2, 3) for side in (part, ~part))
+    return np.clip((inside - outside) / reach, -1, 1).astype(np.float32)

@@ -18,10 +18,10 @@ MOST_ODDS = 3.0
 
 def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]] | None:
     """Log odds of the colours, scaled to -1 to 1."""
-    if guess.hulls is None:
+    if guess.hull is None:
         return None
     inside, outside = [], []
-    for image, hull in zip(scene.images, guess.hulls, strict=True):
+    for image, hull in zip(scene.images, guess.hull.silhouettes, strict=True):
         if not hull.any():
             continue
         size = float(np.sqrt(hull.sum()))
