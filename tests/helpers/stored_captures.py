@@ -16,11 +16,11 @@ from zeroshop_steps.networks.aliked import FeatureMatcher
 from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import aliked, colmap
-from zeroshop_steps.register.found_masks import find_object_maps
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.lenses import import_images
-from zeroshop_steps.register.sift import make_verification_options, write_pairs
-from zeroshop_steps.register.structure import Stopwatch
+from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.lenses import import_images
+from zeroshop_steps.register.scene.record import Stopwatch
+from zeroshop_steps.register.verification.predicted_masks import find_object_maps
 from zeroshop_steps.runtime.files import read_json, write_json
 
 

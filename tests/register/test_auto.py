@@ -15,8 +15,8 @@ from zeroshop_steps.geometry.images import compute_overlap, read_mask
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
-from zeroshop_steps.register.image_set import read_masks
-from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.scene.image_set import read_masks
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.runtime.errors import StepError
 
 LENS = {"model": "SIMPLE_RADIAL", "width_px": 160, "height_px": 120, "params": [170.0, 80.0, 60.0, 0.5]}

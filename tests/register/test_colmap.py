@@ -13,9 +13,9 @@ from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.registered_views import read_deviations
 from zeroshop_steps.register import colmap
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import TooFewRegistered
-from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source, refine
+from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, refine
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import TooFewRegistered
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json

@@ -19,17 +19,17 @@ from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.networks.da3.settings import BASE, SMALL
 from zeroshop_steps.networks.weights import look_up_weights
-from zeroshop_steps.register import structure
+from zeroshop_steps.register import pipeline
 from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.da3.guided_matches import RoughScene, find_near
 from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import gather_tracks, measure_share, start_from_cameras
 from zeroshop_steps.register.da3.solve import register
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.match_database import write_matches
-from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.matching.network_matches import write_matches
+from zeroshop_steps.register.scene.image_set import read_image_set
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import Frames, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import CHUNK
@@ -65,7 +65,7 @@ def test_matches_and_rough_cameras_give_the_true_cameras(carton_capture, frames,
     rough = decode_cameras(network.predict(frames.pixels).encodings, frames)
     before = compare_cameras(rough, read_sparse_model(carton_capture / "truth").cameras)
     assert before.centre_mm.mean() > 5.0 and before.rotation_deg.max() > 2.0
-    monkeypatch.setattr(structure, "map_incrementally", lambda *_: pytest.fail("not from the network's cameras"))
+    monkeypatch.setattr(pipeline, "map_incrementally", lambda *_: pytest.fail("not from the network's cameras"))
     record, after = solved(carton_capture, tmp_path / "cameras", having(1000), network)
     assert record["registered"] == 10 and record["refined_by"] == "matches" and not record["strangers"]
     assert after.centre_mm.mean() < 0.3 and after.rotation_deg.max() < 0.1

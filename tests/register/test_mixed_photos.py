@@ -12,11 +12,11 @@ from PIL import Image
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image
 from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.register.consistency import ConsistencyLimits, find_first_fault
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.lenses import group_by_lens, import_images, read_cropped_focal_px
-from zeroshop_steps.register.pair_support import PairSupport
-from zeroshop_steps.register.record import name_missing
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.lenses import group_by_lens, import_images, read_cropped_focal_px
+from zeroshop_steps.register.scene.record import name_missing
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, find_first_fault
+from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -100,7 +100,7 @@ def test_a_network_that_takes_one_size_says_so(sizes_capture):
 
 def test_errors_are_judged_by_the_size_of_the_image():
     names, full = ("large", "other", "small"), np.full((3, 3), 100)
-    evidence = PairSupport(names, full, np.zeros((3, 3), int))
+    evidence = EpipolarSupport(names, full, np.zeros((3, 3), int))
     errors_px = {"large": 0.4, "other": 0.4, "small": 0.3}
     scales = {"large": 1.0, "other": 1.0, "small": 0.2}
     assert find_first_fault(None, evidence, errors_px, ConsistencyLimits(), dict.fromkeys(names, 1.0), {})[0] is None

@@ -16,8 +16,8 @@ from zeroshop_steps.geometry.images import list_images, write_image
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.weights import look_up_weights
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.scene.image_set import read_image_set
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import CHUNK, check_fits, predict_peak_bytes

@@ -15,28 +15,23 @@ from typing import Any
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.register.consistency import FOLDED, WRONG
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, TooFewRegistered, write_registration
-from zeroshop_steps.register.sift import (
-    SiftOptions,
-    choose_name_pairs,
-    extract_features,
-    find_focal_source,
-    fit_to_count,
-    match_features,
-    refine,
+from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, fit_to_count, refine
+from zeroshop_steps.register.features.tilted_features import VERTICAL, add_tilted_features, find_foreshortened, find_weak_images
+from zeroshop_steps.register.matching.match_coverage import delete_pairs_of_low_coverage
+from zeroshop_steps.register.matching.pair_selection import choose_name_pairs
+from zeroshop_steps.register.matching.turntable import (
+    TURNTABLE_REMEDY,
+    StationaryMatches,
+    measure_stationary,
+    verify_without_stationary,
 )
-from zeroshop_steps.register.still_background import (
-    STILL_REMEDY,
-    StillMatches,
-    measure_still,
-    verify_without_still,
-)
-from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
-from zeroshop_steps.register.wide_pairs import leave_out_narrow_pairs
+from zeroshop_steps.register.matching.verified_matches import match_features
+from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import RegistrationFailed, Stopwatch, TooFewRegistered
+from zeroshop_steps.register.verification.consistency import FOLDED, WRONG
+from zeroshop_steps.register.verification.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
@@ -149,23 +144,23 @@ def match_and_reconstruct(
         pairs = (match or match_images)(database, image_set, options, figures, stopwatch)
         first = start(database) if start else None
         tested = None if pairs is None else {frozenset(Path(name).stem for name in pair) for pair in pairs}
-        look_again = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
+        may_match = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
         figures_before = deepcopy(figures)
         try:
-            record = reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
-            _check_spread(out, record, LEAST_SPREAD_DEG if _read_still(figures, options) is None else LEAST_TURN_DEG)
+            record = reconstruct(database, image_set, out, structure, figures, stopwatch, may_match, structure.object_only, first)
+            _check_spread(out, record, LEAST_SPREAD_DEG if _read_stationary(figures, options) is None else LEAST_TURN_DEG)
             return record
         except RegistrationFailed as error:
             if start is None and structure.leave_out and not structure.object_only and str(error).startswith(WRONG):
-                found = _reconstruct_from_wide_pairs(database, image_set, out, structure, figures_before, stopwatch, error)
+                found = _reconstruct_from_covering_pairs(database, image_set, out, structure, figures_before, stopwatch, error)
                 if found is not None:
                     return found
-            still = _read_still(figures, options)
+            still = _read_stationary(figures, options)
             if still is None:
                 raise
-            reason = f"{still.describe()}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
+            reason = f"{still.describe()}, and what turns is too little to find the cameras ({error}); {TURNTABLE_REMEDY}"
             if str(error).startswith(FOLDED):  # photos of equal sides do not move either
-                reason = f"{error}. Or {still.describe()}: then {STILL_REMEDY}"
+                reason = f"{error}. Or {still.describe()}: then {TURNTABLE_REMEDY}"
             raise type(error)(reason, error.figures, error.rejected) from None
 
 
@@ -177,7 +172,7 @@ def _check_spread(folder: Path, figures: dict[str, Any], least_deg: float) -> No
         raise RegistrationFailed(str(error), figures) from None
 
 
-def _reconstruct_from_wide_pairs(
+def _reconstruct_from_covering_pairs(
     database: Path,
     image_set: ImageSet,
     out: Path,
@@ -193,7 +188,7 @@ def _reconstruct_from_wide_pairs(
     scratch = database.parent / "wide"
     scratch.mkdir()
     shutil.copy(database, scratch / database.name)
-    figures["narrow_pairs"] = leave_out_narrow_pairs(scratch / database.name)
+    figures["narrow_pairs"] = delete_pairs_of_low_coverage(scratch / database.name)
     for part in ("images", "masks", "sparse"):
         shutil.rmtree(out / part, ignore_errors=True)
     try:
@@ -230,29 +225,29 @@ def match_images(
     stopwatch.lap("choose")
     match_features(database, options.sift, pairs)
     figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
-    found = measure_still(database, image_set, options.sift.seed)
+    found = measure_stationary(database, image_set, options.sift.seed)
     figures |= {f"still_{name}": share for name, share in asdict(found).items()}
-    still = _read_still(figures, options)
+    still = _read_stationary(figures, options)
     figures["still_background"] = still is not None
     if still is not None:
-        verify_without_still(database, image_set, options.sift.seed)
-        figures["warnings"] = [f"{still.describe()}: the cameras are found from what turns; {STILL_REMEDY}"]
+        verify_without_stationary(database, image_set, options.sift.seed)
+        figures["warnings"] = [f"{still.describe()}: the cameras are found from what turns; {TURNTABLE_REMEDY}"]
     stopwatch.lap("match")
     weak = [] if structure.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
-    flattened = find_flattened(database, weak)
+    flattened = find_foreshortened(database, weak)
     if not structure.leave_out:
         # Photos that are not flattened gain nothing. On plain rendered grounds that was not measured: all are stretched there.
         flattened = {name: flattened.get(name, VERTICAL) for name in weak}
     if flattened:
-        add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
+        match_features(database, options.sift, add_tilted_features(database, image_set, flattened, options.tilt, options.sift, pairs))
         if still is not None:
-            verify_without_still(database, image_set, options.sift.seed)
+            verify_without_stationary(database, image_set, options.sift.seed)
     figures["stretched"] = sorted(flattened)
     stopwatch.lap("stretch")
     return pairs
 
 
-def _read_still(figures: dict[str, Any], options: ColmapOptions) -> StillMatches | None:
+def _read_stationary(figures: dict[str, Any], options: ColmapOptions) -> StationaryMatches | None:
     """The matches that stand still, where that is the background of a whole scene; else None."""
-    found = StillMatches(*(figures[f"still_{field.name}"] for field in fields(StillMatches)))
+    found = StationaryMatches(*(figures[f"still_{field.name}"] for field in fields(StationaryMatches)))
     return found if found.are_background and not options.structure.object_only else None

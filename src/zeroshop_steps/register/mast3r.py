@@ -21,11 +21,12 @@ from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, Pair
 from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
-from zeroshop_steps.register.image_set import ImageSet, mask_files, read_image_set, read_masks
-from zeroshop_steps.register.match_database import PairMatches, write_matches
-from zeroshop_steps.register.pair_selection import choose_pairs
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, write_registration
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.matching.network_matches import PairMatches, write_matches
+from zeroshop_steps.register.matching.pair_selection import choose_pairs
+from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, mask_files, read_image_set, read_masks
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, RegistrationFailed, Stopwatch
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track

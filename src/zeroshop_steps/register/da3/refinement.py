@@ -9,12 +9,12 @@ import pycolmap
 
 from zeroshop_steps.register.da3.guided_matches import NearMatches, RoughScene, find_near
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.mapping import make_mapping_options
-from zeroshop_steps.register.match_database import label_tracks
-from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.repair import register_again
-from zeroshop_steps.register.structure import LEAST_COMMON_SHARE
+from zeroshop_steps.register.mapping.incremental import make_mapping_options
+from zeroshop_steps.register.mapping.reregistration import register_again
+from zeroshop_steps.register.matching.network_matches import label_tracks
+from zeroshop_steps.register.pipeline import LEAST_COMMON_SHARE
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.bundle import MIN_VIEWS, adjust_cameras, drop_weak_images
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 

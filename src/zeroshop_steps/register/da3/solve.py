@@ -18,11 +18,12 @@ from zeroshop_steps.register.da3.guided_matches import RoughScene
 from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import TooFewMatches, start_from_cameras
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, write_registration
-from zeroshop_steps.register.sift import SiftOptions, fit_to_count
-from zeroshop_steps.register.structure import Stopwatch, read_structure_options
-from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
+from zeroshop_steps.register.pipeline import read_structure_options
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import RegistrationFailed, Stopwatch, describe_lenses, describe_model
+from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames

@@ -10,7 +10,7 @@ from typing import Any
 
 from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
-from zeroshop_steps.register.record import add_common_arguments, add_estimation_arguments
+from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.runtime.cache import Cached
 

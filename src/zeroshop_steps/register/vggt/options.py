@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from zeroshop_steps.register.consistency import ConsistencyLimits
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits
 
 
 @dataclass(frozen=True)

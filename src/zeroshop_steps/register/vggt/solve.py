@@ -15,11 +15,12 @@ import torch
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.weights import resolve_weights
-from zeroshop_steps.register.consistency import check_consistency
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, describe_lenses, describe_model, write_registration
-from zeroshop_steps.register.repair import remove_images
-from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.mapping.reregistration import remove_images
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, RegistrationFailed, describe_lenses, describe_model
+from zeroshop_steps.register.scene.undistortion import undistort
+from zeroshop_steps.register.verification.consistency import check_consistency
 from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward

@@ -1,0 +1,129 @@
+"""What every registration method writes, also when it fails.
+
+A registration that succeeded is a folder with images/, masks/ (where the capture has masks), sparse/ and
+registration.json. One that failed raises. Where its failure is recorded (failures.py), a registration.json that says `failed` and
+why, with the figures so far, is beside the record; a model that was found and rejected is in rejected/.
+"""
+
+import shutil
+import time
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from zeroshop_steps.geometry.sparse_files import write_reconstruction
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import read_json, scratch_directory, write_json
+
+SCENES = ("su_l", "su_h", "su_b", "se", "video", "video_segmented")
+OBJECT_ONLY = ("se", "video_segmented")
+"""Scenes that are registered by the object alone: there is no ground, or the object was turned on it."""
+PHOTO_SCENES = ("video", "video_segmented")
+"""Scenes of the user's own photos."""
+FEWEST_OF_PASS = 8  # images that lie together at one end of a capture and have no place: they may show the object turned over
+
+
+class RegistrationFailed(StepError):
+    """The images could not be registered; `figures` says what was found, `rejected` is the model, if there is one."""
+
+    def __init__(self, reason: str, figures: dict[str, Any], rejected: pycolmap.Reconstruction | None = None) -> None:
+        super().__init__(reason)
+        self.figures, self.rejected = figures, rejected
+
+    def write_details(self, folder: Path) -> None:
+        """Write the figures and the rejected model."""
+        if self.rejected is not None:
+            write_reconstruction(self.rejected, folder / "rejected")
+        write_json(folder / "registration.json", {"status": "failed", "reason": str(self), **self.figures})
+
+
+class TooFewRegistered(RegistrationFailed):
+    """Too few images match."""
+
+
+def read_registration(cameras: Path) -> dict[str, Any]:
+    """The record of a cameras folder. Raises StepError with the registration's own reason when it failed."""
+    if failure := read_failure(cameras):
+        raise StepError(f"{cameras}: registration failed ({failure.reason})")
+    return read_json(Path(cameras) / "registration.json")
+
+
+def describe_model(model: pycolmap.Reconstruction) -> dict[str, Any]:
+    """Size and fit of a sparse model, as written to registration.json."""
+    return {
+        "registered": model.num_reg_images(),
+        "points": model.num_points3D(),
+        "reprojection_error_px": model.compute_mean_reprojection_error(),
+        "mean_track_length": model.compute_mean_track_length(),
+    }
+
+
+def describe_lenses(model: pycolmap.Reconstruction) -> dict[str, Any]:
+    """The lenses that the images had before they were undistorted, for data that is aligned with them.
+
+    Returns:
+        `lens`, that of all images, or None if there are several; then `lenses` has that of each image, by its stem.
+    """
+    lenses = {
+        camera_id: {
+            "model": camera.model.name,
+            "width_px": camera.width,
+            "height_px": camera.height,
+            "params": [float(p) for p in camera.params],
+        }
+        for camera_id, camera in model.cameras.items()
+    }
+    if len(lenses) == 1:
+        return {"lens": next(iter(lenses.values()))}
+    images = sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image: image.name)
+    return {"lens": None, "lenses": {Path(image.name).stem: lenses[image.camera_id] for image in images}}
+
+
+def find_lens(record: dict[str, Any], stem: str) -> dict[str, Any] | None:
+    """The lens of an image in a registration's record; None where the registration found none, or there was no distortion."""
+    return record.get("lens") or record.get("lenses", {}).get(stem)
+
+
+def name_missing(figures: dict[str, Any], image_set: ImageSet, placed: Collection[str]) -> None:
+    """Complete a record in place: the images without a place, and a warning that names them as the user does."""
+    missing = [name for name in image_set.names if name not in placed]
+    figures["unregistered"] = missing
+    if missing:
+        shown = ", ".join(image_set.shown[name] for name in missing)
+        reason = f"left out, {len(missing)} of {len(image_set.names)} photos have no sure place among the others: {shown}"
+        if len(missing) >= FEWEST_OF_PASS and missing in (image_set.names[: len(missing)], image_set.names[-len(missing) :]):
+            reason += (
+                ". They were taken one after the other: if they show the object in another position, give them as a second input, so that"
+                " both are joined (zeroshop FIRST SECOND)"
+            )
+        figures["warnings"] = [*figures.get("warnings", []), reason]
+
+
+def fill_apart(out: Path, name: str, fill: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
+    """Let `fill` write to a scratch folder, and take what it wrote into `out` if it succeeds: an attempt that fails leaves nothing."""
+    with scratch_directory(out, name) as folder:
+        record = fill(folder)
+        for part in folder.iterdir():
+            shutil.move(part, out / part.name)
+    return record
+
+
+class Stopwatch:
+    """Seconds of the parts of a run, for its record."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start_s = self._lap_s = time.monotonic()
+
+    def lap(self, name: str) -> None:
+        """The part `name` ends now."""
+        self.seconds[name] = round(time.monotonic() - self._lap_s, 3)
+        self._lap_s = time.monotonic()
+
+    def stop(self) -> None:
+        """All ends now."""
+        self.seconds["total"] = round(time.monotonic() - self._start_s, 3)

@@ -1,0 +1,62 @@
+"""Compare the pictures of neighbouring views patch by patch: views of sides that look alike, laid onto each other, differ in detail.
+
+Sides with nearly the same print, as the two of a can, agree in matches, masks and reprojection errors, and a cylinder's masks fit any turn.
+But views from nearly one direction must show the same all over. Each view is carried into its neighbours along the visual hull of the
+masks, and textured patches are compared by normalized cross-correlation: in place, with some play, and at other depths, since the hull
+fills what is hollow.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.register.photometry.hull_transfer import compare
+from zeroshop_steps.register.photometry.hull_views import make_small_views
+from zeroshop_steps.register.verification.duplicate_structure import make_refusal
+
+NEAR_DEG = 18.0  # views are neighbours where their directions to the object differ by at most so much
+LEAST_SCORE, SCORE_PER_DEG = 0.92, 0.007
+"""Neighbours in one direction should agree to this score, those an angle apart to as much less. Right models: 0.9 and more within 10
+degrees, 0.85 and more up to 18, for hollow things 0.8; sides that look alike 0.55 to 0.84."""
+WRONG_SHARE = 0.25
+"""Of the pairs of neighbours that are judged, this share may disagree: up to 0.05 in right models, 0.5 to 1 in wrong ones. Where few are
+judged, none of them is excused: a tube of which half of the views were taken came out folded, 284 mm off, with two of two that disagree."""
+
+
+def check_photometric_consistency(views: Sequence[View], figures: dict[str, Any], model: pycolmap.Reconstruction) -> None:
+    """Refuse cameras whose neighbouring views of the object do not show the same.
+
+    Args:
+        views: the registered views, with masks.
+        figures: the record so far; completed in place.
+        model: goes with the refusal.
+
+    Raises:
+        RegistrationFailed: too many neighbours disagree.
+    """
+    judged, disagreeing = find_inconsistent(views)
+    figures |= {"compared_neighbours": judged, "disagreeing": [list(pair) for pair in disagreeing]}
+    if len(disagreeing) > WRONG_SHARE * judged:
+        raise make_refusal(disagreeing, judged, "differ in detail", figures, model)
+
+
+def find_inconsistent(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]:
+    """How many pairs of neighbours were judged, and the stems of those whose pictures do not show the same.
+
+    Args:
+        views: the registered views, with masks.
+    """
+    small, pairs, radius = make_small_views(views, NEAR_DEG)
+    judged, disagreeing = 0, []
+    for one, other, angle_deg in pairs:
+        scores = [score for score in (compare(small[a], small[b], radius) for a, b in ((one, other), (other, one))) if score is not None]
+        if not scores:
+            continue
+        judged += 1
+        if np.mean(scores) < LEAST_SCORE - SCORE_PER_DEG * angle_deg:
+            disagreeing.append((Path(views[one].camera.name).stem, Path(views[other].camera.name).stem))
+    return judged, disagreeing

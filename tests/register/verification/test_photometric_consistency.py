@@ -1,0 +1,130 @@
+"""Sides that look alike, laid onto each other: neighbouring views differ in detail."""
+
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pycolmap
+import pytest
+
+from helpers.camera_ring import ring_camera
+from helpers.two_faced_can import can_with_two_faces
+from zeroshop_steps.geometry.cameras import write_cameras
+from zeroshop_steps.geometry.images import write_image, write_mask
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.register.scene.record import RegistrationFailed
+from zeroshop_steps.register.submodels.appearance import compare_groups
+from zeroshop_steps.register.verification import photometric_consistency, wide_baseline
+from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency, find_inconsistent
+from zeroshop_steps.register.verification.wide_baseline import FEW_COMPARED, check_wide_baseline
+
+VIEWS = 24
+SEEN = [*range(6), *range(12, 18)]  # of them, a part of the front and of the back
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory):
+    """The can, in steps of 15 degrees, as `undistort` writes it."""
+    folder = tmp_path_factory.mktemp("can")
+    cameras = [ring_camera(index, VIEWS, 320, (20, 20), (0, 0, 0), 500, (320, 240)) for index in SEEN]
+    renderer = MeshRenderer(can_with_two_faces())
+    for camera in cameras:
+        write_image(folder / "images" / camera.name, renderer.render_color(camera, (120, 120, 120)))
+        write_mask(folder / "masks" / camera.name, renderer.cast_rays(camera).mask)
+    write_cameras(folder / "sparse", cameras)
+    return folder
+
+
+def fold(views, beside_deg=7.5):
+    """The back's views, believed to stand beside the front's: 7.5 degrees from them."""
+    half, turn = len(views) // 2, np.radians(180 + beside_deg)
+    world = np.eye(4)
+    world[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    turned = [
+        replace(view, camera=replace(view.camera, camera_from_world=view.camera.camera_from_world @ np.linalg.inv(world)))
+        for view in views[half:]
+    ]
+    return views[:half] + turned
+
+
+@pytest.mark.slow
+def test_right_cameras_agree(views):
+    figures = {}
+    check_photometric_consistency(read_views(views)[0], figures, pycolmap.Reconstruction())
+    assert figures == {"compared_neighbours": len(SEEN) - 2, "disagreeing": []}
+
+
+@pytest.mark.slow
+def test_sides_that_look_alike_are_refused(views):
+    figures = {}
+    with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. .* differ in detail"):
+        check_photometric_consistency(fold(read_views(views)[0]), figures, pycolmap.Reconstruction())
+    false = [pair for pair in figures["disagreeing"] if len({int(name) < VIEWS // 2 for name in pair}) == 2]
+    assert len(false) == len(figures["disagreeing"]) > 0.35 * figures["compared_neighbours"], "neighbours of one side still agree"
+
+
+def test_views_that_are_far_apart_are_not_judged(views):
+    assert find_inconsistent(read_views(views)[0][::2]) == (0, [])
+
+
+@pytest.mark.slow
+def test_views_some_way_apart_agree_in_right_cameras(views):
+    figures = {"compared_neighbours": 0}
+    check_wide_baseline(read_views(views)[0], figures, pycolmap.Reconstruction())
+    assert figures["compared_far_neighbours"] >= len(SEEN) - 2 and figures["differing"] == [], figures
+
+
+def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
+    folded, figures = fold(read_views(views)[0][::3], 22.5), {}
+    check_photometric_consistency(folded, figures, pycolmap.Reconstruction())
+    assert figures["compared_neighbours"] == 0, "views 22.5 degrees apart are not near"
+    with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. .* differ in detail"):
+        check_wide_baseline(folded, figures, pycolmap.Reconstruction())
+
+
+@pytest.mark.parametrize("judged, scores, refused", [(8, [0.7], False), (8, [0.59], True), (8, [0.7] * 3, True), (3, [0.65], True)])
+def test_far_neighbours_are_excused_where_few_differ_a_little(monkeypatch, judged, scores, refused):
+    found = {(f"{number}", f"{number + 1}"): score for number, score in enumerate(scores)}
+    monkeypatch.setattr(wide_baseline, "find_inconsistent_wide", lambda views: (judged, found))
+    with pytest.raises(RegistrationFailed, match="differ in detail") if refused else nullcontext():
+        check_wide_baseline([], {"compared_neighbours": 0}, pycolmap.Reconstruction())
+
+
+def test_where_nothing_can_be_compared_a_warning_says_so(views):
+    figures = {"compared_neighbours": 0, "warnings": ["other"]}
+    check_wide_baseline(read_views(views)[0][::3][:2], figures, pycolmap.Reconstruction())  # 45 degrees apart
+    assert figures["compared_far_neighbours"] == 0 and figures["warnings"][0] == "other"
+    assert "no two neighbouring photos show enough of the same print" in figures["warnings"][1]
+
+
+def test_views_some_way_apart_are_not_asked_where_near_ones_were():
+    figures = {"compared_neighbours": FEW_COMPARED}
+    check_wide_baseline([], figures, pycolmap.Reconstruction())
+    assert figures == {"compared_neighbours": FEW_COMPARED}
+
+
+def test_groups_that_lie_rightly_show_the_same(views):
+    right = read_views(views)[0]
+    among = {view.camera.name for view in right[::2]}
+    likeness = compare_groups(right, among)
+    assert likeness.same and likeness.score > 0.85, likeness
+
+
+def test_groups_laid_onto_the_wrong_side_do_not(views):
+    folded = fold(read_views(views)[0])
+    likeness = compare_groups(folded, {view.camera.name for view in folded[len(SEEN) // 2 :]})
+    assert likeness.patches > 200 and not likeness.same, likeness
+
+
+def test_groups_without_common_sides_are_not_called_the_same(views):
+    right = read_views(views)[0]
+    assert not compare_groups(right, {view.camera.name for view in right[len(SEEN) // 2 :]}).same
+
+
+@pytest.mark.parametrize("judged, disagreeing, refused", [(2, 2, True), (1, 1, True), (8, 2, False), (20, 6, True), (0, 0, False)])
+def test_where_few_are_judged_none_is_excused(monkeypatch, judged, disagreeing, refused):
+    pairs = [(f"{number}", f"{number + 1}") for number in range(disagreeing)]
+    monkeypatch.setattr(photometric_consistency, "find_inconsistent", lambda views: (judged, pairs))
+    with pytest.raises(RegistrationFailed, match="differ in detail") if refused else nullcontext():
+        check_photometric_consistency([], {}, pycolmap.Reconstruction())
