@@ -18,11 +18,11 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.networks.da3.settings import BASE, SMALL
-from zeroshop_steps.networks.weights import look_up_weights
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, look_up_weights
 from zeroshop_steps.register import pipeline
 from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.da3.guided_matches import RoughScene, find_near
-from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
+from zeroshop_steps.register.da3.network import WIDTH_OF, Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import gather_tracks, measure_share, start_from_cameras
 from zeroshop_steps.register.da3.solve import register
@@ -232,10 +232,12 @@ def test_bad_weights_are_refused_by_name(blank_capture, weights, tmp_path, capsy
         assert expected in capsys.readouterr().err and not (tmp_path / "cameras").exists()
 
 
-@pytest.mark.parametrize(("method", "file"), [("da3", "DA3-SMALL/model.safetensors"), ("da3_base", "DA3-BASE/model.safetensors")])
-def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, method, file):
+@pytest.mark.parametrize("name", ["da3", "da3_base"])
+def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
-    assert run(blank_capture, "cameras", "--method", method) == 1
+    file = methods.REGISTRATIONS[name].weights[0]
+    words = ("--weights", WEIGHTS_FOLDER / file) if methods.REGISTRATIONS[name].preset else ()
+    assert run(blank_capture, "cameras", "--method", "da3", *words) == 1
     message = capsys.readouterr().err
     assert f"resources/weights/{file}" in message and "Apache-2.0" in message and "colmap needs no weights" in message
 
@@ -251,3 +253,13 @@ def test_settings_fit_the_patches():
     for settings in (SMALL, BASE, SETTINGS):
         assert settings.image_px % settings.patch_px == 0 and settings.width % (4 * settings.heads) == 0
         assert settings.layers[0] >= settings.alone and all(layer % 2 == 1 for layer in settings.layers)
+
+
+def test_the_size_of_a_checkpoint_is_read_from_it(weights, tmp_path):
+    for width, settings in ((BASE.width, BASE), (SMALL.width, SMALL)):
+        path = tmp_path / f"{width}.safetensors"
+        save_file({"model.backbone.pretrained.cls_token": torch.zeros(1, 1, width)}, path)
+        assert find_size(path) == settings
+    assert [name for name in load_file(weights) if name.endswith(WIDTH_OF)], "as the network has it"
+    (tmp_path / "damaged.safetensors").write_bytes(b"{}")
+    assert find_size(tmp_path / "damaged.safetensors") == SMALL

@@ -5,7 +5,6 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from zeroshop_steps.register.silhouettes.pose_cameras import make_cameras, read_way
 
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
@@ -26,8 +25,10 @@ from zeroshop_steps.register.silhouettes.pose_search import (
     GRID_DEG,
     Way,
     count_differing,
+    make_cameras,
     make_places,
     prepare_outlines,
+    read_way,
     search,
 )
 

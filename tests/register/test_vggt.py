@@ -222,12 +222,19 @@ def test_bad_weights_are_refused_by_name(blank_capture, weights, tmp_path, capsy
 
 
 @pytest.mark.parametrize(
-    ("method", "file", "licence"),
-    [("vggt", "VGGT-1B/model.safetensors", "CC BY-NC"), ("vggt_commercial", "VGGT-1B-Commercial/vggt_1B_commercial.pt", "commercial use")],
+    ("words", "file", "licence"),
+    [
+        ((), "VGGT-1B/model.safetensors", "CC BY-NC"),
+        (
+            ("--weights", f"resources/weights/{methods.REGISTRATIONS['vggt_commercial'].weights[0]}"),
+            "VGGT-1B-Commercial/vggt_1B_commercial.pt",
+            "commercial use",
+        ),
+    ],
 )
-def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, method, file, licence):
+def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, words, file, licence):
     monkeypatch.chdir(tmp_path)
-    words = ("--method", method, "--capture", str(blank_capture), "--scene", "su_h", "--out", "cameras")
+    words = ("--method", "vggt", *words, "--capture", str(blank_capture), "--scene", "su_h", "--out", "cameras")
     assert stage_main("zeroshop_steps.register", words) == 1
     message = capsys.readouterr().err
     assert f"resources/weights/{file}" in message and licence in message and "colmap needs no weights" in message

@@ -29,7 +29,6 @@ from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.silhouettes.epipolar_tangency import Outlines
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
 from zeroshop_steps.register.silhouettes.pose_alternatives import find_alternatives, mend, mirror
-from zeroshop_steps.register.silhouettes.pose_cameras import make_cameras, read_way
 from zeroshop_steps.register.silhouettes.pose_fit import SilhouetteFit, adjust, describe_fit
 from zeroshop_steps.register.silhouettes.pose_search import (
     ABOVE_DEG,
@@ -37,7 +36,9 @@ from zeroshop_steps.register.silhouettes.pose_search import (
     HOPELESS_PX,
     Way,
     count_differing,
+    make_cameras,
     prepare_outlines,
+    read_way,
     search,
     take_outlines,
 )

@@ -1,6 +1,7 @@
 """From images to a registration: predict; refine by matches, or take what confident depths confirm; check; undistort."""
 
 import argparse
+from collections.abc import Collection
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -11,11 +12,9 @@ import pycolmap
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.networks.da3.settings import Da3Settings
-from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
 from zeroshop_steps.register.da3.guided_matches import RoughScene
-from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
+from zeroshop_steps.register.da3.network import Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import TooFewMatches, start_from_cameras
 from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
@@ -28,7 +27,7 @@ from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confi
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network
-from zeroshop_steps.register.vggt.network import SIZES, VggtOutput, read_settings
+from zeroshop_steps.register.vggt.network import VggtOutput, read_settings, resolve_published
 
 REMEDY = "take more pictures in between, or put the object on a strongly textured surface"
 REFINE = "refine by matches (register.da3.refine), or "
@@ -40,13 +39,13 @@ class CameraPredictor(Protocol):
     def predict(self, pixels: np.ndarray) -> VggtOutput: ...
 
 
-def solve(args: argparse.Namespace, published: str, size: Da3Settings) -> None:
-    """Write the cameras folder of the command line's arguments."""
+def solve(args: argparse.Namespace, published: Collection[str]) -> None:
+    """Write the cameras folder of the command line's arguments; checkpoints are checked that are `published`, below resources/weights."""
     sift = SiftOptions(max_features=args.max_features, seed=args.seed, threads=args.threads)
     options = Da3Options(refine=args.refine, precision=args.precision, colmap=ColmapOptions(sift, read_structure_options(args)))
     image_set = read_image_set(args.capture)
-    weights = resolve_weights(args.weights, published, SIZES)
-    settings = read_settings(weights, size)
+    weights = resolve_published(args.weights, published)
+    settings = read_settings(weights, find_size(weights))
     size_px, _ = fit_size(image_set.size_px, settings.image_px, settings.patch_px, upright=True)
 
     def predict(count: int, chunk: int) -> int:

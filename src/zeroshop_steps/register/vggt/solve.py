@@ -3,6 +3,7 @@
 import argparse
 import math
 import time
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,6 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.networks.vggt.settings import VggtSettings
-from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.mapping.reregistration import remove_images
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
@@ -26,7 +26,7 @@ from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confi
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network, predict_peak_bytes
-from zeroshop_steps.register.vggt.network import SIZES, VggtNetwork, VggtOutput, read_settings
+from zeroshop_steps.register.vggt.network import VggtNetwork, VggtOutput, read_settings, resolve_published
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.tracks import choose_query_points, choose_query_views, gather_observations
 from zeroshop_steps.runtime.files import scratch_directory
@@ -51,8 +51,8 @@ class Solution:
     figures: dict[str, Any]
 
 
-def solve(args: argparse.Namespace, published: str) -> None:
-    """Write the cameras folder of the command line's arguments."""
+def solve(args: argparse.Namespace, published: Collection[str]) -> None:
+    """Write the cameras folder of the command line's arguments; checkpoints are checked that are `published`, below resources/weights."""
     options = VggtOptions(
         refine=args.refine,
         tracked_points=args.tracked_points,
@@ -66,7 +66,7 @@ def solve(args: argparse.Namespace, published: str) -> None:
         object_only=args.scene in OBJECT_ONLY,
     )
     image_set = read_image_set(args.capture)
-    weights = resolve_weights(args.weights, published, SIZES)
+    weights = resolve_published(args.weights, published)
     settings = read_settings(weights, VggtSettings())
     (width, height), left = fit_size(image_set.size_px, settings.image_px, settings.patch_px)
     points = options.tracked_points if options.refine == "tracks" else 0
