@@ -31,6 +31,7 @@ from zeroshop_steps.geometry.cameras import LEAST_PAIRS, Camera, read_sparse_mod
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.register import aliked, auto, colmap, silhouette_sfm
 from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import OBJECT_ONLY, RegistrationFailed, Stopwatch
@@ -97,10 +98,10 @@ def register_subset(stored: StoredCapture, numbers: np.ndarray, seed: int, attem
     structure = StructureOptions(seed=seed, object_only=stored.scene in OBJECT_ONLY)
     scene = colmap.ColmapOptions(SiftOptions(seed=seed), structure)
 
-    def match(database: Path, image_set: ImageSet, options: colmap.ColmapOptions, figures: dict[str, Any], _: Stopwatch) -> None:
-        source, found = stored.read_matches(replace(options, sift=replace(options.sift, seed=0)))
-        figures |= found
+    def match(database: Path, image_set: ImageSet, options: colmap.ColmapOptions, _: Stopwatch) -> ViewGraph:
+        source, graph = stored.read_matches(replace(options, sift=replace(options.sift, seed=0)))
         copy_matches(source, database, image_set, options.sift.seed)
+        return replace(graph, pairs=None)
 
     learned = aliked.AlikedOptions(structure=structure)
     ways: dict[str, auto.Attempt] = {

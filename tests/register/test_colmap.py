@@ -137,12 +137,12 @@ def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypat
     image_set = ImageSet(tuple(tmp_path / f"{number}.png" for number in range(40)), None, ((1280, 720),) * 40)
     tried = []
 
-    def reconstruct(images, out, options, figures, stopwatch, match=None):
+    def reconstruct(images, out, options, record, stopwatch, match=None):
         tried.append(options.sift)
-        figures["first_octave"] = 0
+        record = record.add(first_octave=0)
         if len(tried) == 1:
-            raise TooFewRegistered("19 of 40 images registered", figures)
-        return figures
+            raise record.fail("19 of 40 images registered", kind=TooFewRegistered)
+        return record
 
     monkeypatch.setattr(colmap, "match_and_reconstruct", reconstruct)
     record = colmap.register(image_set, tmp_path, colmap.ColmapOptions())

@@ -163,8 +163,7 @@ def test_a_camera_on_the_wrong_side_is_placed_by_the_others(ball, tmp_path):
     rough = moved(true, 3.0)
     rough.cameras[3] = replace(rough.cameras[3], camera_from_world=true.cameras[8].camera_from_world)
     assert compare_cameras(rough.cameras, true.cameras).centre_mm.max() > 100
-    figures: dict = {}
-    model = start_from_cameras(rough, image_set, Da3Options(max_error_px=2.0), figures, copied(database, tmp_path))
+    model, entries = start_from_cameras(rough, image_set, Da3Options(max_error_px=2.0), copied(database, tmp_path))
     found = [
         replace(camera, camera_from_world=np.vstack([model.find_image_with_name(camera.name).cam_from_world().matrix(), [0, 0, 0, 1]]))
         for camera in true.cameras
@@ -172,7 +171,7 @@ def test_a_camera_on_the_wrong_side_is_placed_by_the_others(ball, tmp_path):
     ]
     kept = [camera for camera in true.cameras if camera.name in {one.name for one in found}]
     assert len(found) >= 9 and compare_cameras(found, kept).centre_mm.max() < 2.0
-    assert 0.3 < figures["near_share"] < 0.9
+    assert 0.3 < entries["near_share"] < 0.9
 
 
 def test_matches_of_places_that_lie_apart_are_told(ball, tmp_path):
@@ -197,7 +196,7 @@ def test_cameras_that_most_matches_contradict_are_refused(ball, tmp_path):
     cameras = [replace(true.cameras[other], name=own.name) for own, other in zip(true.cameras, order, strict=True)]
     shuffled = replace(true, cameras=cameras)
     with pytest.raises(RegistrationFailed, match="the network's cameras contradict .*% of the matches, which connect 10 of 10 images"):
-        start_from_cameras(shuffled, image_set, Da3Options(), {}, copied(database, tmp_path))
+        start_from_cameras(shuffled, image_set, Da3Options(), copied(database, tmp_path))
 
 
 @pytest.mark.parametrize(("size_px", "expected"), [((1000, 750), (504, 378)), ((750, 1000), (378, 504)), ((640, 640), (504, 504))])

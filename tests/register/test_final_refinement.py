@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from zeroshop_steps.register import final_refinement
-from zeroshop_steps.register.final_refinement import ROUGH_MISS_PX, Improver
+from zeroshop_steps.register.final_refinement import ROUGH_MISS_PX, Hypothesis, Improver
+from zeroshop_steps.register.scene.record import Fault, Inconsistent
 from zeroshop_steps.register.silhouettes.model_adjustment import AdjustedModel
 from zeroshop_steps.register.silhouettes.state import TrackKind
 from zeroshop_steps.register.verification.consistency import ConsistencyReport
@@ -24,7 +25,11 @@ class Model:
 
 
 def report(reason=None, culprits=()):
-    return ConsistencyReport(None, None, {}, reason, culprits)
+    return ConsistencyReport(None, None, {}, Fault(reason, Inconsistent) if reason else None, culprits)
+
+
+def passed(model):
+    return Hypothesis(model, report(), left_out=("e",))
 
 
 def changed(model, word):
@@ -51,34 +56,31 @@ def improver(monkeypatch):
         "remove_images",
         lambda model, names: replace(model, images=tuple(name for name in model.images if name not in names)),
     )
-    return lambda needed, found=False: Improver(SimpleNamespace(images=[], masks_found=found), check, needed, {"left_out": ["e"]})
+    return lambda needed, found=False: Improver(SimpleNamespace(images=[], masks_found=found), check, needed)
 
 
 def test_a_photo_that_contradicts_the_sharpened_model_is_left_out(improver):
-    improver = improver(3)
-    model, again = improver.refine_keypoints(Model(), report())
-    assert model == Model(("a", "b", "c"), ("sharpened",)) and again.reason is None
-    assert improver.figures["left_out"] == ["e", "d"]
+    found, entries = improver(3).refine_keypoints(passed(Model()))
+    assert found.model == Model(("a", "b", "c"), ("sharpened",)) and found.report.reason is None
+    assert found.left_out == ("e", "d") and entries == {"sharpened": {"points": 100}}
 
 
 def test_where_too_few_would_stay_the_model_stays_as_it_was(improver):
-    improver, before = improver(4), report()
-    assert improver.refine_keypoints(Model(), before) == (Model(), before)
-    assert improver.adjust_by_silhouettes(Model(), before) == (Model(), before)
-    assert improver.figures["left_out"] == ["e"] and improver.figures["outlines"] == {"miss_px": [0.4, 0.1], "adjusted": False}
+    improver, before = improver(4), passed(Model())
+    assert improver.refine_keypoints(before)[0] is before
+    after, entries = improver.adjust_by_silhouettes(before, False)
+    assert after is before and entries == {"outlines": {"miss_px": [0.4, 0.1], "adjusted": False}}
 
 
 def test_outlines_adjust_what_passes(improver):
-    improver = improver(2)
-    model, _ = improver.adjust_by_silhouettes(Model(), report())
-    assert model == Model(("a", "b"), ("outlines",)) and improver.figures["outlines"]["adjusted"]
+    found, entries = improver(2).adjust_by_silhouettes(passed(Model()), False)
+    assert found.model == Model(("a", "b"), ("outlines",)) and entries["outlines"]["adjusted"]
 
 
 def test_rough_masks_are_not_used(improver, monkeypatch):
     monkeypatch.setattr(final_refinement, "adjust_model_by_silhouettes", lambda model, *_: adjusted(Model(("a",)), ROUGH_MISS_PX + 0.1))
-    improver = improver(2)
-    model, _ = improver.adjust_by_silhouettes(Model(), report())
-    assert model == Model() and not improver.figures["outlines"]["adjusted"]
+    found, entries = improver(2).adjust_by_silhouettes(passed(Model()), False)
+    assert found.model == Model() and not entries["outlines"]["adjusted"]
 
 
 def test_aligned_points_count_by_their_noise_where_the_result_passes(improver, monkeypatch):
@@ -89,11 +91,10 @@ def test_aligned_points_count_by_their_noise_where_the_result_passes(improver, m
         return adjusted(replace(model, changes=("sharpened",) if kind is TrackKind.ALIGNED else ()))
 
     monkeypatch.setattr(final_refinement, "adjust_model_by_silhouettes", adjust)
-    improver.figures["sharpened"] = {"points": 100}
     before = Model()
-    model, _ = improver.adjust_by_silhouettes(before, report())
+    model = improver.adjust_by_silhouettes(passed(before), True)[0].model
     assert model == before and model is not before and asked == [TrackKind.ALIGNED, TrackKind.MATCHED]
-    model, _ = improver.adjust_by_silhouettes(Model(("a", "b", "c", "f")), report())
+    model = improver.adjust_by_silhouettes(passed(Model(("a", "b", "c", "f"))), True)[0].model
     assert model.changes == ("sharpened",) and asked[2:] == [TrackKind.ALIGNED]
 
 
@@ -102,5 +103,5 @@ def test_views_that_stand_out_by_found_masks_are_left_out_where_enough_stay(impr
     monkeypatch.setattr(final_refinement, "adjust_model_by_silhouettes", lambda model, *_: adjusted(model, 0.1, {"b"} & set(model.images)))
     for needed, found, kept in ((3, True, ("a", "c", "d")), (4, True, ("a", "b", "c", "d")), (3, False, ("a", "b", "c", "d"))):
         one = improver(needed, found)
-        model, _ = one.adjust_by_silhouettes(Model(), report())
-        assert model.images == kept and one.figures["outlines"].get("standing_out") == (["b"] if len(kept) == 3 else None)
+        changed, entries = one.adjust_by_silhouettes(passed(Model()), False)
+        assert changed.model.images == kept and entries["outlines"].get("standing_out") == (["b"] if len(kept) == 3 else None)

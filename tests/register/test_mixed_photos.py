@@ -14,7 +14,7 @@ from zeroshop_steps.geometry.images import list_images, read_image, read_mask, w
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
 from zeroshop_steps.register.scene.lenses import group_by_lens, import_images, read_cropped_focal_px
-from zeroshop_steps.register.scene.record import name_missing
+from zeroshop_steps.register.scene.record import find_missing
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, find_first_fault
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
 from zeroshop_steps.runtime.cli import stage_main
@@ -139,8 +139,7 @@ def test_turned_and_reduced_photos_are_registered_as_well(carton_capture, tmp_pa
 def test_photos_of_another_position_are_taken_as_a_second_pass(missing, hinted):
     paths = tuple(Path(f"{index:06d}.jpg") for index in range(20))
     image_set = ImageSet(paths, None, ((640, 480),) * 20, tuple(f"IMG_{index}.JPG" for index in range(20)))
-    figures = {}
-    name_missing(figures, image_set, {path.name for index, path in enumerate(paths) if index not in missing})
-    [warning] = figures["warnings"]
+    found = find_missing(image_set, {path.name for index, path in enumerate(paths) if index not in missing})
+    [warning] = found.warnings
     assert f"left out, {len(missing)} of 20 photos" in warning and f"IMG_{missing[0]}.JPG" in warning
     assert ("zeroshop FIRST SECOND" in warning) == hinted

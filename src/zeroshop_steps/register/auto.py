@@ -29,7 +29,7 @@ from zeroshop_steps.register import aliked, colmap, silhouette_sfm
 from zeroshop_steps.register.pipeline import add_matching_arguments
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.scene.record import RegistrationFailed, fill_apart
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, fill_apart
 from zeroshop_steps.register.verification import predicted_masks
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
@@ -146,8 +146,7 @@ def _choose(kept: tuple[Path, dict[str, Any]], other: tuple[Path, dict[str, Any]
         return kept, _count(other_record)
     if not _agree(folder, other_folder):
         doubt = f"the cameras by {folder.name} and by {other_folder.name} contradict each other; one of them is wrong"
-        record["warnings"] = [*record.get("warnings", []), f"{doubt}. Put the object on print, or take more photos"]
-        return kept, doubt
+        return (folder, dict(Record(record).warn(f"{doubt}. Put the object on print, or take more photos").entries)), doubt
     return other, _count(other_record)
 
 

@@ -1,7 +1,7 @@
 """Improve a model that passed all checks: by its points' pictures, and by the masks' rims."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,34 @@ ROUGH_MISS_PX = 0.5
 of a mug on a wooden table 0.31, where they brought the cameras from 3.1 to 1.6 mm."""
 
 
+Entries = dict[str, Any]
+"""Of registration.json."""
+Change = Callable[[pycolmap.Reconstruction], tuple[pycolmap.Reconstruction, Entries]]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Cameras and points that explain the matches, and what the checks say of them.
+
+    Attributes:
+        model: the cameras, with their lenses' distortion, and the points.
+        report: of the checks against masks and image pairs.
+        placed_again, left_out: images that were registered a second time, and those that were left out.
+        merged: whether it was put together from submodels, which no matches hold to each other.
+    """
+
+    model: pycolmap.Reconstruction
+    report: ConsistencyReport
+    placed_again: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    merged: bool = False
+
+    @property
+    def registered(self) -> int:
+        """How many images have a camera."""
+        return int(self.model.num_reg_images())
+
+
 @dataclass(frozen=True)
 class Improver:
     """Changes a model that passed all checks; it stays as it was where it would not pass any more.
@@ -27,61 +55,51 @@ class Improver:
         image_set: of the registration.
         check: of a model against masks and image pairs.
         needed: images that must stay. Those that contradict the changed model alone are left out: the others had been bent to them.
-        figures: the record; completed in place.
     """
 
     image_set: ImageSet
     check: Callable[[pycolmap.Reconstruction], ConsistencyReport]
     needed: int
-    figures: dict[str, Any]
 
-    def refine_keypoints(
-        self, model: pycolmap.Reconstruction, report: ConsistencyReport
-    ) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
-        """Bring the points into line by the pictures."""
+    def refine_keypoints(self, hypothesis: Hypothesis) -> tuple[Hypothesis, Entries]:
+        """Bring the points into line by the pictures; with the record's entries."""
         images = {path.name: path for path in self.image_set.images}
 
-        def change(model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
-            sharpened, self.figures["sharpened"] = refine_keypoints(model, images)
-            return sharpened
+        def change(model: pycolmap.Reconstruction) -> tuple[pycolmap.Reconstruction, Entries]:
+            refined, figures = refine_keypoints(model, images)
+            return refined, {"sharpened": figures}
 
-        return self._try(change, model, report)
+        return self._try(change, hypothesis)
 
-    def adjust_by_silhouettes(
-        self, model: pycolmap.Reconstruction, report: ConsistencyReport
-    ) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
-        """Adjust the cameras by the masks' rims, unless these are rough; points that the pictures aligned count by their noise."""
+    def adjust_by_silhouettes(self, hypothesis: Hypothesis, aligned: bool) -> tuple[Hypothesis, Entries]:
+        """Adjust the cameras by the masks' rims, unless these are rough; with the record's entries.
 
-        def change(model: pycolmap.Reconstruction, kind: TrackKind) -> pycolmap.Reconstruction:
-            adjusted = adjust_model_by_silhouettes(model, self.image_set, report.wrong_masks, kind)
+        `aligned`: whether pictures have aligned points; these count by their noise.
+        """
+        wrong_masks = hypothesis.report.wrong_masks
+
+        def change(model: pycolmap.Reconstruction, kind: TrackKind) -> tuple[pycolmap.Reconstruction, Entries]:
+            adjusted, entries = adjust_model_by_silhouettes(model, self.image_set, wrong_masks, kind), Entries()
             doubtful = adjusted.standing_out if self.image_set.masks_found else []
             if doubtful and model.num_reg_images() - len(doubtful) >= self.needed:
-                adjusted = adjust_model_by_silhouettes(remove_images(model, doubtful), self.image_set, report.wrong_masks, kind)
-                self.figures["outlines"]["standing_out"] = doubtful
-            self.figures["outlines"] |= {"miss_px": list(adjusted.missed_px)}
-            return adjusted.model if adjusted.missed_px[1] <= ROUGH_MISS_PX else model
+                adjusted = adjust_model_by_silhouettes(remove_images(model, doubtful), self.image_set, wrong_masks, kind)
+                entries = {"standing_out": doubtful}
+            return adjusted.model if adjusted.missed_px[1] <= ROUGH_MISS_PX else model, entries | {"miss_px": list(adjusted.missed_px)}
 
-        self.figures["outlines"] = {}
-        aligned = [TrackKind.ALIGNED] if self.figures.get("sharpened", {}).get("points") else []
-        for kind in (*aligned, TrackKind.MATCHED):  # where what fits better lets one image stand out, all count alike
-            changed, again = self._try(partial(change, kind=kind), model, report)
-            if changed is not model:
+        entries = Entries()
+        for kind in (*([TrackKind.ALIGNED] if aligned else []), TrackKind.MATCHED):
+            # Where what fits better lets one image stand out, all count alike.
+            changed, found = self._try(partial(change, kind=kind), hypothesis)
+            entries |= found
+            if changed.model is not hypothesis.model:
                 break
-        self.figures["outlines"]["adjusted"] = changed is not model
-        return changed, again
+        return changed, {"outlines": entries | {"adjusted": changed.model is not hypothesis.model}}
 
-    def _try(
-        self,
-        change: Callable[[pycolmap.Reconstruction], pycolmap.Reconstruction],
-        model: pycolmap.Reconstruction,
-        report: ConsistencyReport,
-    ) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
-        changed = change(model)
-        again = self.check(changed)
-        culprits = list(again.culprits)
-        if again.reason and culprits and model.num_reg_images() - len(culprits) >= self.needed:
-            changed = change(remove_images(model, culprits))
-            again = self.check(changed)
-            if again.reason is None:
-                self.figures["left_out"] = [*self.figures.get("left_out", []), *culprits]
-        return (model, report) if again.reason else (changed, again)
+    def _try(self, change: Change, hypothesis: Hypothesis) -> tuple[Hypothesis, Entries]:
+        changed, entries = change(hypothesis.model)
+        again, left_out = self.check(changed), hypothesis.left_out
+        culprits = again.culprits
+        if again.fault and culprits and hypothesis.registered - len(culprits) >= self.needed:
+            changed, more = change(remove_images(hypothesis.model, list(culprits)))
+            again, left_out, entries = self.check(changed), (*left_out, *culprits), entries | more
+        return hypothesis if again.fault else replace(hypothesis, model=changed, report=again, left_out=left_out), entries

@@ -5,12 +5,11 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pycolmap
 
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register.final_refinement import Improver
+from zeroshop_steps.register.final_refinement import Hypothesis, Improver
 from zeroshop_steps.register.mapping.incremental import make_mapping_options, map_incrementally, map_submodels
 from zeroshop_steps.register.mapping.reregistration import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.matching.view_graph import describe_components, find_components
@@ -19,16 +18,17 @@ from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import (
     OBJECT_ONLY,
     PHOTO_SCENES,
-    RegistrationFailed,
+    Evidence,
+    Record,
     Stopwatch,
     TooFewRegistered,
     describe_lenses,
     describe_model,
-    name_missing,
+    find_missing,
 )
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.submodels.merge import LEAST_IMAGES, merge_submodels
-from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, check_consistency, find_unsure
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency, find_unsure
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch, check_duplicate_structure
 from zeroshop_steps.register.verification.loop_gap import check_loop_gap
 from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
@@ -100,25 +100,25 @@ def reconstruct(
     image_set: ImageSet,
     out: Path,
     options: StructureOptions,
-    figures: dict[str, Any],
+    record: Record,
     stopwatch: Stopwatch,
     may_match: MayMatch | None = None,
     by_object: bool = False,
     start: pycolmap.Reconstruction | None = None,
     all_matches: Path | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Estimate cameras from the verified matches of a database and write images/, sparse/ and, where there are masks, masks/ to `out`.
 
     Args:
         database: COLMAP database with features and verified matches; what is written on the way lies beside it.
-        figures: the record so far; completed in place.
+        record: what is known so far.
         may_match: is asked about neighbours that share almost no points, see `check_duplicate_structure`.
         by_object: whether the object's features alone gave the matches, and the images have masks: then no ground tells sides apart.
         start: a model of these matches to begin with, where there is one, instead of mapping image by image.
         all_matches: a database with the matches that were left out of `database`, too; they may contradict the model.
 
     Returns:
-        The record for registration.json.
+        The completed record.
 
     Raises:
         RegistrationFailed: too few images, an inconsistent model, or sides that look alike lie on each other.
@@ -128,72 +128,99 @@ def reconstruct(
         options = replace(options, limits=replace(options.limits, wrong_masks_share=WRONG_MASKS_OF_OBJECT))
     expected, apart = count, None
     if options.leave_out and not image_set.film:  # a film shows one scene: frames without matches are not foreign, but missing
-        expected, apart = _count_connected(database, image_set, options, figures)
+        connected = _find_connected(database, image_set, options)
+        expected, apart = connected.expected, connected.apart
+        record = record.add(foreign=connected.foreign)
     if apart and not by_object:
-        raise TooFewRegistered(apart, figures)
+        raise record.fail(apart, kind=TooFewRegistered)
     needed = max(options.min_images, math.ceil(options.min_share * expected))
-    mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
     model = start
     if start is None and not apart:  # images that lie apart have a model if they can be joined, and none otherwise
+        mapper = make_mapping_options(min(needed, count), options.seed, many=count > MANY_IMAGES)
         model = map_incrementally(database, image_set.images[0].parent, scratch / "models", mapper)
     stopwatch.lap("map")
+    hypothesis = None
     if model is not None:
-        model, report = _refine_and_verify(model, image_set, database, scratch, options, figures)
+        hypothesis = _refine_and_verify(model, image_set, database, scratch, options)
+        record = record.add(placed_again=list(hypothesis.placed_again), left_out=list(hypothesis.left_out))
         stopwatch.lap("repair")
-    registered, joined = (model.num_reg_images() if model else 0), False
-    if by_object and registered < max(needed, math.ceil(options.min_share * count)):
+    if by_object and (hypothesis.registered if hypothesis else 0) < max(needed, math.ceil(options.min_share * count)):
         # Of an object alone, photos without matches are not foreign: they may show its other side.
-        whole, figures["joining"] = merge_submodels(_map_submodels(database, image_set, options), image_set, scratch)
+        whole, tried = merge_submodels(_map_submodels(database, image_set, options), image_set, scratch)
+        record = record.add(joining=tried)
         stopwatch.lap("join")
-        if whole is not None and whole.num_reg_images() >= max(needed, registered + 1):
-            model, registered, joined = whole, whole.num_reg_images(), True
-            # No matches hold the groups to each other: outlines and pictures do, and were asked.
+        if whole is not None and whole.num_reg_images() >= max(needed, (hypothesis.registered if hypothesis else 0) + 1):
+            # No matches hold the submodels to each other: outlines and pictures do, and were asked.
             options = replace(options, limits=replace(options.limits, cut_matches=0))
-            report = check_consistency(model, image_set, database, options.limits)
-    if apart and not joined:
-        raise TooFewRegistered(apart, figures)
-    if model is None or registered < needed:
+            left_out = hypothesis.left_out if hypothesis else ()
+            report = check_consistency(whole, image_set, database, options.limits)
+            hypothesis = Hypothesis(whole, report, left_out=left_out, merged=True)
+    if apart and not (hypothesis and hypothesis.merged):
+        raise record.fail(apart, kind=TooFewRegistered)
+    if hypothesis is None or hypothesis.registered < needed:
         way_out = "register the whole scene, with its ground" if options.object_only else "put the object on a strongly textured surface"
-        raise TooFewRegistered(
-            f"{registered} of {count} images registered, at least {needed} are needed; take more pictures with more overlap, or {way_out}",
-            figures,
+        raise record.fail(
+            f"{hypothesis.registered if hypothesis else 0} of {count} images registered, at least {needed} are needed; take more pictures"
+            f" with more overlap, or {way_out}",
+            kind=TooFewRegistered,
         )
-    if report.reason is None:
+    if hypothesis.report.fault is None:
         check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
-        improver = Improver(image_set, check, needed if by_object else count, figures)
-        model, report = improver.refine_keypoints(model, report)
-        stopwatch.lap("sharpen")
-        held_loosely = by_object or model.compute_mean_observations_per_reg_image() < LOOSE_OBSERVATIONS
-        if image_set.masks and held_loosely:
-            model, report = improver.adjust_by_silhouettes(model, report)
-            stopwatch.lap("outlines")
-    name_missing(figures, image_set, {image.name for image in model.images.values() if image.has_pose})
+        improver = Improver(image_set, check, needed if by_object else count)
+        hypothesis, record = _improve(improver, hypothesis, by_object, record, stopwatch)
+    return _write(hypothesis, image_set, out, options, record, stopwatch, may_match, by_object, all_matches or database)
+
+
+def _improve(
+    improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record, stopwatch: Stopwatch
+) -> tuple[Hypothesis, Record]:
+    """The model refined by pictures, and by silhouettes where points hold it loosely."""
+    left_out = hypothesis.left_out
+    hypothesis, found = improver.refine_keypoints(hypothesis)
+    record = record.add(**found)
+    stopwatch.lap("sharpen")
+    held_loosely = by_object or hypothesis.model.compute_mean_observations_per_reg_image() < LOOSE_OBSERVATIONS
+    if improver.image_set.masks and held_loosely:
+        hypothesis, found = improver.adjust_by_silhouettes(hypothesis, bool(record.entries["sharpened"].get("points")))
+        record = record.add(**found)
+        stopwatch.lap("outlines")
+    return hypothesis, record if hypothesis.left_out == left_out else record.add(left_out=list(hypothesis.left_out))
+
+
+def _write(
+    hypothesis: Hypothesis,
+    image_set: ImageSet,
+    out: Path,
+    options: StructureOptions,
+    record: Record,
+    stopwatch: Stopwatch,
+    may_match: MayMatch | None,
+    by_object: bool,
+    every_match: Path,
+) -> Record:
+    """Write the undistorted model, and complete the record; raises RegistrationFailed where a check refuses the model."""
+    model, report = hypothesis.model, hypothesis.report
+    record = record.judge(find_missing(image_set, {image.name for image in model.images.values() if image.has_pose}))
     if report.wrong_masks:
         shown = ", ".join(image_set.shown[name] for name in report.wrong_masks)
-        figures["warnings"] = [
-            *figures.get("warnings", []),
-            f"the masks of {len(report.wrong_masks)} of {count} photos contradict those of the others: {shown}",
-        ]
+        record = record.warn(
+            f"the masks of {len(report.wrong_masks)} of {len(image_set.images)} photos contradict those of the others: {shown}"
+        )
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
-    figures |= describe_lenses(model)
-    figures |= describe_model(pinhole_model) | {"consistency": report.figures()}
+    record = record.add(**describe_lenses(model), **describe_model(pinhole_model), consistency=report.figures())
     stopwatch.stop()
-    if report.reason:
-        raise RegistrationFailed(report.reason, figures, pinhole_model)
-    if not joined:
-        check_loop_gap(model, pinhole_model, all_matches or database, options.seed, figures)
-    record = (
-        figures
-        if joined
-        else check_duplicate_structure(
-            pinhole_model, figures, may_match, by_object, None if by_object else out / "images", options.compare_pictures
-        )
-    )
+    record = record.judge(Evidence(fault=report.fault), pinhole_model)
+    if not hypothesis.merged:
+        images = None if by_object else out / "images"
+        record = record.judge(check_loop_gap(model, pinhole_model, every_match, options.seed), pinhole_model)
+        sides = check_duplicate_structure(pinhole_model, may_match, by_object, images, options.compare_pictures)
+        record = record.judge(sides, pinhole_model)
     if by_object:
         views = read_views(out)[0]
-        check_photometric_consistency(views, record, pinhole_model)
-        check_wide_baseline(views, record, pinhole_model)
+        near = check_photometric_consistency(views)
+        record = record.judge(near, pinhole_model)
+        record = record.judge(check_wide_baseline(views, near.entries["compared_neighbours"]), pinhole_model)
     return record
 
 
@@ -202,8 +229,22 @@ def _map_submodels(database: Path, image_set: ImageSet, options: StructureOption
     return map_submodels(database, image_set.images[0].parent, database.parent / "groups", mapper)
 
 
-def _count_connected(database: Path, image_set: ImageSet, options: StructureOptions, figures: dict[str, Any]) -> tuple[int, str | None]:
-    """How many images show one scene; and why no scene can be told, where these are too few of all."""
+@dataclass(frozen=True)
+class _Connected:
+    """Images that matches tie together.
+
+    Attributes:
+        expected: how many show one scene.
+        foreign: names of the others.
+        apart: why no scene can be told, where these are too few of all.
+    """
+
+    expected: int
+    foreign: list[str]
+    apart: str | None
+
+
+def _find_connected(database: Path, image_set: ImageSet, options: StructureOptions) -> _Connected:
     groups = find_components(database)
     count, common = len(image_set.images), len(groups[0])
     apart = None
@@ -213,20 +254,20 @@ def _count_connected(database: Path, image_set: ImageSet, options: StructureOpti
             f"the {count} photos do not show one scene, or do not overlap: {found} fit together; give the photos of one object that was"
             " not moved, or take more pictures in between, on a ground with plenty of print"
         )
-    figures["foreign"] = sorted(set(image_set.names) - set(groups[0]))
-    return max(common, math.ceil(LEAST_COMMON_SHARE * count)), apart
+    foreign = sorted(set(image_set.names) - set(groups[0]))
+    return _Connected(max(common, math.ceil(LEAST_COMMON_SHARE * count)), foreign, apart)
 
 
 def _refine_and_verify(
-    model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: StructureOptions, figures: dict[str, Any]
-) -> tuple[pycolmap.Reconstruction, ConsistencyReport]:
+    model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: StructureOptions
+) -> Hypothesis:
     """Refine, place suspicious images again, and leave out those that the pictures contradict even then, or hold unsurely."""
     images = image_set.images[0].parent
     model, again = repair(model, database, images, scratch, options.seed)
     report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
     dropped: list[str] = []
     for _ in range(options.max_dropped):
-        if report.reason is None or not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
+        if report.fault is None or not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
             break
         names = list(report.culprits)
         if set(names) <= set(again):
@@ -237,10 +278,9 @@ def _refine_and_verify(
             model = register_again(model, names, database, images, scratch, options.seed)
         refine_robustly(model)
         report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    if report.reason is None and image_set.masks is None and (unsure := find_unsure(model, report.evidence)):
+    if report.fault is None and image_set.masks is None and (unsure := find_unsure(model, report.evidence)):
         dropped += unsure
         model = remove_images(model, unsure)
         refine_robustly(model)
         report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    figures |= {"placed_again": again, "left_out": dropped}
-    return model, report
+    return Hypothesis(model, report, tuple(again), tuple(dropped))

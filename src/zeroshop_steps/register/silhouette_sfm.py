@@ -8,7 +8,7 @@ along the visual hull do (`guided_adjustment`).
 """
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.refinement.guided_adjustment import adjust_by_guided_tracks
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.register.scene.lenses import import_images
-from zeroshop_steps.register.scene.record import RegistrationFailed, Stopwatch, describe_lenses, describe_model, name_missing
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, describe_lenses, describe_model, find_missing
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.silhouettes.epipolar_tangency import Outlines
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
@@ -82,19 +82,22 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
     """
     stopwatch = Stopwatch()
     count = len(image_set.images)
-    figures: dict[str, Any] = {"method": "outlines", "images": count, "registered": 0, "seconds": stopwatch.seconds}
-    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}}
+    record = Record.begin("outlines", image_set, options, stopwatch, pycolmap)
     by_name = read_masks(image_set)
     masks = [by_name[name] for name in image_set.names]
     cut = [image_set.shown[name] for name, mask in by_name.items() if _is_cut(mask)]
     if cut:
-        raise RegistrationFailed(f"outlines cannot place the photos: the object is cut off in {len(cut)}, such as {cut[0]}", figures)
+        raise record.fail(f"outlines cannot place the photos: the object is cut off in {len(cut)}, such as {cut[0]}")
     if count < options.structure.min_images:
-        raise RegistrationFailed(f"outlines cannot place {count} photos: at least {options.structure.min_images} are needed", figures)
+        raise record.fail(f"outlines cannot place {count} photos: at least {options.structure.min_images} are needed")
     with scratch_directory(out, "outlines") as scratch:
         focal_px = _guess_focal_px(scratch / "lenses.db", image_set, options.sift.focal_px)
         outlines = prepare_outlines(masks, focal_px)
-        cameras = _find_cameras(image_set, by_name, outlines, focal_px, options.structure, figures, stopwatch)
+        try:
+            cameras, found = _find_cameras(image_set, by_name, outlines, focal_px, options.structure, stopwatch)
+        except RegistrationFailed as failure:
+            raise failure.after(record) from None
+        record = record.add(outlines=dict(found.entries))
         stopwatch.lap("elsewhere")
         whole, placed = image_set, {camera.name for camera in cameras}
         image_set = whole.take([number for number, name in enumerate(whole.names) if name in placed])
@@ -106,23 +109,21 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
         model = triangulate_points(database, image_set, poses, options.sift.seed)
         stopwatch.lap("triangulate")
         joint = adjust_model_by_silhouettes(model, image_set)
-        figures["joint_miss_px"] = list(joint.missed_px)
         stopwatch.lap("outlines")
-        model, figures["guided"] = adjust_by_guided_tracks(joint.model, image_set)
+        model, guided = adjust_by_guided_tracks(joint.model, image_set)
+        record = record.add(joint_miss_px=list(joint.missed_px), guided=guided)
         stopwatch.lap("guide")
         evidence = count_epipolar_support(model, database)
         pinhole_model = undistort(model, image_set, out)
         stopwatch.lap("undistort")
-    name_missing(figures, whole, placed)
-    figures |= describe_lenses(model) | describe_model(pinhole_model)
+    record = record.judge(find_missing(whole, placed)).add(**describe_lenses(model), **describe_model(pinhole_model))
     supporting, contradicting = int(evidence.supporting.sum()) // 2, int(evidence.contradicting.sum()) // 2
-    figures |= {"matches": {"supporting": supporting, "contradicting": contradicting}}
+    record = record.add(matches={"supporting": supporting, "contradicting": contradicting})
     stopwatch.stop()
     if contradicting > max(FEW_MATCHES, MOST_CONTRADICTING * (supporting + contradicting)):
         reason = f"the outlines fit, but {contradicting} of {supporting + contradicting} matches of the pictures contradict the cameras"
-        raise RegistrationFailed(f"{reason}; {SURFACE}", figures, pinhole_model)
-    check_photometric_consistency(read_views(out)[0], figures, pinhole_model)
-    return figures
+        raise record.fail(f"{reason}; {SURFACE}", pinhole_model)
+    return dict(record.judge(check_photometric_consistency(read_views(out)[0]), pinhole_model).entries)
 
 
 def _find_cameras(
@@ -131,10 +132,14 @@ def _find_cameras(
     outlines: Outlines,
     focal_px: np.ndarray,
     options: StructureOptions,
-    figures: dict[str, Any],
     stopwatch: Stopwatch,
-) -> list[Camera]:
-    """The cameras that outlines place in one way, adjusted by them. Raises RegistrationFailed where too few do, or they do not fit."""
+) -> tuple[list[Camera], Record]:
+    """The cameras that outlines place in one way, adjusted by them, and what is known of that.
+
+    Raises:
+        RegistrationFailed: too few are placed, or they do not fit.
+    """
+    known = Record()
     rng = np.random.default_rng(options.seed)
     best_px, adjusted_px, most_fitting = np.inf, list[tuple[float, float]](), 0
     whole, count = image_set, len(image_set.images)
@@ -147,7 +152,7 @@ def _find_cameras(
             way, *others = _mend_ways(way, others, seen)
         stopwatch.lap("search")
         best_px = min(best_px, way.cost)
-        figures["outlines"] = {"elevations_deg": elevations_deg, "search_px": round(best_px, 2)}
+        known = Record({"elevations_deg": elevations_deg, "search_px": round(best_px, 2)})
         if way.cost > LIKELY_PX:
             continue
         misfits = sorted(set(whole.names) - set(image_set.names))
@@ -157,28 +162,32 @@ def _find_cameras(
         ambiguous, left_out = None, dict[str, float]()
         while True:
             fitting = fit.find_fitting()
-            figures["outlines"] |= {"miss_px": round(fit.miss_px, 3), "worst_view_px": round(fit.worst_px, 3)}
-            figures["outlines"] |= {"misfits": misfits, "wrong_px": left_out}
+            known = known.add(miss_px=round(fit.miss_px, 3), worst_view_px=round(fit.worst_px, 3), misfits=misfits, wrong_px=dict(left_out))
             if fit.is_fine and fitting.sum() >= needed:
                 try:
-                    return _place(fit, image_set, masks, seen, guess_px, elevations_deg, [way, *others], needed, figures)
+                    return _place(fit, image_set, masks, seen, guess_px, elevations_deg, [way, *others], needed, known)
                 except _SeveralWays as error:
                     if fitting.all():
-                        raise
-                    ambiguous = error
+                        raise _fail(str(error), Record(error.figures)) from None
+                    ambiguous, known = error, Record(error.figures)
             most_fitting = max(most_fitting, int(fitting.sum()) if fit.is_fine else 0)
             if fitting.all() or len(misfits) + len(left_out) >= most_wrong:
                 break
             fit, name, contradiction_px = fit.leave_out_worst(masks)
             left_out[name] = round(contradiction_px, 3)
         if ambiguous:
-            raise ambiguous
+            raise _fail(str(ambiguous), known)
     told = f"those of {most_fitting} of {count} photos do, {needed} are needed"
-    raise RegistrationFailed(
+    raise _fail(
         f"the outlines of the masks do not fit together ({told if most_fitting else describe_fit(best_px, adjusted_px)}); {UPRIGHT}, and"
         " masks must be exact",
-        figures,
+        known,
     )
+
+
+def _fail(reason: str, known: Record) -> RegistrationFailed:
+    """The failure with what is known of the search, if it began."""
+    return RegistrationFailed(reason, {"outlines": dict(known.entries)} if known.entries else {})
 
 
 def _mend_ways(way: Way, others: list[Way], outlines: Outlines) -> list[Way]:
@@ -206,18 +215,17 @@ def _place(
     elevations_deg: tuple[int, int],
     ways: list[Way],
     needed: int,
-    figures: dict[str, Any],
-) -> list[Camera]:
+    known: Record,
+) -> tuple[list[Camera], Record]:
     """The cameras whose views fit, and nowhere else, adjusted by each other. Raises _SeveralWays where these are fewer than `needed`."""
     shown, seen, fitting = image_set.take(fit.numbers.tolist()), take_outlines(outlines, fit.numbers), fit.find_fitting()
-    figures["outlines"]["stand_out_px"] = {
-        name: round(float(px), 3) for name, px, fits in zip(shown.names, fit.by_view_px, fitting, strict=True) if not fits
-    }
+    stand_out_px = {name: round(float(px), 3) for name, px, fits in zip(shown.names, fit.by_view_px, fitting, strict=True) if not fits}
     found = read_way(fit.cameras, seen, focal_px[fit.numbers])
-    kept = _keep_placed(shown, seen, found, np.flatnonzero(fitting), elevations_deg, needed, figures)
+    known = known.add(stand_out_px=stand_out_px)
+    kept, known = _keep_placed(shown, seen, found, np.flatnonzero(fitting), elevations_deg, needed, known)
     way, *others = [way.take(fit.numbers[kept]) for way in ways]
-    _require_one_way(way, others, figures)
-    return fit.cameras if len(kept) == len(fit.cameras) else fit.take(kept, masks).cameras
+    _require_one_way(way, others, known)
+    return (fit.cameras if len(kept) == len(fit.cameras) else fit.take(kept, masks).cameras), known
 
 
 def _keep_placed(
@@ -227,8 +235,8 @@ def _keep_placed(
     kept: np.ndarray,
     elevations_deg: tuple[int, int],
     needed: int,
-    figures: dict[str, Any],
-) -> np.ndarray:
+    known: Record,
+) -> tuple[np.ndarray, Record]:
     """(K,) numbers of the views that fit nowhere else, of those in `kept`. Raises _SeveralWays where fewer than `needed` are left.
 
     What held the others may go with a view that is left out, so all are asked again.
@@ -237,23 +245,23 @@ def _keep_placed(
     while True:
         elsewhere = find_alternatives(way.take(kept), take_outlines(outlines, kept), elevations_deg)
         names = [image_set.names[number] for number in kept]
-        figures["outlines"]["elsewhere_px"] = dict(zip(names, elsewhere.round(1).tolist(), strict=True)) | left_out
+        known = known.add(elsewhere_px=dict(zip(names, elsewhere.round(1).tolist(), strict=True)) | left_out)
         free = elsewhere < ELSEWHERE_PX
         if not free.any():
-            return kept
+            return kept, known
         left_out |= {name: round(float(px), 1) for name, px, is_free in zip(names, elsewhere, free, strict=True) if is_free}
         kept = kept[~free]
         if len(kept) < needed:
             told = f"{len(left_out)} of {len(image_set.names)} photos, such as {image_set.shown[next(iter(left_out))]}"
             told += ", could have been taken from elsewhere" + (f", and {unfit} do not fit the others" if unfit else "")
-            raise _SeveralWays(f"the outlines fit in several ways: {told}; {SURFACE}", figures)
+            raise known.fail(f"the outlines fit in several ways: {told}; {SURFACE}", kind=_SeveralWays)
 
 
-def _require_one_way(found: Way, others: list[Way], figures: dict[str, Any]) -> None:
+def _require_one_way(found: Way, others: list[Way], known: Record) -> None:
     """Raise RegistrationFailed where another of the ways that were found fits as well."""
     rivals = [other for other in others if _is_rival(found, other)]
     if rivals:
-        raise RegistrationFailed(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", figures)
+        raise _fail(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", known)
 
 
 def _is_rival(found: Way, other: Way) -> bool:

@@ -10,12 +10,14 @@ from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register import colmap
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
 from zeroshop_steps.register.matching.match_coverage import CELLS, LEAST_CELLS, delete_pairs_of_low_coverage
+from zeroshop_steps.register.matching.turntable import StationaryMatches
+from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.image_set import read_image_set
-from zeroshop_steps.register.scene.record import RegistrationFailed, Stopwatch
-from zeroshop_steps.register.verification.consistency import WRONG
+from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
 
 WIDTH, HEIGHT = 320, 240
+REASONS = ("the first reason", "the second reason")
 
 
 def fill(path: Path, spread: dict[tuple[int, int], int]) -> None:
@@ -53,57 +55,57 @@ def image_set(tmp_path):
     return read_image_set(tmp_path / "capture")
 
 
-def run(tmp_path, image_set, monkeypatch, reasons, options, gaps=({}, {})):
-    """The record, where each reconstruction but those past the reasons fails for one of them; and what each was asked."""
+def run(tmp_path, image_set, monkeypatch, kinds, options, gaps=({}, {})):
+    """The record, where each reconstruction but those past these kinds of failures fails; and what each was asked."""
     asked = []
 
-    def reconstruct(database, image_set, out, options, figures, *_, **more):
+    def reconstruct(database, image_set, out, options, record, *_, **more):
         asked.append((database, options.compare_pictures, sorted(path.name for path in out.iterdir() if path.name == "images")))
         # What was left out may contradict the cameras: the whole database is asked.
         assert more.get("all_matches") == (None if len(asked) == 1 else asked[0][0])
         (out / "images").mkdir()
-        figures |= gaps[len(asked) - 1]
-        if len(asked) <= len(reasons):
-            raise RegistrationFailed(reasons[len(asked) - 1], figures)
-        return figures | {"registered": 3}
+        record = record.add(**gaps[len(asked) - 1])
+        if len(asked) <= len(kinds):
+            raise record.fail(REASONS[len(asked) - 1], kind=kinds[len(asked) - 1])
+        return record.add(registered=3)
 
     monkeypatch.setattr(colmap, "reconstruct", reconstruct)
 
     def match(database, *_):
         fill(database, {(1, 2): CELLS**2, (2, 3): 1})
+        return ViewGraph(1000.0, 0, "exif", 3, StationaryMatches(0.0, 0.0, 0.0), False)
 
     out = tmp_path / "out"
     out.mkdir()
-    figures = {"still_share": 0.0, "still_pairs": 0.0, "still_apart": 0.0}
     try:
-        return match_and_reconstruct(image_set, out, ColmapOptions(structure=options), figures, Stopwatch(), match=match), asked
+        return match_and_reconstruct(image_set, out, ColmapOptions(structure=options), Record(), Stopwatch(), match=match).entries, asked
     except RegistrationFailed as error:
         return str(error), asked
 
 
 def test_cameras_that_are_wrong_are_found_again_from_wide_pairs_and_their_pictures_compared(tmp_path, image_set, monkeypatch):
-    record, asked = run(tmp_path, image_set, monkeypatch, [f"{WRONG}: sides"], StructureOptions(leave_out=True))
-    assert record["narrow_pairs"] == 1 and f"were refused ({WRONG}: sides)" in record["warnings"][0]
+    record, asked = run(tmp_path, image_set, monkeypatch, [DuplicateStructure], StructureOptions(leave_out=True))
+    assert record["narrow_pairs"] == 1 and f"were refused ({REASONS[0]})" in record["warnings"][0]
     assert [compared for _, compared, _ in asked] == [False, True]
     assert asked[0][0] != asked[1][0] and asked[1][2] == []  # nothing of the wrong cameras is left
 
 
 @pytest.mark.parametrize(
-    ("reasons", "options", "tries"),
+    ("kinds", "options", "tries"),
     [
-        ([f"{WRONG}: sides", "too few"], StructureOptions(leave_out=True), 2),
-        (["only 3 of 60 images registered"], StructureOptions(leave_out=True), 1),
-        ([f"{WRONG}: sides"], StructureOptions(), 1),
-        ([f"{WRONG}: sides"], StructureOptions(leave_out=True, object_only=True), 1),
+        ([DuplicateStructure, TooFewRegistered], StructureOptions(leave_out=True), 2),
+        ([TooFewRegistered], StructureOptions(leave_out=True), 1),
+        ([Inconsistent], StructureOptions(), 1),
+        ([Inconsistent], StructureOptions(leave_out=True, object_only=True), 1),
     ],
 )
-def test_the_first_reason_stays_where_wide_pairs_do_not_help_or_are_not_asked(tmp_path, image_set, monkeypatch, reasons, options, tries):
-    error, asked = run(tmp_path, image_set, monkeypatch, reasons, options)
-    assert error == reasons[0] and len(asked) == tries
+def test_the_first_reason_stays_where_wide_pairs_do_not_help_or_are_not_asked(tmp_path, image_set, monkeypatch, kinds, options, tries):
+    error, asked = run(tmp_path, image_set, monkeypatch, kinds, options)
+    assert error == REASONS[0] and len(asked) == tries
 
 
 @pytest.mark.parametrize(("folded", "left", "refused"), [(True, True, True), (True, False, False), (False, True, False)])
 def test_cameras_that_were_folded_must_close_their_gap(tmp_path, image_set, monkeypatch, folded, left, refused):
     gaps = ({"gap_evidence": {"folded": folded}}, {"gap_evidence": {"folded": False}} if left else {})
-    found, asked = run(tmp_path, image_set, monkeypatch, [f"{WRONG}: sides"], StructureOptions(leave_out=True), gaps)
-    assert len(asked) == 2 and (found == f"{WRONG}: sides") == refused
+    found, asked = run(tmp_path, image_set, monkeypatch, [DuplicateStructure], StructureOptions(leave_out=True), gaps)
+    assert len(asked) == 2 and (found == REASONS[0]) == refused

@@ -8,6 +8,7 @@ import pycolmap
 import pytest
 
 from zeroshop_steps.register.mapping.reregistration import measure_reprojection_errors_px
+from zeroshop_steps.register.scene.record import Inconsistent
 from zeroshop_steps.register.silhouettes.coherence import SilhouetteCoherence
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault, find_unsure
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
@@ -29,7 +30,9 @@ def fault(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
     errors_px = dict.fromkeys(NAMES, 0.3) | {"c": error_px}
     ones, limits = dict.fromkeys(NAMES, 1.0), ConsistencyLimits()
     mask_limits_px = dict.fromkeys(NAMES, limits.unexplained_px)
-    return find_first_fault(coherence, EpipolarSupport(NAMES, supporting, against), errors_px, limits, ones, mask_limits_px)
+    found, culprits = find_first_fault(coherence, EpipolarSupport(NAMES, supporting, against), errors_px, limits, ones, mask_limits_px)
+    assert found is None or issubclass(found.kind, Inconsistent) == (link == 100)
+    return found and found.reason, culprits
 
 
 def test_a_model_that_everything_bears_out_passes():

@@ -5,7 +5,7 @@ import pycolmap
 import pytest
 
 from helpers.side_points import add_side_points
-from zeroshop_steps.register.scene.record import RegistrationFailed
+from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Record
 from zeroshop_steps.register.verification.covisibility import count_covisible_points
 from zeroshop_steps.register.verification.duplicate_structure import SHARED_POINTS, check_duplicate_structure
 
@@ -36,14 +36,14 @@ def model_of(azimuths_deg: list[float], sides: list[int], share: float = 0.6) ->
     return model
 
 
-def check(model: pycolmap.Reconstruction, may_match=None) -> dict:
+def check(model: pycolmap.Reconstruction, may_match=None, by_object=False) -> Evidence:
     """The verdict on a model."""
-    return check_duplicate_structure(model, {"registered": model.num_reg_images()}, may_match)
+    return check_duplicate_structure(model, may_match, by_object)
 
 
 def test_neighbours_of_one_side_share_points():
     model = model_of([0, 20, 40, 60, 80], [0] * 5)
-    assert check(model) == {"registered": 5, "neighbours": 4, "strangers": []}, "neighbours are up to 30 degrees apart"
+    assert check(model) == Evidence({"neighbours": 4, "strangers": []}), "neighbours are up to 30 degrees apart"
     missed = count_covisible_points(model)
     assert missed.expected[0, 2] == 0 < missed.expected[0, 1] and missed.shared[0, 1] > 0.4 * missed.expected[0, 1]
 
@@ -51,12 +51,20 @@ def test_neighbours_of_one_side_share_points():
 def test_sides_that_lie_on_each_other_are_refused():
     azimuths = [0, 36, 72, 108, 144, 1, 37, 73, 109, 145]
     folded = model_of(azimuths, [0] * 5 + [1] * 5)
-    with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. 5 of 5 pairs .* such as 0 and 5") as error:
-        check(folded)
-    assert error.value.rejected is not None and len(error.value.figures["strangers"]) == 5
-    assert check(folded, lambda one, other: True)["strangers"] == [], "they match after all"
-    assert check(folded, lambda one, other: one in "012")["strangers"] == [["3", "8"], ["4", "9"]], "two alone are allowed"
-    assert check(model_of(azimuths, [0] * 10))["strangers"] == []
+    found = check(folded)
+    assert found.fault.kind is DuplicateStructure and "5 of 5 pairs of neighbouring images, such as 0 and 5" in found.fault.reason
+    assert len(found.entries["strangers"]) == 5
+    assert check(folded, lambda one, other: True) == Evidence({"neighbours": 5, "strangers": []}), "they match after all"
+    few = check(folded, lambda one, other: one in "012")
+    assert few.entries["strangers"] == [["3", "8"], ["4", "9"]] and few.fault is None, "two alone are allowed"
+    assert check(model_of(azimuths, [0] * 10)).entries["strangers"] == []
+
+
+def test_a_fault_ends_the_registration_with_all_that_is_known():
+    found = check(model := model_of([0, 1, 2, 3], [0, 1, 0, 1]))
+    with pytest.raises(DuplicateStructure, match="sides that look alike lie on each other") as error:
+        Record({"registered": 4}).judge(found, model)
+    assert error.value.rejected is model and {"registered": 4, "neighbours": 6}.items() <= error.value.figures.items()
 
 
 @pytest.mark.parametrize("azimuths", [[0, 90, 180, 270], [0, 40, 80, 120]])
@@ -66,8 +74,6 @@ def test_views_far_apart_are_not_judged(azimuths):
 
 def test_a_single_stranger_among_few_neighbours_is_refused_where_no_ground_tells_sides_apart():
     folded = model_of([0, 72, 144, 1, 60], [0, 0, 0, 1, 0])
-    record = check(folded)
-    assert record["neighbours"] == 2 and record["strangers"] == [["0", "3"]], "excused on a ground"
-    with pytest.raises(RegistrationFailed, match="share almost nothing"):
-        check_duplicate_structure(folded, {"registered": 5}, by_object=True)
-    assert check_duplicate_structure(model_of([0, 20, 40, 60], [0] * 4), {}, by_object=True)["strangers"] == []
+    assert check(folded) == Evidence({"neighbours": 2, "strangers": [["0", "3"]]}), "excused on a ground"
+    assert "share almost nothing" in check(folded, by_object=True).fault.reason
+    assert check(model_of([0, 20, 40, 60], [0] * 4), by_object=True).fault is None

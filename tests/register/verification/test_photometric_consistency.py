@@ -1,10 +1,8 @@
 """Sides that look alike, laid onto each other: neighbouring views differ in detail."""
 
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
-import pycolmap
 import pytest
 
 from helpers.camera_ring import ring_camera
@@ -13,7 +11,7 @@ from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register.scene.record import RegistrationFailed
+from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Record
 from zeroshop_steps.register.submodels.appearance import compare_groups
 from zeroshop_steps.register.verification import photometric_consistency, wide_baseline
 from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency, find_inconsistent
@@ -50,16 +48,14 @@ def fold(views, beside_deg=7.5):
 
 @pytest.mark.slow
 def test_right_cameras_agree(views):
-    figures = {}
-    check_photometric_consistency(read_views(views)[0], figures, pycolmap.Reconstruction())
-    assert figures == {"compared_neighbours": len(SEEN) - 2, "disagreeing": []}
+    assert check_photometric_consistency(read_views(views)[0]) == Evidence({"compared_neighbours": len(SEEN) - 2, "disagreeing": []})
 
 
 @pytest.mark.slow
 def test_sides_that_look_alike_are_refused(views):
-    figures = {}
-    with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. .* differ in detail"):
-        check_photometric_consistency(fold(read_views(views)[0]), figures, pycolmap.Reconstruction())
+    found = check_photometric_consistency(fold(read_views(views)[0]))
+    assert found.fault.kind is DuplicateStructure and "differ in detail" in found.fault.reason
+    figures = found.entries
     false = [pair for pair in figures["disagreeing"] if len({int(name) < VIEWS // 2 for name in pair}) == 2]
     assert len(false) == len(figures["disagreeing"]) > 0.35 * figures["compared_neighbours"], "neighbours of one side still agree"
 
@@ -70,38 +66,32 @@ def test_views_that_are_far_apart_are_not_judged(views):
 
 @pytest.mark.slow
 def test_views_some_way_apart_agree_in_right_cameras(views):
-    figures = {"compared_neighbours": 0}
-    check_wide_baseline(read_views(views)[0], figures, pycolmap.Reconstruction())
-    assert figures["compared_far_neighbours"] >= len(SEEN) - 2 and figures["differing"] == [], figures
+    found = check_wide_baseline(read_views(views)[0], 0)
+    assert found.entries["compared_far_neighbours"] >= len(SEEN) - 2 and found.entries["differing"] == [] and not found.fault, found
 
 
 def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
-    folded, figures = fold(read_views(views)[0][::3], 22.5), {}
-    check_photometric_consistency(folded, figures, pycolmap.Reconstruction())
-    assert figures["compared_neighbours"] == 0, "views 22.5 degrees apart are not near"
-    with pytest.raises(RegistrationFailed, match="sides that look alike lie on each other. .* differ in detail"):
-        check_wide_baseline(folded, figures, pycolmap.Reconstruction())
+    folded = fold(read_views(views)[0][::3], 22.5)
+    assert check_photometric_consistency(folded).entries["compared_neighbours"] == 0, "views 22.5 degrees apart are not near"
+    fault = check_wide_baseline(folded, 0).fault
+    assert fault.kind is DuplicateStructure and "sides that look alike lie on each other" in fault.reason
 
 
 @pytest.mark.parametrize("judged, scores, refused", [(8, [0.7], False), (8, [0.59], True), (8, [0.7] * 3, True), (3, [0.65], True)])
 def test_far_neighbours_are_excused_where_few_differ_a_little(monkeypatch, judged, scores, refused):
     found = {(f"{number}", f"{number + 1}"): score for number, score in enumerate(scores)}
     monkeypatch.setattr(wide_baseline, "find_inconsistent_wide", lambda views: (judged, found))
-    with pytest.raises(RegistrationFailed, match="differ in detail") if refused else nullcontext():
-        check_wide_baseline([], {"compared_neighbours": 0}, pycolmap.Reconstruction())
+    assert bool(check_wide_baseline([], 0).fault) == refused
 
 
 def test_where_nothing_can_be_compared_a_warning_says_so(views):
-    figures = {"compared_neighbours": 0, "warnings": ["other"]}
-    check_wide_baseline(read_views(views)[0][::3][:2], figures, pycolmap.Reconstruction())  # 45 degrees apart
-    assert figures["compared_far_neighbours"] == 0 and figures["warnings"][0] == "other"
-    assert "no two neighbouring photos show enough of the same print" in figures["warnings"][1]
+    record = Record().warn("other").judge(check_wide_baseline(read_views(views)[0][::3][:2], 0))  # 45 degrees apart
+    assert record.entries["compared_far_neighbours"] == 0 and record.entries["warnings"][0] == "other"
+    assert "no two neighbouring photos show enough of the same print" in record.entries["warnings"][1]
 
 
 def test_views_some_way_apart_are_not_asked_where_near_ones_were():
-    figures = {"compared_neighbours": FEW_COMPARED}
-    check_wide_baseline([], figures, pycolmap.Reconstruction())
-    assert figures == {"compared_neighbours": FEW_COMPARED}
+    assert check_wide_baseline([], FEW_COMPARED) == Evidence()
 
 
 def test_groups_that_lie_rightly_show_the_same(views):
@@ -126,5 +116,4 @@ def test_groups_without_common_sides_are_not_called_the_same(views):
 def test_where_few_are_judged_none_is_excused(monkeypatch, judged, disagreeing, refused):
     pairs = [(f"{number}", f"{number + 1}") for number in range(disagreeing)]
     monkeypatch.setattr(photometric_consistency, "find_inconsistent", lambda views: (judged, pairs))
-    with pytest.raises(RegistrationFailed, match="differ in detail") if refused else nullcontext():
-        check_photometric_consistency([], {}, pycolmap.Reconstruction())
+    assert bool(check_photometric_consistency([]).fault) == refused

@@ -7,9 +7,11 @@ why, with the figures so far, is beside the record; a model that was found and r
 
 import shutil
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, Self
 
 import pycolmap
 
@@ -30,9 +32,17 @@ FEWEST_OF_PASS = 8  # images that lie together at one end of a capture and have 
 class RegistrationFailed(StepError):
     """The images could not be registered; `figures` says what was found, `rejected` is the model, if there is one."""
 
-    def __init__(self, reason: str, figures: dict[str, Any], rejected: pycolmap.Reconstruction | None = None) -> None:
+    def __init__(self, reason: str, figures: Mapping[str, Any], rejected: pycolmap.Reconstruction | None = None) -> None:
         super().__init__(reason)
-        self.figures, self.rejected = figures, rejected
+        self.figures, self.rejected = dict(figures), rejected
+
+    def because(self, reason: str) -> Self:
+        """The same failure with another reason."""
+        return type(self)(reason, self.figures, self.rejected)
+
+    def after(self, record: "Record") -> Self:
+        """The same failure with what was found before, too."""
+        return type(self)(str(self), {**record.entries, **self.figures}, self.rejected)
 
     def write_details(self, folder: Path) -> None:
         """Write the figures and the rejected model."""
@@ -43,6 +53,72 @@ class RegistrationFailed(StepError):
 
 class TooFewRegistered(RegistrationFailed):
     """Too few images match."""
+
+
+class Inconsistent(RegistrationFailed):
+    """The model fits in itself, but something that had no part in it says that it is wrong."""
+
+
+class DuplicateStructure(Inconsistent):
+    """Distinct sides of the object that look alike were laid onto each other."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why a model is refused: the reason for the user, and what is raised."""
+
+    reason: str
+    kind: type[RegistrationFailed] = RegistrationFailed
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a check found.
+
+    Attributes:
+        entries: for registration.json.
+        fault: why the model is refused; None where it passes.
+        warnings: for the user.
+    """
+
+    entries: Mapping[str, Any] = field(default_factory=dict)
+    fault: Fault | None = None
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Record:
+    """What registration.json says so far. It is not changed: what adds to it returns another one."""
+
+    entries: Mapping[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def begin(method: str, image_set: ImageSet, parameters: Any, stopwatch: "Stopwatch", *modules: ModuleType, **known: Any) -> "Record":
+        """What is known before anything is computed: the method, its parameters (a dataclass), versions of modules, and what else is."""
+        begun = {"method": method, "images": len(image_set.images), "registered": 0, **known, "seconds": stopwatch.seconds}
+        versions = {module.__name__: module.__version__ for module in modules}
+        return Record({**begun, "parameters": asdict(parameters), "versions": versions})
+
+    def add(self, **entries: Any) -> "Record":
+        """With these entries."""
+        return Record({**self.entries, **entries})
+
+    def warn(self, *warnings: str) -> "Record":
+        """With these warnings after those that are there."""
+        return self.add(warnings=[*self.entries.get("warnings", []), *warnings]) if warnings else self
+
+    def judge(self, evidence: Evidence, model: pycolmap.Reconstruction | None = None) -> "Record":
+        """With what a check found; raises its fault, with `model` as the one that is refused."""
+        record = self.add(**evidence.entries).warn(*evidence.warnings)
+        if evidence.fault:
+            raise record.fail(evidence.fault.reason, model, evidence.fault.kind)
+        return record
+
+    def fail(
+        self, reason: str, model: pycolmap.Reconstruction | None = None, kind: type[RegistrationFailed] = RegistrationFailed
+    ) -> RegistrationFailed:
+        """The failure with all that is known; `model` is the one that is refused."""
+        return kind(reason, self.entries, model)
 
 
 def read_registration(cameras: Path) -> dict[str, Any]:
@@ -88,19 +164,19 @@ def find_lens(record: dict[str, Any], stem: str) -> dict[str, Any] | None:
     return record.get("lens") or record.get("lenses", {}).get(stem)
 
 
-def name_missing(figures: dict[str, Any], image_set: ImageSet, placed: Collection[str]) -> None:
-    """Complete a record in place: the images without a place, and a warning that names them as the user does."""
+def find_missing(image_set: ImageSet, placed: Collection[str]) -> Evidence:
+    """The images without a place, and a warning that names them as the user does."""
     missing = [name for name in image_set.names if name not in placed]
-    figures["unregistered"] = missing
-    if missing:
-        shown = ", ".join(image_set.shown[name] for name in missing)
-        reason = f"left out, {len(missing)} of {len(image_set.names)} photos have no sure place among the others: {shown}"
-        if len(missing) >= FEWEST_OF_PASS and missing in (image_set.names[: len(missing)], image_set.names[-len(missing) :]):
-            reason += (
-                ". They were taken one after the other: if they show the object in another position, give them as a second input, so that"
-                " both are joined (zeroshop FIRST SECOND)"
-            )
-        figures["warnings"] = [*figures.get("warnings", []), reason]
+    if not missing:
+        return Evidence({"unregistered": missing})
+    shown = ", ".join(image_set.shown[name] for name in missing)
+    reason = f"left out, {len(missing)} of {len(image_set.names)} photos have no sure place among the others: {shown}"
+    if len(missing) >= FEWEST_OF_PASS and missing in (image_set.names[: len(missing)], image_set.names[-len(missing) :]):
+        reason += (
+            ". They were taken one after the other: if they show the object in another position, give them as a second input, so that"
+            " both are joined (zeroshop FIRST SECOND)"
+        )
+    return Evidence({"unregistered": missing}, warnings=(reason,))
 
 
 def fill_apart(out: Path, name: str, fill: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.mapping.reregistration import measure_reprojection_errors_px
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.lenses import folds
+from zeroshop_steps.register.scene.record import Fault, Inconsistent
 from zeroshop_steps.register.scene.undistortion import undistort_masks
 from zeroshop_steps.register.silhouettes.coherence import (
     UNEXPLAINED_PX,
@@ -71,7 +72,7 @@ class ConsistencyReport:
         coherence: of the masks; None where there are none.
         evidence: of the image pairs.
         errors_px: {image name: median reprojection error}.
-        reason: why the model is wrong, for the user; None if all checks pass.
+        fault: why the model is wrong; None if all checks pass.
         culprits: the images to blame, if single ones are.
         wrong_masks: images whose masks contradict most of the others, and were left out of the check.
     """
@@ -79,9 +80,14 @@ class ConsistencyReport:
     coherence: SilhouetteCoherence | None
     evidence: EpipolarSupport
     errors_px: dict[str, float]
-    reason: str | None
+    fault: Fault | None
     culprits: tuple[str, ...]
     wrong_masks: tuple[str, ...] = ()
+
+    @property
+    def reason(self) -> str | None:
+        """Why the model is wrong, for the user."""
+        return self.fault.reason if self.fault else None
 
     def figures(self) -> dict[str, Any]:
         """The figures as written to registration.json; an error without bounds is None there."""
@@ -130,12 +136,13 @@ def check_consistency(
         coherence = coherence.enlarged(factors)
     evidence = count_epipolar_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
-    reason, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
-    if reason is None and any(folds(lens) for lens in model.cameras.values()):
-        reason = f"{WRONG}: its lens would fold the picture, as no lens does, so the points say too little; {REMEDY}"
-    if reason is None and image_set.film:
+    fault, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
+    if fault is None and any(folds(lens) for lens in model.cameras.values()):
+        fault = _contradict("its lens would fold the picture, as no lens does, so the points say too little")
+    if fault is None and image_set.film:
         reason, culprits = find_jump(model, image_set.cuts)
-    return ConsistencyReport(coherence, evidence, errors_px, reason, culprits, tuple(wrong_masks))
+        fault = Fault(reason, Inconsistent) if reason else None
+    return ConsistencyReport(coherence, evidence, errors_px, fault, culprits, tuple(wrong_masks))
 
 
 def find_unsure(model: pycolmap.Reconstruction, evidence: EpipolarSupport) -> list[str]:
@@ -176,8 +183,8 @@ def find_first_fault(
     limits: ConsistencyLimits,
     scales: Mapping[str, float],
     mask_limits_px: Mapping[str, float],
-) -> tuple[str | None, tuple[str, ...]]:
-    """The first check that fails: its reason for the user, and the images to blame.
+) -> tuple[Fault | None, tuple[str, ...]]:
+    """The first check that fails, and the images to blame.
 
     `scales` are those of `ImageSet`, `mask_limits_px` by how much the rays of each view may miss the other masks.
     """
@@ -186,18 +193,23 @@ def find_first_fault(
         name, worst_px = coherence.names[int(excess.argmax())], float(coherence.unexplained_px[excess.argmax()])
     if coherence and excess.max() > 1:
         found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
-        return f"{WRONG}, or masks are: {found}; check the masks, {REMEDY}", (coherence.culprit(),)
+        return Fault(f"{WRONG}, or masks are: {found}; check the masks, {REMEDY}", Inconsistent), (coherence.culprit(),)
     share = evidence.contradicted_share
     if share.max() > limits.contradicted_share:
         name = evidence.names[int(share.argmax())]
-        return f"{WRONG}: {share.max():.0%} of the matches of {name} contradict it (sides that look alike?); {REMEDY}", (name,)
+        return _contradict(f"{share.max():.0%} of the matches of {name} contradict it (sides that look alike?)"), (name,)
     errors = {name: error_px / scales[name] for name, error_px in errors_px.items()}
     name = max(errors, key=errors.__getitem__)
     if not np.isfinite(errors[name]):
-        return f"{WRONG}: {name} sees no points of the model, or most of them lie behind it; {REMEDY}", (name,)
+        return _contradict(f"{name} sees no points of the model, or most of them lie behind it"), (name,)
     if errors[name] > max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values())))):
-        return f"{WRONG}: {name} fits with {errors_px[name]:.2f} px, the others much better; {REMEDY}", (name,)
+        return _contradict(f"{name} fits with {errors_px[name]:.2f} px, the others much better"), (name,)
     matches, group = evidence.weakest_cut()
     if matches < limits.cut_matches:
-        return f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed; {REMEDY}", group
+        few = f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed"
+        return Fault(f"{few}; {REMEDY}"), group
     return None, ()
+
+
+def _contradict(found: str) -> Fault:
+    return Fault(f"{WRONG}: {found}; {REMEDY}", Inconsistent)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.scene.record import RegistrationFailed
+from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Fault
 from zeroshop_steps.register.verification.consistency import FOLDED, REMEDY
 from zeroshop_steps.register.verification.covisibility import CovisiblePoints, count_covisible_points
 from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
@@ -33,55 +33,39 @@ MayMatch = Callable[[str, str], bool]
 
 def check_duplicate_structure(
     model: pycolmap.Reconstruction,
-    figures: dict[str, Any],
     may_match: MayMatch | None = None,
     by_object: bool = False,
     images: Path | None = None,
     compare: bool = False,
-) -> dict[str, Any]:
-    """The record of a registration, with how many neighbouring images there are and which of them are strangers.
+) -> Evidence:
+    """How many neighbouring images there are, and which of them share almost nothing; a fault where these are too many.
 
     Args:
         model: its images are named STEM.png.
-        figures: the record so far; completed in place.
         may_match: is asked about neighbours that share almost no points of the model, by the stems of their names.
         by_object: whether the object alone gave the matches; no ground tells its sides apart then.
-        images: the folder of the model's images, where the whole scene gave the matches: these decide where many neighbours are strangers.
+        images: the folder of the model's images, where the whole scene gave the matches: these decide where many neighbours share nothing.
         compare: whether they decide in any case, and must be enough to tell.
-
-    Raises:
-        RegistrationFailed: too many neighbours are strangers, or do not show the same.
     """
     neighbours, strangers = find_noncovisible(count_covisible_points(model), may_match)
-    figures |= {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
+    entries: dict[str, Any] = {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
     if images is not None and (compare or len(strangers) > max(NONCOVISIBLE_PAIRS, DOUBTFUL_SHARE * neighbours)):
         compared, unlike = find_mismatched_pairs(model, images)
-        figures |= {"compared_pictures": compared, "unlike": [list(pair) for pair in unlike]}
+        entries |= {"compared_pictures": compared, "unlike": [list(pair) for pair in unlike]}
         if compared >= LEAST_COMPARED:
-            if len(unlike) > UNLIKE_SHARE * compared:
-                raise make_refusal(unlike, compared, "show different things where they should show the same", figures, model)
-            return figures
+            differ = "show different things where they should show the same"
+            return Evidence(entries, make_fault(unlike, compared, differ) if len(unlike) > UNLIKE_SHARE * compared else None)
         if compare:
-            raise RegistrationFailed(
-                f"only {compared} pairs of neighbouring images can be compared, {LEAST_COMPARED} are needed to tell sides that look alike",
-                figures,
-                model,
-            )
+            few = f"only {compared} pairs of neighbouring images can be compared, {LEAST_COMPARED} are needed to tell sides that look alike"
+            return Evidence(entries, Fault(few))
     excused = 0.0 if by_object and neighbours < FEW_NEIGHBOURS else max(NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE * neighbours)
-    if len(strangers) > excused:
-        raise make_refusal(strangers, neighbours, "share almost nothing", figures, model)
-    return figures
+    return Evidence(entries, make_fault(strangers, neighbours, "share almost nothing") if len(strangers) > excused else None)
 
 
-def make_refusal(
-    pairs: Sequence[tuple[str, str]], neighbours: int, what: str, figures: dict[str, Any], model: pycolmap.Reconstruction
-) -> RegistrationFailed:
-    """The error that says what is wrong with so many pairs of neighbours, and how to tell sides apart; the rest goes with it."""
-    return RegistrationFailed(
-        f"{FOLDED}. {len(pairs)} of {neighbours} pairs of neighbouring images, such as {' and '.join(pairs[0])}, {what}; {REMEDY}",
-        figures,
-        model,
-    )
+def make_fault(pairs: Sequence[tuple[str, str]], neighbours: int, what: str) -> Fault:
+    """What is wrong with so many pairs of neighbours, and how to tell sides apart."""
+    told = f"{len(pairs)} of {neighbours} pairs of neighbouring images, such as {' and '.join(pairs[0])}, {what}"
+    return Fault(f"{FOLDED}. {told}; {REMEDY}", DuplicateStructure)
 
 
 def find_noncovisible(missed: CovisiblePoints, may_match: MayMatch | None = None) -> tuple[int, list[tuple[str, str]]]:

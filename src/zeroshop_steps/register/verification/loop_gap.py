@@ -18,7 +18,7 @@ from zeroshop_steps.geometry.cameras import take_cameras
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
 from zeroshop_steps.register.matching.rotation_consistency import estimate_turn
-from zeroshop_steps.register.scene.record import RegistrationFailed
+from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Fault
 from zeroshop_steps.register.verification.consistency import FOLDED, REMEDY
 from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
 from zeroshop_steps.register.verification.film_path import measure_turn_deg
@@ -66,24 +66,19 @@ class LoopGap:
         return {"gap_deg": round(self.gap_deg, 1), "judged": self.judged, "beyond": beyond, "folded": self.is_folded}
 
 
-def check_loop_gap(
-    model: pycolmap.Reconstruction, pinhole_model: pycolmap.Reconstruction, database: Path, seed: int, figures: dict[str, Any]
-) -> None:
-    """Raise RegistrationFailed, with `pinhole_model`, where a model is folded; arguments as of `measure_loop_gap`.
-
-    `figures`, the record so far, gets what was found, where there is a gap.
-    """
+def check_loop_gap(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Reconstruction, database: Path, seed: int) -> Evidence:
+    """Whether a model is folded; arguments as of `measure_loop_gap`. Without a gap, there is nothing to say."""
     found = measure_loop_gap(model, pinhole_model, database, seed)
     if found.gap_deg < GAP_DEG:
-        return
-    figures["gap_evidence"] = found.figures()
+        return Evidence()
+    fault = None
     if found.is_folded:
-        raise RegistrationFailed(
+        reason = (
             f"{FOLDED}. No camera is within {found.gap_deg:.0f} degrees around the object, but"
-            f" {len(found.beyond)} pairs of images, such as {' and '.join(found.beyond[0])}, match as if there were some; {REMEDY}",
-            figures,
-            pinhole_model,
+            f" {len(found.beyond)} pairs of images, such as {' and '.join(found.beyond[0])}, match as if there were some; {REMEDY}"
         )
+        fault = Fault(reason, DuplicateStructure)
+    return Evidence({"gap_evidence": found.figures()}, fault)
 
 
 def measure_loop_gap(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Reconstruction, database: Path, seed: int) -> LoopGap:

@@ -8,15 +8,14 @@ fills what is hollow.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pycolmap
 
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.photometry.hull_transfer import compare
 from zeroshop_steps.register.photometry.hull_views import make_small_views
-from zeroshop_steps.register.verification.duplicate_structure import make_refusal
+from zeroshop_steps.register.scene.record import Evidence
+from zeroshop_steps.register.verification.duplicate_structure import make_fault
 
 NEAR_DEG = 18.0  # views are neighbours where their directions to the object differ by at most so much
 LEAST_SCORE, SCORE_PER_DEG = 0.92, 0.007
@@ -27,21 +26,11 @@ WRONG_SHARE = 0.25
 judged, none of them is excused: a tube of which half of the views were taken came out folded, 284 mm off, with two of two that disagree."""
 
 
-def check_photometric_consistency(views: Sequence[View], figures: dict[str, Any], model: pycolmap.Reconstruction) -> None:
-    """Refuse cameras whose neighbouring views of the object do not show the same.
-
-    Args:
-        views: the registered views, with masks.
-        figures: the record so far; completed in place.
-        model: goes with the refusal.
-
-    Raises:
-        RegistrationFailed: too many neighbours disagree.
-    """
+def check_photometric_consistency(views: Sequence[View]) -> Evidence:
+    """Whether neighbouring views of the object, with masks, show the same; a fault where too many do not."""
     judged, disagreeing = find_inconsistent(views)
-    figures |= {"compared_neighbours": judged, "disagreeing": [list(pair) for pair in disagreeing]}
-    if len(disagreeing) > WRONG_SHARE * judged:
-        raise make_refusal(disagreeing, judged, "differ in detail", figures, model)
+    entries = {"compared_neighbours": judged, "disagreeing": [list(pair) for pair in disagreeing]}
+    return Evidence(entries, make_fault(disagreeing, judged, "differ in detail") if len(disagreeing) > WRONG_SHARE * judged else None)
 
 
 def find_inconsistent(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]:

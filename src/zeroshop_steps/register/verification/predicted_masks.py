@@ -22,7 +22,7 @@ from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, WIDTH_PX, write
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.refinement.silhouette_check import measure_silhouette_misses_px
 from zeroshop_steps.register.scene.image_set import MIN_IMAGES, ImageSet
-from zeroshop_steps.register.scene.record import RegistrationFailed, find_lens
+from zeroshop_steps.register.scene.record import Inconsistent, Record, RegistrationFailed, find_lens
 from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
 from zeroshop_steps.runtime.files import scratch_directory
@@ -116,22 +116,22 @@ def check_by_predicted_masks(folder: Path, record: dict[str, Any], network: Sali
     maps = network.find_maps([view.image_path for view in views], WIDTH_PX)
     write_maps(folder, network, {view.image_path.stem: seen for view, seen in zip(views, maps, strict=True)})
     found = cut_main_things(maps, [(view.camera.width_px, view.camera.height_px) for view in views])
-    record = record | {"checked_by": network.path.name}
+    checked = Record(record).add(checked_by=network.path.name)
     with scratch_directory(folder, "masks") as scratch:
         chosen, paths = _write_useful(found, [view.image_path for view in views], scratch)
         masked = [replace(views[index], mask_path=path) for index, path in zip(chosen, paths, strict=True)]
         missed_px = measure_silhouette_misses_px([view.camera for view in masked], [found[index] for index in chosen])
-        record |= {"outlines_miss_px": None if missed_px is None else round(missed_px, 2)}
+        checked = checked.add(outlines_miss_px=None if missed_px is None else round(missed_px, 2))
         if missed_px is not None and missed_px > ROUGH_MISSED_PX:
-            raise RegistrationFailed(
+            raise checked.fail(
                 f"the cameras are wrong: in half of the photos, the outline of the thing in the middle misses the others by"
                 f" {missed_px:.1f} px or more (of 1000); put the object on a surface with more print",
-                record,
                 model,
+                Inconsistent,
             )
         if len(masked) >= MIN_IMAGES:
-            check_photometric_consistency(masked, record, model)
-    return record
+            checked = checked.judge(check_photometric_consistency(masked), model)
+    return dict(checked.entries)
 
 
 def _write_useful(masks: Sequence[np.ndarray], images: Sequence[Path], folder: Path) -> tuple[list[int], list[Path]]:

@@ -7,17 +7,16 @@ hull is too large, patches lie elsewhere: so a pair must differ at other depths,
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pycolmap
 
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.photometry.distinctive_patches import UNLIKE_SCORE, Chances, compare_distinctive
 from zeroshop_steps.register.photometry.hull_transfer import LEAST_PATCHES, compare
 from zeroshop_steps.register.photometry.hull_views import make_small_views
+from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.register.submodels.appearance import LARGEST_DEG, WRONG_SHARE
-from zeroshop_steps.register.verification.duplicate_structure import make_refusal
+from zeroshop_steps.register.verification.duplicate_structure import make_fault
 from zeroshop_steps.register.verification.photometric_consistency import LEAST_SCORE, SCORE_PER_DEG
 from zeroshop_steps.register.verification.photometric_consistency import WRONG_SHARE as WRONG_PAIRS
 
@@ -25,31 +24,29 @@ FEW_COMPARED = 3
 """Pairs of near neighbours: where fewer could be compared in detail, views farther apart are asked."""
 
 
-def check_wide_baseline(views: Sequence[View], figures: dict[str, Any], model: pycolmap.Reconstruction) -> None:
-    """Refuse cameras whose views differ that should show the same, where `check_photometric_consistency` had almost nothing to compare.
+def check_wide_baseline(views: Sequence[View], compared_near: int) -> Evidence:
+    """Whether views differ that should show the same, where near neighbours gave almost nothing to compare.
+
+    A fault where too many pairs differ, or the median patch of one is not there (`UNLIKE_SCORE`): a wrong model of a can had one such pair
+    of eight.
 
     Args:
         views: the registered views, with masks.
-        figures: the record after `check_photometric_consistency`; completed in place.
-        model: goes with the refusal.
-
-    Raises:
-        RegistrationFailed: too many pairs differ, or the median patch of one is not there (`UNLIKE_SCORE`): a wrong model of a can had one
-            such pair of eight.
+        compared_near: the pairs that `check_photometric_consistency` compared.
     """
-    if figures["compared_neighbours"] >= FEW_COMPARED:
-        return
+    if compared_near >= FEW_COMPARED:
+        return Evidence()
     judged, scores = find_inconsistent_wide(views)
     differing = sorted(scores)
-    figures |= {"compared_far_neighbours": judged, "differing": [list(pair) for pair in differing]}
-    if not judged and not figures["compared_neighbours"]:
-        figures["warnings"] = [
-            *figures.get("warnings", []),
+    warnings: tuple[str, ...] = ()
+    if not judged and not compared_near:
+        warnings = (
             "no two neighbouring photos show enough of the same print to be compared: were sides that look alike laid onto each other, only"
             " matches and outlines would tell; look at the mesh, or add pictures in between",
-        ]
-    if len(differing) > WRONG_PAIRS * judged or min(scores.values(), default=1.0) < UNLIKE_SCORE:
-        raise make_refusal(differing, judged, "differ in detail", figures, model)
+        )
+    wrong = len(differing) > WRONG_PAIRS * judged or min(scores.values(), default=1.0) < UNLIKE_SCORE
+    entries = {"compared_far_neighbours": judged, "differing": [list(pair) for pair in differing]}
+    return Evidence(entries, make_fault(differing, judged, "differ in detail") if wrong else None, warnings)
 
 
 def find_inconsistent_wide(views: Sequence[View]) -> tuple[int, dict[tuple[str, str], float]]:
