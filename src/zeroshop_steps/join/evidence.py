@@ -17,7 +17,7 @@ from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, 
 from zeroshop_steps.join.outline_ways import find_ways_by_outlines
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.join.ways import Way
-from zeroshop_steps.register.photometry.distinctive_patches import Chances
+from zeroshop_steps.register.photometry.view_similarity import Chances
 from zeroshop_steps.register.submodels.alignment import CameraGroup, measure_between_deg, measure_misses
 from zeroshop_steps.register.submodels.appearance import Likeness, compare_groups
 

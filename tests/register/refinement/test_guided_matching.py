@@ -13,7 +13,7 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model, to_rigid
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image
 from zeroshop_steps.register.refinement.guided_adjustment import adjust_by_guided_tracks
-from zeroshop_steps.register.refinement.guided_matching import find_peak, match_along_hull
+from zeroshop_steps.register.refinement.guided_matching import match_along_hull
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdjustment
 from zeroshop_steps.register.silhouettes.model_adjustment import read_tracks
@@ -101,16 +101,3 @@ def test_an_object_without_print_stays_as_outlines_placed_it(carton, tmp_path):
     given = make_model(cameras)
     model, figures = adjust_by_guided_tracks(given, read_image_set(capture))
     assert model is given and figures == {"tracks": 0, "observations": 0}
-
-
-def test_a_peak_is_taken_only_where_it_stands_alone():
-    y, x = np.mgrid[:25, :25].astype(float)
-
-    def bump(column, row, height):
-        return height * np.exp(-((x - column) ** 2 + (y - row) ** 2) / 8)
-
-    assert find_peak(bump(12.3, 9.8, 0.95)) == pytest.approx([12.3, 9.8], abs=0.05)
-    assert find_peak(bump(12, 10, 0.7)) is None  # not alike
-    assert find_peak(bump(24, 10, 0.95)) is None  # beyond the border, perhaps
-    assert find_peak(bump(12, 10, 0.95) + bump(5, 18, 0.9)) is None  # print that repeats
-    assert find_peak(bump(12, 10, 0.95) + bump(5, 18, 0.6)) is not None

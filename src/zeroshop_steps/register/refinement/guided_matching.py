@@ -16,7 +16,8 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.geometry.visual_hull import VisualHull, find_inside_masks
 from zeroshop_steps.register.photometry.hull_views import MISSING_SHARE
-from zeroshop_steps.register.photometry.patches import cut_patch, span_axes
+from zeroshop_steps.register.photometry.score import correlate, find_peak
+from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes
 from zeroshop_steps.register.silhouettes.coherence import bound_object, shrink_masks
 from zeroshop_steps.register.silhouettes.state import Tracks
 
@@ -26,9 +27,6 @@ RIM_PX = 2  # by which a patch may reach over the mask's rim, so that thin thing
 BLOCK_PX = 7  # side of the window in which a corner's contrast is measured
 LEAST_CONTRAST = 3.0  # standard deviation of a patch's grey, of 255
 LARGEST_DEG, LEAST_COSINE = 60.0, 0.3  # between two views' directions; between the surface's normal and those to both cameras
-LEAST_CORRELATION, LEAST_LEAD, PEAK_PX = 0.8, 0.2, 3
-"""A patch is found where it correlates so well, and by so much better than anywhere farther off than this. Half of the lead gave twice as
-many matches of clamps, and worse cameras."""
 VOXELS, DEPTHS = 128, 256  # along each edge of the hull, for its normals; along each ray, to its surface
 
 
@@ -115,7 +113,7 @@ class _Corners:
         framed = view.camera.find_pixels(self.points)[3]
         for number in np.flatnonzero(framed & _face(self.points, self.normals, view.camera)).tolist():
             around = cut_patch(view.grey, axes[number], middles[number], HALF_PX + play_px)
-            peak = find_peak(cv2.matchTemplate(around, self.patches[number], cv2.TM_CCOEFF_NORMED))
+            peak = find_peak(correlate(around, self.patches[number]))
             if peak is not None:
                 yield number, middles[number] + axes[number] @ (peak - play_px)
 
@@ -172,23 +170,3 @@ def _find_axes(camera: Camera, spans: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """(K, 2) pixels of the middles of patches that (K, 3, 3) points span, and (K, 2, 2) their axes in the image."""
     pixels = camera.project(spans.reshape(-1, 3))[0].reshape(-1, 3, 2)
     return pixels[:, 0], ((pixels[:, 1:] - pixels[:, :1]) / HALF_PX).transpose(0, 2, 1)
-
-
-def find_peak(scores: np.ndarray) -> np.ndarray | None:
-    """(2,) where (S, S) scores are best, in fractions of a pixel; None where that is not good, at the border, or not the only place."""
-    row, column = np.unravel_index(scores.argmax(), scores.shape)
-    best, last = float(scores[row, column]), len(scores) - 1
-    if best < LEAST_CORRELATION or row in (0, last) or column in (0, last):
-        return None
-    elsewhere = scores.copy()
-    elsewhere[max(row - PEAK_PX, 0) : row + PEAK_PX + 1, max(column - PEAK_PX, 0) : column + PEAK_PX + 1] = -1.0
-    if elsewhere.max() > best - LEAST_LEAD:
-        return None
-    beside = scores[row, column - 1 : column + 2], scores[row - 1 : row + 2, column]
-    return np.array([column, row]) + [_find_vertex(*three.tolist()) for three in beside]
-
-
-def _find_vertex(before: float, peak: float, after: float) -> float:
-    """By how much the vertex of the parabola through three values lies off the middle one, the largest, from -0.5 to 0.5."""
-    bend = before - 2 * peak + after
-    return 0.5 * (before - after) / bend if bend < 0 else 0.0

@@ -16,7 +16,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.register.mapping.bundle_adjustment import adjust_robustly
-from zeroshop_steps.register.photometry.patches import cut_patch, span_axes
+from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
 LARGEST_PX = 1600  # images are made so small: patches of larger ones would show nothing but noise

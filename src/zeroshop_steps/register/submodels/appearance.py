@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.register.photometry.distinctive_patches import UNLIKE_SCORE, Chances, compare_distinctive
-from zeroshop_steps.register.photometry.hull_transfer import compare_in_place
 from zeroshop_steps.register.photometry.hull_views import make_small_views
+from zeroshop_steps.register.photometry.view_similarity import UNLIKE_SCORE, Chances, compare_distinctive, compare_in_place
 
 LARGEST_DEG = 42.0  # between views that are compared
 PAIRS, PATCHES, UNLIKE_SHARE = 2, 50, 0.15

@@ -18,6 +18,8 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera, take_cameras
 from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.register.photometry.score import correlate
+from zeroshop_steps.register.photometry.transfer import carry_by_plane
 from zeroshop_steps.register.verification.covisibility import find_neighbours
 
 # Set on whole scenes of photos and film frames, right ones and wrong ones (docs/results.md).
@@ -103,7 +105,9 @@ def _compare(one: _Image, other: _Image, places: Places, rng: np.random.Generato
     elsewhere = other.camera.project(np.array([places[index][0] for index in other.seen.tolist()]))[0]
     shares = []
     for point, normal in zip(points[chosen], normals[chosen], strict=True):
-        patches = [patch for patch in _carry_patches(point, normal, one, other.camera) if patch.std() >= LEAST_CONTRAST]
+        planes = _find_planes(point, normal, one.camera, other.camera)
+        carried = (carry_by_plane(point, plane, one.grey, one.camera, other.camera, PATCH_PX // 2) for plane in planes)
+        patches = [patch for patch in carried if patch.std() >= LEAST_CONTRAST]
         own = other.camera.project(point[None])[0][0]
         score = _match(patches, other.grey, own)
         if score is None:
@@ -125,26 +129,12 @@ def _look_alike(points: np.ndarray, one: Camera, other: Camera) -> np.ndarray:
     return alike
 
 
-def _carry_patches(point: np.ndarray, normal: np.ndarray, one: _Image, other: Camera) -> list[np.ndarray]:
-    """What one image shows around a point, as the other would see it: (PATCH_PX, PATCH_PX) each, of a plane that faces both and its own."""
-    looks = [point - camera.centre_in_world for camera in (one.camera, other)]
+def _find_planes(point: np.ndarray, normal: np.ndarray, one: Camera, other: Camera) -> list[np.ndarray]:
+    """Normals of the planes by which a point's patch is carried: one that faces both cameras and, unless it is too oblique, its own."""
+    looks = [point - camera.centre_in_world for camera in (one, other)]
     looks = [look / np.linalg.norm(look) for look in looks]
-    planes = [sum(looks)]
-    if min(abs(float(look @ normal)) for look in looks) >= LEAST_SLOPE:
-        planes.append(normal)
-    corners = other.project(point[None])[0][0] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    rays = np.c_[corners, np.ones(3)] @ np.linalg.inv(other.intrinsics).T @ other.camera_from_world[:3, :3]
-    patches = []
-    for plane in planes:
-        # Where the rays through the point's pixel and its neighbours meet the plane.
-        reached = other.centre_in_world + rays * (((point - other.centre_in_world) @ plane) / (rays @ plane))[:, None]
-        centre, *ends = one.camera.project(reached)[0]
-        axes = np.stack([end - centre for end in ends], axis=1)
-        corner = centre - 0.5 - axes @ np.full(2, PATCH_PX // 2)
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        carried = cv2.warpAffine(one.grey, np.c_[axes, corner], (PATCH_PX,) * 2, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        patches.append(np.asarray(carried))
-    return patches
+    own = [normal] if min(abs(float(look @ normal)) for look in looks) >= LEAST_SLOPE else []
+    return [looks[0] + looks[1], *own]
 
 
 def _match(patches: Sequence[np.ndarray], grey: np.ndarray, place: np.ndarray) -> float | None:
@@ -154,4 +144,4 @@ def _match(patches: Sequence[np.ndarray], grey: np.ndarray, place: np.ndarray) -
     if not patches or min(column, row) < reach or column + reach >= grey.shape[1] or row + reach >= grey.shape[0]:
         return None
     window = grey[row - reach : row + reach + 1, column - reach : column + reach + 1]
-    return max(float(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED).max()) for patch in patches)
+    return max(float(correlate(window, patch).max()) for patch in patches)

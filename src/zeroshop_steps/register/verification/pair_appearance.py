@@ -13,7 +13,8 @@ import pycolmap
 from scipy.spatial import Delaunay, QhullError
 
 from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.register.photometry.patches import compare_patches
+from zeroshop_steps.register.photometry.score import compare_patches
+from zeroshop_steps.register.photometry.transfer import find_between_matches
 from zeroshop_steps.register.scene.database import delete_pair
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.runtime.progress import track
@@ -75,7 +76,7 @@ def compare_between(
         triangles = Delaunay((points - corner) * scale)
     except (QhullError, ValueError):
         return np.zeros(0)
-    places = _carry(triangles, other_points, width_px, height_px)
+    places = find_between_matches(triangles, other_points, width_px, height_px, LONGEST_EDGE * SIDE_PX)
     blur_px = max(0.3, 0.5 / scale)
     to_small = np.array([[scale, 0.0, (0.5 - corner[0]) * scale - 0.5], [0.0, scale, (0.5 - corner[1]) * scale - 0.5]])
     small = cv2.warpAffine(cv2.GaussianBlur(grey, (0, 0), blur_px), to_small, (width_px, height_px))
@@ -90,19 +91,3 @@ def _show_the_same(scores: list[np.ndarray]) -> bool:
     median = float(np.mean([np.median(part) for part in scores]))
     unlike = float(np.mean([(part < UNLIKE_SCORE).mean() for part in scores]))
     return median >= LEAST_SCORE and unlike <= UNLIKE_SHARE
-
-
-def _carry(triangles: Delaunay, other_points: np.ndarray, width_px: int, height_px: int) -> np.ndarray:
-    """(H, W, 2) float32 where each pixel lies in the other picture, as OpenCV counts; far outside where no small triangle has it."""
-    y, x = np.mgrid[:height_px, :width_px]
-    pixels = np.stack([x.ravel(), y.ravel()], 1) + 0.5
-    at = triangles.find_simplex(pixels)
-    corners = triangles.points[triangles.simplices]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
-    held = np.flatnonzero((at >= 0) & (longest[at] < LONGEST_EDGE * SIDE_PX))
-    transform = triangles.transform[at[held]]
-    first = np.einsum("pij,pj->pi", transform[:, :2], pixels[held] - transform[:, 2])
-    weights = np.concatenate([first, 1 - first.sum(1, keepdims=True)], axis=1)
-    places = np.full((height_px * width_px, 2), -1e3, np.float32)
-    places[held] = (other_points[triangles.simplices[at[held]]] * weights[..., None]).sum(1) - 0.5
-    return places.reshape(height_px, width_px, 2)

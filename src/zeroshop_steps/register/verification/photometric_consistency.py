@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.register.photometry.hull_transfer import compare
 from zeroshop_steps.register.photometry.hull_views import make_small_views
+from zeroshop_steps.register.photometry.view_similarity import compare
 from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.register.verification.duplicate_structure import make_fault
 

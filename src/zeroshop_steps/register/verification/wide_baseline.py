@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.register.photometry.distinctive_patches import UNLIKE_SCORE, Chances, compare_distinctive
-from zeroshop_steps.register.photometry.hull_transfer import LEAST_PATCHES, compare
 from zeroshop_steps.register.photometry.hull_views import make_small_views
+from zeroshop_steps.register.photometry.view_similarity import LEAST_PATCHES, UNLIKE_SCORE, Chances, compare, compare_distinctive
 from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.register.submodels.appearance import LARGEST_DEG, WRONG_SHARE
 from zeroshop_steps.register.verification.duplicate_structure import make_fault

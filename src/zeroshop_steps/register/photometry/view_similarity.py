@@ -1,47 +1,35 @@
-"""Carry what one view shows into another along the visual hull, and compare both patch by patch."""
+"""How well two views of an object show the same along its visual hull: in place, with some play, and at other depths.
 
-from collections.abc import Callable
+The hull fills what is hollow, so that patches may lie deeper. Plain paint, shading and edges look alike in wrong places, too: that views
+show something else is judged by distinctive patches, which lie within the object and are found nowhere else on it.
+"""
 
 import cv2
 import numpy as np
 
 from zeroshop_steps.register.photometry.hull_views import SmallView
-from zeroshop_steps.register.photometry.patches import compare_patches
+from zeroshop_steps.register.photometry.score import compare_patches, measure_chance
+from zeroshop_steps.register.photometry.transfer import Carry, carry_along_hull, carry_in_place
 
 PATCH_PX, PLAY_PX = 13, 6  # of the small copies: what is compared, and how far it may lie beside its place
 LEAST_CONTRAST = 5.0  # standard deviation of a patch's grey, of 255
 LEAST_PATCHES = 15  # of a pair that is judged
 NEAREST, FARTHEST = -0.1, 1.2  # depths that are tried, from the hull's front, in radii of the object
 DEPTH_STEP_PX = 1.5  # between them, in the neighbour
-VISIBLE = 0.06  # of the radius: how near to the hull's front in the neighbour a point lies that it sees
 WHOLE = 0.95  # share of a patch that must be on the object in both
+UNLIKE_SCORE = 0.6  # a patch that is found with less is not there
+RIM_PX = 3  # of the small copies: a patch so near to an outline tells nothing that the outlines did not
+CHANCE = 0.1  # nor does one that more than this share of the object has the like of
 
-
-Carry = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
-
-
-def _make_carry(one: SmallView, other: SmallView) -> Carry:
-    """What carries what another view shows into this one, along the hull's front or behind it."""
-    rows, columns = np.nonzero(one.depth > 0)
-    rays = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], 1) @ np.linalg.inv(one.camera.intrinsics).T
-    world_from_camera = np.linalg.inv(one.camera.camera_from_world)
-
-    def carry(values: np.ndarray, behind: float) -> tuple[np.ndarray, np.ndarray]:
-        """(H, W) what another view holds at the places of this one's pixels, and the (P,) depths there."""
-        points = (rays * (one.depth[rows, columns] + behind)[:, None]) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
-        pixels, depth = other.camera.project(points)
-        places = np.full((*one.depth.shape, 2), -1e3, np.float32)
-        places[rows, columns] = pixels - 0.5
-        return cv2.remap(values, places[..., 0], places[..., 1], cv2.INTER_LINEAR), depth
-
-    return carry
+Chances = dict[tuple[int, int], float]
+"""Of the patches of one view by their places (row, column) in its small copy: see `measure_chance`."""
 
 
 def compare(one: SmallView, other: SmallView, radius: float) -> float | None:
     """How well the patches of a view are found in another, from -1 to 1: the median patch. None where too few are seen in both."""
     in_place = compare_in_place(one, other, radius)
     found = [float(np.median(in_place))] if len(in_place) >= LEAST_PATCHES else []
-    at_depths = _compare_at_depths(one, other, _make_carry(one, other), radius)
+    at_depths = _compare_at_depths(one, other, carry_along_hull(one, other), radius)
     found += [] if at_depths is None else [at_depths]
     return max(found) if found else None
 
@@ -51,16 +39,6 @@ def compare_in_place(one: SmallView, other: SmallView, radius: float) -> np.ndar
     carried, seen = carry_in_place(one, other, radius)
     whole = cv2.boxFilter(seen.astype(np.float32), -1, (PATCH_PX, PATCH_PX)) >= WHOLE
     return compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
-
-
-def carry_in_place(one: SmallView, other: SmallView, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) what another view shows, carried into this one along the hull's front, and bool where both see the hull."""
-    carry = _make_carry(one, other)
-    carried, depth = carry(other.grey, 0.0)
-    front, _ = carry(other.depth.astype(np.float32), 0.0)
-    seen = one.depth > 0
-    seen[seen] = np.abs(front[seen] - depth) < VISIBLE * radius
-    return carried, seen
 
 
 def _compare_at_depths(one: SmallView, other: SmallView, carry: Carry, radius: float) -> float | None:
@@ -89,3 +67,23 @@ def _count_depths(one: SmallView, other: SmallView, radius: float) -> int:
     direction = one.camera.camera_from_world[2, :3]
     ends, _ = other.camera.project(np.array([NEAREST, FARTHEST])[:, None] * radius * direction)
     return 2 + int(np.linalg.norm(ends[1] - ends[0]) / DEPTH_STEP_PX)
+
+
+def compare_distinctive(one: SmallView, other: SmallView, radius: float, chances: Chances) -> np.ndarray:
+    """(P,) scores of the patches that both see, and that tell places of the object apart; the one's chances are completed in place."""
+    carried, seen = carry_in_place(one, other, radius)
+    own = _find_whole(one.mask)
+
+    def tells(patch: np.ndarray, row: int, column: int) -> bool:
+        if (row, column) not in chances:
+            chances[row, column] = measure_chance(one.grey, own, patch, row, column, PLAY_PX, UNLIKE_SCORE)
+        return chances[row, column] <= CHANCE
+
+    return compare_patches(one.grey, carried, own & _find_whole(seen), PATCH_PX, PLAY_PX, LEAST_CONTRAST, tells)
+
+
+def _find_whole(seen: np.ndarray) -> np.ndarray:
+    """(H, W) bool, where a patch, and `RIM_PX` around it, is wholly seen."""
+    around = np.ones((PATCH_PX + 2 * RIM_PX,) * 2, np.uint8)
+    whole: np.ndarray = cv2.erode(seen.astype(np.uint8), around, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return whole > 0
