@@ -45,8 +45,8 @@ def test_patches_are_found_where_they_lie_and_only_there():
     rng = np.random.default_rng(0)
     grey = rng.uniform(0, 255, (60, 60)).astype(np.float32)
     seen = np.ones(grey.shape, bool)
-    assert compare_patches(grey, np.roll(grey, (2, -1), (0, 1)), seen, 11, 3, 5.0).min() > 0.99
-    assert compare_patches(grey, rng.uniform(0, 255, grey.shape).astype(np.float32), seen, 11, 3, 5.0).max() < 0.8
+    assert compare_patches(grey, np.roll(grey, (2, -1), (0, 1)), seen, 11, 3).min() > 0.99
+    assert compare_patches(grey, rng.uniform(0, 255, grey.shape).astype(np.float32), seen, 11, 3).max() < 0.8
     striped = np.tile(grey[:, :10], 6)
     patch = slice(24, 35)
     assert measure_chance(grey, seen, grey[patch, patch], 29, 29, 2, 0.6) == 0.0

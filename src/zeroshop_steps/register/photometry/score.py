@@ -8,6 +8,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+LEAST_CONTRAST = 5.0  # standard deviation of a patch's grey, of 255, to be compared
+WHOLE = 0.95  # share of a patch that must be on the object in both pictures
 LEAST_CORRELATION, LEAST_LEAD, PEAK_PX = 0.8, 0.2, 3
 """A patch is found where it correlates so well, and by so much better than anywhere farther off than this. Half of the lead gave twice as
 many matches of clamps, and worse cameras."""
@@ -24,16 +26,14 @@ def compare_patches(
     whole: np.ndarray,
     patch_px: int,
     play_px: int,
-    least_contrast: float,
     tells: Callable[[np.ndarray, int, int], bool] = lambda patch, row, column: True,
 ) -> np.ndarray:
-    """(P,) normalized cross-correlation of textured patches on a grid, each at its best place within the play.
+    """(P,) normalized cross-correlation of patches with contrast on a grid, each at its best place within the play.
 
     Args:
         grey, carried: (H, W) float32 pictures of one place.
         whole: (H, W) bool, where a patch of both lies on the object.
         patch_px, play_px: side of a patch, an odd number, and how far it may lie beside its place.
-        least_contrast: standard deviation of the grey of a patch that is compared.
         tells: whether a patch, by itself and its place (row, column), is worth comparing.
     """
     half = patch_px // 2
@@ -42,7 +42,7 @@ def compare_patches(
     for row in range(reach, grey.shape[0] - reach, half + 1):
         for column in range(reach, grey.shape[1] - reach, half + 1):
             patch = grey[row - half : row + half + 1, column - half : column + half + 1]
-            if whole[row, column] and patch.std() >= least_contrast and tells(patch, row, column):
+            if whole[row, column] and patch.std() >= LEAST_CONTRAST and tells(patch, row, column):
                 window = carried[row - reach : row + reach + 1, column - reach : column + reach + 1]
                 scores.append(float(correlate(window, patch).max()))
     return np.array(scores)

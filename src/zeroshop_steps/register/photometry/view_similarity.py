@@ -8,15 +8,13 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.register.photometry.hull_views import SmallView
-from zeroshop_steps.register.photometry.score import compare_patches, measure_chance
+from zeroshop_steps.register.photometry.score import LEAST_CONTRAST, WHOLE, compare_patches, measure_chance
 from zeroshop_steps.register.photometry.transfer import Carry, carry_along_hull, carry_in_place
 
 PATCH_PX, PLAY_PX = 13, 6  # of the small copies: what is compared, and how far it may lie beside its place
-LEAST_CONTRAST = 5.0  # standard deviation of a patch's grey, of 255
 LEAST_PATCHES = 15  # of a pair that is judged
 NEAREST, FARTHEST = -0.1, 1.2  # depths that are tried, from the hull's front, in radii of the object
 DEPTH_STEP_PX = 1.5  # between them, in the neighbour
-WHOLE = 0.95  # share of a patch that must be on the object in both
 UNLIKE_SCORE = 0.6  # a patch that is found with less is not there
 RIM_PX = 3  # of the small copies: a patch so near to an outline tells nothing that the outlines did not
 CHANCE = 0.1  # nor does one that more than this share of the object has the like of
@@ -38,7 +36,7 @@ def compare_in_place(one: SmallView, other: SmallView, radius: float) -> np.ndar
     """(P,) scores of the patches that both see, along the hull's front."""
     carried, seen = carry_in_place(one, other, radius)
     whole = cv2.boxFilter(seen.astype(np.float32), -1, (PATCH_PX, PATCH_PX)) >= WHOLE
-    return compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
+    return compare_patches(one.grey, carried, whole, PATCH_PX, PLAY_PX)
 
 
 def _compare_at_depths(one: SmallView, other: SmallView, carry: Carry, radius: float) -> float | None:
@@ -79,7 +77,7 @@ def compare_distinctive(one: SmallView, other: SmallView, radius: float, chances
             chances[row, column] = measure_chance(one.grey, own, patch, row, column, PLAY_PX, UNLIKE_SCORE)
         return chances[row, column] <= CHANCE
 
-    return compare_patches(one.grey, carried, own & _find_whole(seen), PATCH_PX, PLAY_PX, LEAST_CONTRAST, tells)
+    return compare_patches(one.grey, carried, own & _find_whole(seen), PATCH_PX, PLAY_PX, tells)
 
 
 def _find_whole(seen: np.ndarray) -> np.ndarray:

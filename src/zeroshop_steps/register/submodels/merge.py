@@ -6,6 +6,8 @@ must pass, and each other way that fits the outlines must be seen to be wrong, e
 without print stay apart.
 """
 
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from zeroshop_steps.register.mapping.reregistration import refine_robustly
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.undistortion import undistort, undistort_masks
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
+from zeroshop_steps.register.silhouettes.pose_fit import FINE_MISS_PX, WRONG_MISS_PX
 from zeroshop_steps.register.submodels.alignment import CameraGroup, find_hypotheses
 from zeroshop_steps.register.submodels.appearance import Likeness, compare_groups
 from zeroshop_steps.runtime.files import scratch_directory
@@ -26,9 +29,40 @@ from zeroshop_steps.runtime.files import scratch_directory
 LEAST_IMAGES = 5  # of a group
 ROUGH_MISS_PX = 3.0  # beyond it, no way is adjusted and judged
 SHORTEST_TRACK = 2
-FINE_MISS_PX, WRONG_MISS_PX = 0.3, 0.6
-"""After adjusting, on average, per 1000 px of the image: up to the first in right ways (0.05 with exact masks), beyond the second in wrong
-ones."""
+
+
+class Verdict(StrEnum):
+    """Of a way to lay a submodel to another."""
+
+    SAME = "same"
+    OPEN = "open"
+    DIFFERENT = "different"
+
+
+@dataclass(frozen=True)
+class MergedModel:
+    """Two submodels, laid to each other in one way.
+
+    Attributes:
+        model: both, adjusted by outlines.
+        miss_px: by how much rays through rims then miss, in the mean, per 1000 px of the image.
+        alike: how well views of the one and of the other show the same.
+    """
+
+    model: pycolmap.Reconstruction
+    miss_px: float
+    alike: Likeness
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether this is how they lie."""
+        if self.miss_px > WRONG_MISS_PX or self.alike.different:
+            return Verdict.DIFFERENT
+        return Verdict.SAME if self.miss_px <= FINE_MISS_PX and self.alike.same else Verdict.OPEN
+
+    def figures(self) -> dict[str, Any]:
+        """For the record."""
+        return {"miss_px": self.miss_px, **self.alike.figures(), "verdict": self.verdict}
 
 
 def merge_submodels(
@@ -53,18 +87,16 @@ def merge_submodels(
     whole, joined = groups[0], False
     for group in groups[1:]:
         ways = _judge_ways(whole, group, image_set, scratch)
-        right = [model for model, figures in ways if figures["verdict"] == "same"]
-        open_ways = sum(figures["verdict"] == "open" for _, figures in ways)
-        tried.append({"images": [whole.num_reg_images(), group.num_reg_images()], "ways": [figures for _, figures in ways]})
+        right = [way.model for way in ways if way.verdict is Verdict.SAME]
+        open_ways = sum(way.verdict is Verdict.OPEN for way in ways)
+        tried.append({"images": [whole.num_reg_images(), group.num_reg_images()], "ways": [way.figures() for way in ways]})
         if len(right) == 1 and not open_ways:
             whole, joined = right[0], True
     return (whole if joined else None), tried
 
 
-def _judge_ways(
-    target: pycolmap.Reconstruction, source: pycolmap.Reconstruction, image_set: ImageSet, scratch: Path
-) -> list[tuple[pycolmap.Reconstruction, dict[str, Any]]]:
-    """The likeliest ways to lay one group to the other: the adjusted model of both, and how well it fits."""
+def _judge_ways(target: pycolmap.Reconstruction, source: pycolmap.Reconstruction, image_set: ImageSet, scratch: Path) -> list[MergedModel]:
+    """The likeliest ways to lay one group to the other."""
     ways = []
     for hypothesis in find_hypotheses(*(CameraGroup(*undistort_masks(model, image_set)) for model in (target, source))):
         if hypothesis.miss_px > ROUGH_MISS_PX:
@@ -74,16 +106,8 @@ def _judge_ways(
         with scratch_directory(scratch / "joined", "views") as folder:
             undistort(adjusted.model, image_set, folder)
             alike = compare_groups(read_views(folder)[0], added)
-        miss_px = adjusted.missed_px[1]
-        figures = {"miss_px": miss_px, **alike.figures(), "verdict": _judge(miss_px, alike)}
-        ways.append((adjusted.model, figures))
+        ways.append(MergedModel(adjusted.model, adjusted.missed_px[1], alike))
     return ways
-
-
-def _judge(miss_px: float, alike: Likeness) -> str:
-    if miss_px > WRONG_MISS_PX or alike.different:
-        return "different"
-    return "same" if miss_px <= FINE_MISS_PX and alike.same else "open"
 
 
 def merge_models(

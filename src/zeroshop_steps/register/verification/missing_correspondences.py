@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera, take_cameras
 from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.register.photometry.score import correlate
+from zeroshop_steps.register.photometry.score import LEAST_CONTRAST, correlate
 from zeroshop_steps.register.photometry.transfer import carry_by_plane
 from zeroshop_steps.register.verification.covisibility import find_neighbours
 
@@ -30,7 +30,6 @@ MOST_ANGLE_DEG, MOST_SCALE = 20.0, 1.4
 MOST_POINTS, LEAST_POINTS = 40, 10  # of a pair, in either direction: that are compared, and that tell something
 OTHER_PLACES, LEAST_PLACES = 10, 3
 AWAY_PX = 45.0  # other places are so far from the point's own
-LEAST_CONTRAST = 5.0  # standard deviation of a patch's grey, of 255
 PLANE_POINTS = 12  # nearest points, which span the plane around a point
 LEAST_SLOPE = 0.1  # cosine between a plane's normal and the ray to a camera; flatter planes are seen too obliquely to be carried
 MOST_PAIRS = 150  # that are compared, drawn at random

@@ -13,7 +13,7 @@ import pycolmap
 from scipy.spatial import Delaunay, QhullError
 
 from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.register.photometry.score import compare_patches
+from zeroshop_steps.register.photometry.score import WHOLE, compare_patches
 from zeroshop_steps.register.photometry.transfer import find_between_matches
 from zeroshop_steps.register.scene.database import delete_pair
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
@@ -21,8 +21,6 @@ from zeroshop_steps.runtime.progress import track
 
 SIDE_PX = 200  # longer side of the object in the small copies that are compared
 PATCH_PX, PLAY_PX = 11, 2  # of the small copies: what is compared, and how far it may lie beside its place
-LEAST_CONTRAST = 5.0  # standard deviation of a patch's grey, of 255
-WHOLE = 0.95  # share of a patch that must be on the object in both
 LONGEST_EDGE = 0.35  # of a triangle, as a share of `SIDE_PX`: in larger ones the surface is not flat
 LEAST_PATCHES = 8  # of a picture that is judged
 LEAST_SCORE, UNLIKE_SCORE, UNLIKE_SHARE = 0.9, 0.6, 0.08
@@ -84,7 +82,7 @@ def compare_between(
     seen = cv2.warpAffine(mask.astype(np.uint8), to_small, (width_px, height_px), flags=cv2.INTER_NEAREST) > 0
     seen &= cv2.remap(other_mask.astype(np.uint8), places[..., 0], places[..., 1], cv2.INTER_NEAREST) > 0
     whole = cv2.boxFilter(seen.astype(np.float32), -1, (PATCH_PX, PATCH_PX)) >= WHOLE
-    return compare_patches(small, carried, whole, PATCH_PX, PLAY_PX, LEAST_CONTRAST)
+    return compare_patches(small, carried, whole, PATCH_PX, PLAY_PX)
 
 
 def _show_the_same(scores: list[np.ndarray]) -> bool:
