@@ -18,17 +18,17 @@ from zeroshop_steps.register.silhouette_sfm import LIKELY_PX, SilhouetteOptions,
 from zeroshop_steps.register.silhouettes import pose_search
 from zeroshop_steps.register.silhouettes.coarse_coherence import measure_misses, try_places
 from zeroshop_steps.register.silhouettes.epipolar_tangency import adjust_by_tangents
-from zeroshop_steps.register.silhouettes.pose_alternatives import find_alternatives, mend, mirror
+from zeroshop_steps.register.silhouettes.pose_alternatives import find_alternatives, mirror, replace_worst
 from zeroshop_steps.register.silhouettes.pose_search import (
     ABOVE_DEG,
     ANYWHERE_DEG,
     GRID_DEG,
-    Way,
+    PoseHypothesis,
     count_differing,
     make_cameras,
     make_places,
     prepare_outlines,
-    read_way,
+    read_hypothesis,
     search,
 )
 
@@ -132,7 +132,7 @@ def test_cameras_around_a_plain_object_are_found(cameras, masks_of_arms, tmp_pat
 
 
 def test_no_place_is_given_up_that_is_among_the_best(cameras_all_around, outlines_all_around):
-    views = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX).views
+    views = read_hypothesis(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX).views
     places, placed = make_places(ANYWHERE_DEG, GRID_DEG), np.arange(VIEWS - 1)
     whole, laid = try_places(VIEWS - 1, places, views, 0.0, placed, outlines_all_around, 2, len(places))
     costs, again = try_places(VIEWS - 1, places, views, 0.0, placed, outlines_all_around, 2, 5)
@@ -146,7 +146,7 @@ def test_right_cameras_of_an_object_of_revolution_fit_elsewhere_too(cameras, tmp
     masks = {camera.name: draw_mask(camera, cone()) for camera in cameras}
     outlines = prepare_outlines(list(masks.values()), GUESSED_PX)
     scaled = scale(cameras, DISTANCE_MM)
-    way = read_way(scaled, outlines, GUESSED_PX)
+    way = read_hypothesis(scaled, outlines, GUESSED_PX)
     # One such view is enough to refuse the cameras; the search for another place need not succeed in every view.
     assert (find_alternatives(way, outlines, ABOVE_DEG) < 1.0).sum() >= VIEWS - 2
     for camera, again in zip(scaled, make_cameras(way, outlines, write_capture(tmp_path, masks), GUESSED_PX), strict=True):
@@ -168,25 +168,25 @@ def test_a_mask_of_another_object_is_set_aside(cameras, masks_of_arms, narrow_be
 
 @pytest.mark.slow
 def test_views_from_below_are_placed(cameras_all_around, outlines_all_around, narrow_beam):
-    truth = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
+    truth = read_hypothesis(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
     order = np.random.default_rng(0).permutation(VIEWS).tolist()
     assert search(outlines_all_around, order, ABOVE_DEG)[0][0].cost > LIKELY_PX
-    found = mend(search(outlines_all_around, order, ANYWHERE_DEG)[0][0], outlines_all_around, ANYWHERE_DEG)
+    found = replace_worst(search(outlines_all_around, order, ANYWHERE_DEG)[0][0], outlines_all_around, ANYWHERE_DEG)
     assert found.cost < LIKELY_PX and count_differing(truth, found) == 0, found
 
 
 def test_a_view_on_a_wrong_side_is_mended(cameras_all_around, outlines_all_around):
-    truth = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
-    wrong = Way(truth.views.copy(), truth.log_focal, 100.0)
+    truth = read_hypothesis(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
+    wrong = PoseHypothesis(truth.views.copy(), truth.log_focal, 100.0)
     wrong.views[4, 0] += np.radians(150)
     wrong.views[4, 1] *= -1
     assert count_differing(truth, wrong) == 1
-    mended = mend(wrong, outlines_all_around, ANYWHERE_DEG)
+    mended = replace_worst(wrong, outlines_all_around, ANYWHERE_DEG)
     assert mended.cost < LIKELY_PX and count_differing(truth, mended) == 0, mended
 
 
 def test_pictures_from_afar_do_not_tell_above_from_below(cameras_all_around, outlines_all_around):
-    near = read_way(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
+    near = read_hypothesis(scale(cameras_all_around, DISTANCE_MM), outlines_all_around, GUESSED_PX)
     assert mirror(near, outlines_all_around).cost > LIKELY_PX
     farther, distant = 30.0, []
     for camera in cameras_all_around:
@@ -195,7 +195,7 @@ def test_pictures_from_afar_do_not_tell_above_from_below(cameras_all_around, out
         intrinsics[:2, :2] *= farther
         distant.append(Camera(camera.name, *SIZE_PX, intrinsics, pose))
     outlines = prepare_outlines([draw_mask(camera, arms()) for camera in distant], farther * GUESSED_PX)
-    way = read_way(scale(distant, farther * DISTANCE_MM), outlines, farther * GUESSED_PX)
+    way = read_hypothesis(scale(distant, farther * DISTANCE_MM), outlines, farther * GUESSED_PX)
     turned = mirror(way, outlines)
     assert turned.cost < LIKELY_PX and count_differing(way, turned) > VIEWS / 2, turned.cost
 
@@ -233,7 +233,7 @@ def test_a_wrong_mask_is_left_out(tmp_path, monkeypatch, coarse_features):
     below = int(np.median(np.flatnonzero(wrong.any(axis=1))))
     wrong[below:] = cv2.erode(wrong.astype(np.uint8), np.ones((13, 13)))[below:] > 0
     guessed_px = np.full(WRONG_OF, GUESSED_PX[0])
-    way = read_way(scale(cameras, DISTANCE_MM), prepare_outlines(list(masks.values()), guessed_px), guessed_px)
+    way = read_hypothesis(scale(cameras, DISTANCE_MM), prepare_outlines(list(masks.values()), guessed_px), guessed_px)
     monkeypatch.setattr(silhouette_sfm, "search", lambda *_: ([way], np.arange(WRONG_OF)))
     (tmp_path / "out").mkdir()
     record = register(write_capture(tmp_path / "capture", masks), tmp_path / "out", SilhouetteOptions())

@@ -17,7 +17,7 @@ from zeroshop_steps.geometry.cameras import Camera, to_matrix, to_rigid
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.features.sift import SiftOptions, make_extraction_options
-from zeroshop_steps.register.mapping.incremental import make_mapping_options
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
 from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.scene.database import create_database
 from zeroshop_steps.runtime.errors import StepError

@@ -14,7 +14,7 @@ from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.register.features import sift
-from zeroshop_steps.register.mapping.incremental import make_mapping_options
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
 from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 

@@ -63,7 +63,9 @@ def run(args: argparse.Namespace) -> None:
 
     def register_scene(folder: Path) -> dict[str, Any]:
         record = colmap.register(image_set, folder, colmap.read_options(args))
-        return predicted_masks.check_by_predicted_masks(folder, record, network) if network and predicted_masks.is_thin(record) else record
+        return (
+            predicted_masks.check_by_predicted_masks(folder, record, network) if network and predicted_masks.is_sparse(record) else record
+        )
 
     def register_object(folder: Path, by: Callable[[ImageSet, Path], dict[str, Any]]) -> dict[str, Any]:
         if image_set.masks is not None:

@@ -10,7 +10,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.final_refinement import Hypothesis, Improver
-from zeroshop_steps.register.mapping.incremental import make_mapping_options, map_incrementally, map_submodels
+from zeroshop_steps.register.mapping.mapper import make_mapping_options, map_incrementally, map_submodels
 from zeroshop_steps.register.mapping.reregistration import refine_robustly, register_again, remove_images, repair
 from zeroshop_steps.register.matching.view_graph import describe_components, find_components
 from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
@@ -31,8 +31,7 @@ from zeroshop_steps.register.submodels.merge import LEAST_IMAGES, merge_submodel
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency, find_unsure
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch, check_duplicate_structure
 from zeroshop_steps.register.verification.loop_gap import check_loop_gap
-from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
-from zeroshop_steps.register.verification.wide_baseline import check_wide_baseline
+from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency, check_wide_baseline
 
 MANY_IMAGES = 30  # beyond them, adjusting all cameras together after each few images takes most of the time
 LOOSE_OBSERVATIONS = 650

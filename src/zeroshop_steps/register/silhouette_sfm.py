@@ -4,7 +4,7 @@ Masks must be exact and whole. All views are placed by a beam search (`pose_sear
 fit there, anywhere around it. They are adjusted by all outlines, and judged: the rays must meet all masks, and few views may fit anywhere
 else; these are left out. So objects of revolution, and others whose outlines say no side, are refused.
 SIFT's matches on the object, triangulated from these cameras, then hold them, too, and may contradict them. Last, corners that are found
-along the visual hull do (`guided_adjustment`).
+along the visual hull do (`guided_matching`).
 """
 
 import math
@@ -18,27 +18,27 @@ import pycolmap
 from zeroshop_steps.geometry.cameras import Camera, to_rigid
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features
-from zeroshop_steps.register.mapping.triangulation import triangulate_points
+from zeroshop_steps.register.mapping.mapper import triangulate_points
 from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.pipeline import StructureOptions
-from zeroshop_steps.register.refinement.guided_adjustment import adjust_by_guided_tracks
+from zeroshop_steps.register.refinement.guided_matching import adjust_by_guided_tracks
 from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 from zeroshop_steps.register.scene.lenses import import_images
 from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, describe_lenses, describe_model, find_missing
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.silhouettes.epipolar_tangency import Outlines
 from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_silhouettes
-from zeroshop_steps.register.silhouettes.pose_alternatives import find_alternatives, mend, mirror
+from zeroshop_steps.register.silhouettes.pose_alternatives import find_alternatives, mirror, replace_worst
 from zeroshop_steps.register.silhouettes.pose_fit import SilhouetteFit, adjust, describe_fit
 from zeroshop_steps.register.silhouettes.pose_search import (
     ABOVE_DEG,
     ANYWHERE_DEG,
     HOPELESS_PX,
-    Way,
+    PoseHypothesis,
     count_differing,
     make_cameras,
     prepare_outlines,
-    read_way,
+    read_hypothesis,
     search,
     take_outlines,
 )
@@ -149,7 +149,7 @@ def _find_cameras(
         image_set, seen, guess_px = whole.take(placed.tolist()), take_outlines(outlines, placed), focal_px[placed]
         way, *others = [way.take(placed) for way in ways]
         if elevations_deg == ANYWHERE_DEG and way.cost < HOPELESS_PX:
-            way, *others = _mend_ways(way, others, seen)
+            way, *others = _replace_worst(way, others, seen)
         stopwatch.lap("search")
         best_px = min(best_px, way.cost)
         known = Record({"elevations_deg": elevations_deg, "search_px": round(best_px, 2)})
@@ -190,15 +190,15 @@ def _fail(reason: str, known: Record) -> RegistrationFailed:
     return RegistrationFailed(reason, {"outlines": dict(known.entries)} if known.entries else {})
 
 
-def _mend_ways(way: Way, others: list[Way], outlines: Outlines) -> list[Way]:
+def _replace_worst(way: PoseHypothesis, others: list[PoseHypothesis], outlines: Outlines) -> list[PoseHypothesis]:
     """The best of all ways, and the others that are left, with the views mended that fit anywhere around the object better.
 
     Ways that are found share mistakes, and most of them are one when these are mended; what is no rival need not be.
     """
-    way = mend(way, outlines, ANYWHERE_DEG)
+    way = replace_worst(way, outlines, ANYWHERE_DEG)
     if way.cost > LIKELY_PX:
         return [way]
-    others = [mend(other, outlines, ANYWHERE_DEG) if _is_rival(way, other) else other for other in others]
+    others = [replace_worst(other, outlines, ANYWHERE_DEG) if _is_rival(way, other) else other for other in others]
     return sorted([way, mirror(way, outlines), *others], key=lambda way: way.cost)
 
 
@@ -213,14 +213,14 @@ def _place(
     outlines: Outlines,
     focal_px: np.ndarray,
     elevations_deg: tuple[int, int],
-    ways: list[Way],
+    ways: list[PoseHypothesis],
     needed: int,
     known: Record,
 ) -> tuple[list[Camera], Record]:
     """The cameras whose views fit, and nowhere else, adjusted by each other. Raises _SeveralWays where these are fewer than `needed`."""
     shown, seen, fitting = image_set.take(fit.numbers.tolist()), take_outlines(outlines, fit.numbers), fit.find_fitting()
     stand_out_px = {name: round(float(px), 3) for name, px, fits in zip(shown.names, fit.by_view_px, fitting, strict=True) if not fits}
-    found = read_way(fit.cameras, seen, focal_px[fit.numbers])
+    found = read_hypothesis(fit.cameras, seen, focal_px[fit.numbers])
     known = known.add(stand_out_px=stand_out_px)
     kept, known = _keep_placed(shown, seen, found, np.flatnonzero(fitting), elevations_deg, needed, known)
     way, *others = [way.take(fit.numbers[kept]) for way in ways]
@@ -231,7 +231,7 @@ def _place(
 def _keep_placed(
     image_set: ImageSet,
     outlines: Outlines,
-    way: Way,
+    way: PoseHypothesis,
     kept: np.ndarray,
     elevations_deg: tuple[int, int],
     needed: int,
@@ -257,14 +257,14 @@ def _keep_placed(
             raise known.fail(f"the outlines fit in several ways: {told}; {SURFACE}", kind=_SeveralWays)
 
 
-def _require_one_way(found: Way, others: list[Way], known: Record) -> None:
+def _require_one_way(found: PoseHypothesis, others: list[PoseHypothesis], known: Record) -> None:
     """Raise RegistrationFailed where another of the ways that were found fits as well."""
     rivals = [other for other in others if _is_rival(found, other)]
     if rivals:
         raise _fail(f"the outlines fit in {1 + len(rivals)} ways; {SURFACE}", known)
 
 
-def _is_rival(found: Way, other: Way) -> bool:
+def _is_rival(found: PoseHypothesis, other: PoseHypothesis) -> bool:
     return other.cost < found.cost + RIVAL_PX and count_differing(found, other) >= RIVAL_VIEWS
 
 

@@ -13,7 +13,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.register.features import sift
-from zeroshop_steps.register.mapping.triangulation import triangulate_points
+from zeroshop_steps.register.mapping.mapper import triangulate_points
 from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.registration import add_common_arguments, write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set

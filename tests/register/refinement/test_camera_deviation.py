@@ -15,7 +15,7 @@ from zeroshop_steps.geometry.crops import ObjectSphere
 from zeroshop_steps.geometry.registered_views import DEVIATIONS, read_deviations, read_views
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
 from zeroshop_steps.geometry.transforms import move_similarity, transform_camera, transform_points
-from zeroshop_steps.register.mapping.bundle_adjustment import adjust_robustly
+from zeroshop_steps.register.mapping.mapper import adjust_robustly
 from zeroshop_steps.register.refinement.camera_deviation import measure_deviations, write_deviations
 from zeroshop_steps.register.refinement.covariance import LOOSE, _invert_root, estimate_deviations
 from zeroshop_steps.register.registration import write_registration

@@ -13,9 +13,13 @@ from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Record
 from zeroshop_steps.register.submodels.appearance import compare_groups
-from zeroshop_steps.register.verification import photometric_consistency, wide_baseline
-from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency, find_inconsistent
-from zeroshop_steps.register.verification.wide_baseline import FEW_COMPARED, check_wide_baseline
+from zeroshop_steps.register.verification import photometric_consistency
+from zeroshop_steps.register.verification.photometric_consistency import (
+    FEW_COMPARED,
+    check_photometric_consistency,
+    check_wide_baseline,
+    find_inconsistent,
+)
 
 VIEWS = 24
 SEEN = [*range(6), *range(12, 18)]  # of them, a part of the front and of the back
@@ -80,7 +84,7 @@ def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
 @pytest.mark.parametrize("judged, scores, refused", [(8, [0.7], False), (8, [0.59], True), (8, [0.7] * 3, True), (3, [0.65], True)])
 def test_far_neighbours_are_excused_where_few_differ_a_little(monkeypatch, judged, scores, refused):
     found = {(f"{number}", f"{number + 1}"): score for number, score in enumerate(scores)}
-    monkeypatch.setattr(wide_baseline, "find_inconsistent_wide", lambda views: (judged, found))
+    monkeypatch.setattr(photometric_consistency, "find_inconsistent_wide", lambda views: (judged, found))
     assert bool(check_wide_baseline([], 0).fault) == refused
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from helpers.ball_scene import ball_cameras, ball_mask, write_ball_scene
-from register.refinement.test_silhouette_check import shifted
+from register.refinement.test_silhouette_misses import shifted
 from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.networks.saliency_maps import WIDTH_PX, find_maps
 from zeroshop_steps.register.scene.record import RegistrationFailed
-from zeroshop_steps.register.verification.predicted_masks import check_by_predicted_masks, is_thin
+from zeroshop_steps.register.verification.predicted_masks import check_by_predicted_masks, is_sparse
 
 
 def network_of(masks):
@@ -24,7 +24,7 @@ def network_of(masks):
 
 def test_thin_is_what_few_points_hold():
     figures = {"registered": 20, "mean_track_length": 4.0}
-    assert is_thin(figures | {"points": 500}) and not is_thin(figures | {"points": 5000})
+    assert is_sparse(figures | {"points": 500}) and not is_sparse(figures | {"points": 5000})
 
 
 def test_right_cameras_pass_and_what_the_network_saw_is_kept(tmp_path):

@@ -9,7 +9,7 @@ import pycolmap
 
 from zeroshop_steps.register.da3.guided_matches import NearMatches, RoughScene, find_near
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.mapping.incremental import make_mapping_options
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
 from zeroshop_steps.register.mapping.reregistration import register_again
 from zeroshop_steps.register.matching.network_matches import label_tracks
 from zeroshop_steps.register.pipeline import LEAST_COMMON_SHARE

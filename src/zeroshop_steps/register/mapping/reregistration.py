@@ -13,8 +13,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.register.mapping.bundle_adjustment import adjust_robustly
-from zeroshop_steps.register.mapping.incremental import make_mapping_options
+from zeroshop_steps.register.mapping.mapper import adjust_robustly, make_mapping_options
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
 STRICT_ERROR_PX = 3.0  # of absolute pose estimation, per 1000 px of the images' longer side

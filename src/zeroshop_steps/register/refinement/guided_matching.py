@@ -7,19 +7,29 @@ found near its place there. Even a banana's spots, or the grain of a black clamp
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+import pycolmap
 from scipy.spatial import cKDTree
 
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.images import read_image
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.geometry.visual_hull import VisualHull, find_inside_masks
 from zeroshop_steps.register.photometry.hull_views import MISSING_SHARE
 from zeroshop_steps.register.photometry.score import correlate, find_peak
 from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes
+from zeroshop_steps.register.refinement.keypoint_refinement import LEAST_ALIGNED
+from zeroshop_steps.register.scene.image_set import REFERENCE_PX, ImageSet
+from zeroshop_steps.register.scene.undistortion import undistort_masks
 from zeroshop_steps.register.silhouettes.coherence import bound_object, shrink_masks
-from zeroshop_steps.register.silhouettes.state import Tracks
+from zeroshop_steps.register.silhouettes.model_adjustment import adjust_model_by_masks, replace_tracks
+from zeroshop_steps.register.silhouettes.state import TrackKind, Tracks
+
+ROUNDS_PX = (12, 7)  # of each round: how far from where the cameras say a corner is looked for, per 1000 px of the image
+MOST_ERROR_PX, LEAST_ANGLE_DEG = 4.0, 1.5  # points with a larger error, likewise, or a smaller angle between their rays are left out
 
 HALF_PX = 5  # half of a patch's side, of images of `REFERENCE_PX`: larger ones lie on a curved surface, and give fewer and worse matches
 CORNERS, APART_PX, LEAST_QUALITY = 800, 4, 0.002  # of each view, at most; between them; of their contrast, by the strongest one's
@@ -170,3 +180,31 @@ def _find_axes(camera: Camera, spans: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """(K, 2) pixels of the middles of patches that (K, 3, 3) points span, and (K, 2, 2) their axes in the image."""
     pixels = camera.project(spans.reshape(-1, 3))[0].reshape(-1, 3, 2)
     return pixels[:, 0], ((pixels[:, 1:] - pixels[:, :1]) / HALF_PX).transpose(0, 2, 1)
+
+
+def adjust_by_guided_tracks(model: pycolmap.Reconstruction, image_set: ImageSet) -> tuple[pycolmap.Reconstruction, dict[str, Any]]:
+    """A copy of a model of pinhole cameras, adjusted by corners that are found along the hull and by outlines; its points are the corners.
+
+    Returns:
+        The copy, and figures: the numbers of `tracks` and of their `observations`; `miss_px` and `error_px`, by how much rims and tracks
+        missed in the mean before and after the last round, px per 1000 px of the image. Where fewer than `LEAST_ALIGNED` corners are found,
+        the model as it was.
+    """
+    greys = {path.name: cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY) for path in image_set.images}
+    figures: dict[str, Any] = {}
+    for play_px in ROUNDS_PX:
+        cameras, masks = undistort_masks(model, image_set)
+        tracks = match_along_hull(cameras, masks, [greys[camera.name] for camera in cameras], play_px)
+        figures |= {"tracks": tracks.count, "observations": len(tracks.view)}
+        if tracks.count < LEAST_ALIGNED:
+            break
+        adjusted = adjust_model_by_masks(replace_tracks(model, cameras, tracks), cameras, masks, TrackKind.GUIDED, image_set.masks_found)
+        model = adjusted.model
+        figures |= {"miss_px": list(adjusted.missed_px), "error_px": [round(error_px, 3) for error_px in adjusted.error_px]}
+    if "miss_px" not in figures:
+        return model, figures
+    largest_px = max(max(camera.width, camera.height) for camera in model.cameras.values())
+    pycolmap.ObservationManager(model).filter_all_points3D(MOST_ERROR_PX * largest_px / REFERENCE_PX, LEAST_ANGLE_DEG)
+    model.update_point_3d_errors()
+    model.extract_colors_for_all_images(image_set.images[0].parent, 1)
+    return model, figures

@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.register.mapping.bundle_adjustment import adjust_robustly
+from zeroshop_steps.register.mapping.mapper import adjust_robustly
 from zeroshop_steps.register.photometry.transfer import cut_patch, span_axes
 from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
@@ -212,15 +212,15 @@ def _find_support_of_weak(
 
 
 def _replace_points(
-    sharpened: pycolmap.Reconstruction, model: pycolmap.Reconstruction, aligned: dict[int, dict[Element, np.ndarray]]
+    refined: pycolmap.Reconstruction, model: pycolmap.Reconstruction, aligned: dict[int, dict[Element, np.ndarray]]
 ) -> None:
     """Leave the aligned points alone in a copy of the model, at their new pixels."""
-    for point_id in list(sharpened.point3D_ids()):
-        sharpened.delete_point3D(point_id)
+    for point_id in list(refined.point3D_ids()):
+        refined.delete_point3D(point_id)
     for point_id, places in aligned.items():
         for (image_id, index), pixel in places.items():
-            sharpened.images[image_id].points2D[index].xy = pixel
-        _add_point(sharpened, point_id, model.points3D[point_id], list(places))
+            refined.images[image_id].points2D[index].xy = pixel
+        _add_point(refined, point_id, model.points3D[point_id], list(places))
 
 
 def _add_point(model: pycolmap.Reconstruction, point_id: int, point: pycolmap.Point3D, elements: list[Element]) -> None:
@@ -233,13 +233,13 @@ def _add_point(model: pycolmap.Reconstruction, point_id: int, point: pycolmap.Po
 
 
 def _add_others(
-    sharpened: pycolmap.Reconstruction, model: pycolmap.Reconstruction, others: dict[int, pycolmap.Point3D], scale_px: float
+    refined: pycolmap.Reconstruction, model: pycolmap.Reconstruction, others: dict[int, pycolmap.Point3D], scale_px: float
 ) -> None:
     """Add the points that were not aligned, with the pixels at which they were found, where they fit the new cameras best."""
     for point_id, point in others.items():
         elements = [(one.image_id, one.point2D_idx) for one in point.track.elements]
         for image_id, index in elements:
-            sharpened.images[image_id].points2D[index].xy = model.images[image_id].points2D[index].xy
-        _add_point(sharpened, point_id, point, elements)
-    adjust_robustly(sharpened, scale_px, ITERATIONS, cameras=False)
-    sharpened.update_point_3d_errors()
+            refined.images[image_id].points2D[index].xy = model.images[image_id].points2D[index].xy
+        _add_point(refined, point_id, point, elements)
+    adjust_robustly(refined, scale_px, ITERATIONS, cameras=False)
+    refined.update_point_3d_errors()

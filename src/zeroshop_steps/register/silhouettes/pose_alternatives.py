@@ -13,7 +13,7 @@ from zeroshop_steps.register.silhouettes.pose_search import (
     NARROW,
     SAME_DEG,
     USUAL_TOLERANCE,
-    Way,
+    PoseHypothesis,
     compute_looks,
     make_places,
     measure_cost,
@@ -27,7 +27,7 @@ MENDED = 0.97  # share of the cost: above, mending is over
 MIRROR = np.array([-1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
 
 
-def find_alternatives(way: Way, outlines: Outlines, elevations_deg: tuple[int, int]) -> np.ndarray:
+def find_alternatives(way: PoseHypothesis, outlines: Outlines, elevations_deg: tuple[int, int]) -> np.ndarray:
     """(N,) by how much rays miss where a view is placed elsewhere, at the best place that is not its own; px per 1000 px.
 
     Small where outlines do not say from where a view was taken: of a bowl from anywhere around it, of a box from either side.
@@ -50,7 +50,7 @@ def find_alternatives(way: Way, outlines: Outlines, elevations_deg: tuple[int, i
     return least
 
 
-def mend(way: Way, outlines: Outlines, elevations_deg: tuple[int, int]) -> Way:
+def replace_worst(way: PoseHypothesis, outlines: Outlines, elevations_deg: tuple[int, int]) -> PoseHypothesis:
     """A way in which the views that fit worst are placed anew, against all others, as long as that helps.
 
     A beam search may place a view on a wrong side, which is found out only by later ones; and these are bent by it.
@@ -69,7 +69,7 @@ def mend(way: Way, outlines: Outlines, elevations_deg: tuple[int, int]) -> Way:
     return way
 
 
-def mirror(way: Way, outlines: Outlines) -> Way:
+def mirror(way: PoseHypothesis, outlines: Outlines) -> PoseHypothesis:
     """The way that views from afar could not be told from, adjusted: of the object turned inside out, seen from above instead of below.
 
     Pictures of an object from afar are those of its mirror image through its centre by cameras that are turned by 180 degrees about their
@@ -78,17 +78,22 @@ def mirror(way: Way, outlines: Outlines) -> Way:
     return adjust(replace(way, views=way.views * MIRROR), np.arange(len(way.views)), outlines)
 
 
-def adjust(way: Way, placed: np.ndarray, outlines: Outlines) -> Way:
+def adjust(way: PoseHypothesis, placed: np.ndarray, outlines: Outlines) -> PoseHypothesis:
     """The way with these views, and the focal length, adjusted by all their tangents."""
     views, log_focal = way.views, way.log_focal
     for tolerance in (USUAL_TOLERANCE, NARROW):
         views, log_focal, _ = adjust_by_tangents(views, log_focal, placed, outlines, tolerance, 6, True, np.ones(len(placed), bool))
-    adjusted = Way(views, log_focal)
+    adjusted = PoseHypothesis(views, log_focal)
     return replace(adjusted, cost=measure_cost(adjusted, placed, outlines))
 
 
 def _lay(
-    way: Way, number: int, placed: np.ndarray, outlines: Outlines, elevations_deg: tuple[int, int], away_from: np.ndarray | None = None
+    way: PoseHypothesis,
+    number: int,
+    placed: np.ndarray,
+    outlines: Outlines,
+    elevations_deg: tuple[int, int],
+    away_from: np.ndarray | None = None,
 ) -> Iterator[np.ndarray]:
     """(N, 6) views, with one of them at each of its likeliest places among the placed ones, the likeliest first.
 
@@ -107,7 +112,7 @@ def _lay(
         yield views
 
 
-def _choose_worst(way: Way, outlines: Outlines) -> np.ndarray:
+def _choose_worst(way: PoseHypothesis, outlines: Outlines) -> np.ndarray:
     """(K,) numbers of the views without which the others miss least, one after the other, the worst first."""
     placed, dropped = np.arange(len(way.views)), list[int]()
     for _ in range(round(REPLACED_SHARE * len(placed))):

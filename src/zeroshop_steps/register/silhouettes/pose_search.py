@@ -35,7 +35,7 @@ its mask is wrong. The mask of a mug among a drill's took it from 0.1 to 4 px; t
 
 
 @dataclass
-class Way:
+class PoseHypothesis:
     """One way in which some views may be placed."""
 
     views: np.ndarray
@@ -49,9 +49,9 @@ class Way:
         poses[:, :3, :3], poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:12]
         return poses
 
-    def take(self, numbers: np.ndarray) -> "Way":
+    def take(self, numbers: np.ndarray) -> "PoseHypothesis":
         """These views alone."""
-        return Way(self.views[numbers], self.log_focal, self.cost)
+        return PoseHypothesis(self.views[numbers], self.log_focal, self.cost)
 
 
 def take_outlines(outlines: Outlines, numbers: np.ndarray) -> Outlines:
@@ -85,7 +85,7 @@ def prepare_outlines(masks: Sequence[np.ndarray], focal_px: np.ndarray) -> Outli
 
 def search(
     outlines: Outlines, order: Sequence[int], elevations_deg: tuple[int, int], most_misfits: int = 0
-) -> tuple[list[Way], np.ndarray]:
+) -> tuple[list[PoseHypothesis], np.ndarray]:
     """The likeliest ways in which the views may be placed, the best first, and the sorted numbers of the views that they place.
 
     Where no way is likely, the search ends before all views are placed: the cost says so.
@@ -96,13 +96,13 @@ def search(
         elevations_deg: the lowest and the highest at which they may lie.
         most_misfits: so many views at most are left out as they fit to the others nowhere.
     """
-    places, pairs = make_places(elevations_deg, GRID_DEG), list[tuple[float, Way]]()
+    places, pairs = make_places(elevations_deg, GRID_DEG), list[tuple[float, PoseHypothesis]]()
     for elevation in np.unique(places[:, 1]):
-        first = Way(np.zeros((len(order), SIZE)), 0.0)
+        first = PoseHypothesis(np.zeros((len(order), SIZE)), 0.0)
         first.views[order[0], 1] = elevation
         costs, laid = try_places(order[1], places, first.views, 0.0, np.array(order[:1]), outlines, EVERY, len(places))
         for cost, view in zip(costs, laid, strict=True):
-            pairs.append((cost, Way(first.views.copy(), 0.0)))
+            pairs.append((cost, PoseHypothesis(first.views.copy(), 0.0)))
             pairs[-1][1].views[order[1]] = view
     likely = np.sort(np.argsort([cost for cost, _ in pairs], kind="stable")[:PAIRS])
     ways = [pairs[number][1] for number in likely]
@@ -119,7 +119,7 @@ def search(
     return ways, np.sort(placed)
 
 
-def _is_misfit(longer: list[Way], ways: list[Way], count: int) -> bool:
+def _is_misfit(longer: list[PoseHypothesis], ways: list[PoseHypothesis], count: int) -> bool:
     """Whether the view that `longer` have more than `ways` fits nowhere."""
     return count >= MISFIT_FROM and longer[0].cost > max(MISFIT_PX, MISFIT_RATIO * ways[0].cost)
 
@@ -130,7 +130,7 @@ def make_places(elevations_deg: tuple[int, int], grid_deg: int) -> np.ndarray:
     return np.radians([[azimuth, elevation] for elevation in elevations for azimuth in azimuths])
 
 
-def _add_view(ways: list[Way], placed: np.ndarray, places: np.ndarray, outlines: Outlines) -> list[Way]:
+def _add_view(ways: list[PoseHypothesis], placed: np.ndarray, places: np.ndarray, outlines: Outlines) -> list[PoseHypothesis]:
     """All ways with one view more, the last of `placed`."""
     number, found = placed[-1], []
     for way in ways:
@@ -138,7 +138,7 @@ def _add_view(ways: list[Way], placed: np.ndarray, places: np.ndarray, outlines:
         for place in np.argsort(costs, kind="stable")[:BRANCHES]:
             views = way.views.copy()
             views[number] = laid[place]
-            found.append(Way(views, way.log_focal, costs[place] + way.cost))
+            found.append(PoseHypothesis(views, way.log_focal, costs[place] + way.cost))
     width = next(width for least, width in reversed(BEAM) if len(placed) >= least)
     found = sorted(found, key=lambda way: way.cost)[: BRANCHES * width]
     every = np.ones(len(placed), bool)
@@ -152,15 +152,15 @@ def _add_view(ways: list[Way], placed: np.ndarray, places: np.ndarray, outlines:
     return keep_distinct(sorted(found, key=lambda way: way.cost), placed, width)
 
 
-def measure_cost(way: Way, placed: np.ndarray, outlines: Outlines) -> float:
+def measure_cost(way: PoseHypothesis, placed: np.ndarray, outlines: Outlines) -> float:
     """By how much the rays of these views miss, px per 1000 px in the mean, and how unusual their places are."""
     misses = measure_misses(way.views, way.log_focal, placed, outlines, EVERY)
     return float(misses.mean() + 0.3 * np.mean([measure_prior(way.views[n], outlines.size) for n in placed]))
 
 
-def keep_distinct(ways: list[Way], placed: np.ndarray, width: int) -> list[Way]:
+def keep_distinct(ways: list[PoseHypothesis], placed: np.ndarray, width: int) -> list[PoseHypothesis]:
     """The first `width` ways that differ from those before them."""
-    kept: list[Way] = []
+    kept: list[PoseHypothesis] = []
     looks: list[np.ndarray] = []
     for way in ways:
         look = compute_looks(way.views[placed], way.views[placed[0], 0])
@@ -172,7 +172,7 @@ def keep_distinct(ways: list[Way], placed: np.ndarray, width: int) -> list[Way]:
     return kept
 
 
-def count_differing(one: Way, other: Way) -> int:
+def count_differing(one: PoseHypothesis, other: PoseHypothesis) -> int:
     """How many views look from other directions in two ways, turned onto each other as most views say."""
     turn = np.angle(np.exp(1j * (other.views[:, 0] - one.views[:, 0])))
     cosines = [(compute_looks(one.views, 0.0) * compute_looks(other.views, angle)).sum(1) for angle in turn]
@@ -196,7 +196,7 @@ def _find_hull(mask: np.ndarray) -> np.ndarray:
         tolerance_px *= 1.3
 
 
-def make_cameras(way: Way, outlines: Outlines, image_set: ImageSet, focal_px: np.ndarray) -> list[Camera]:
+def make_cameras(way: PoseHypothesis, outlines: Outlines, image_set: ImageSet, focal_px: np.ndarray) -> list[Camera]:
     """Pinhole cameras of a way, in its frame."""
     return [
         Camera(name, *size_px, _make_intrinsics(guess * np.exp(way.log_focal), size_px), pose)
@@ -204,7 +204,7 @@ def make_cameras(way: Way, outlines: Outlines, image_set: ImageSet, focal_px: np
     ]
 
 
-def read_way(cameras: list[Camera], outlines: Outlines, focal_px: np.ndarray) -> Way:
+def read_hypothesis(cameras: list[Camera], outlines: Outlines, focal_px: np.ndarray) -> PoseHypothesis:
     """The way that cameras stand in, whose frame is that of a way."""
     log_focal = float(np.log(cameras[0].intrinsics[0, 0] / focal_px[0]))
     views = np.zeros((len(cameras), SIZE))
@@ -216,7 +216,7 @@ def read_way(cameras: list[Camera], outlines: Outlines, focal_px: np.ndarray) ->
         view[2] = np.arctan2(-(level @ down), level @ right)
         view[3:5] = place[:2] / place[2] - middle * np.exp(-log_focal)
         view[5] = np.log(place[2])
-    return Way(views, log_focal)
+    return PoseHypothesis(views, log_focal)
 
 
 def _make_intrinsics(focal_px: float, size_px: tuple[int, int]) -> np.ndarray:

@@ -13,16 +13,16 @@ from zeroshop_steps.register.verification.covisibility import CovisiblePoints, c
 from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
 
 SHARED_POINTS = 0.22
-"""Neighbours are strangers where they share less than this share of what both should see: up to 0.21 where one of two images belongs to
+"""Neighbours are not covisible where they share less than this share of what both should see: up to 0.21 where one of two images belongs to
 another side of the object, nearly always 0.23 to 0.9 in right models."""
 NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE = 2, 0.35
-"""So many pairs of neighbours may be strangers, or this share of all."""
+"""So many pairs of neighbours may share so little, or this share of all."""
 FEW_NEIGHBOURS = 5
 """Of fewer pairs, none may be where the object alone gave the matches: three folded models of a tube in ten views had one of three or four,
 and 1 of 44 right ones."""
 
 DOUBTFUL_SHARE = 0.1
-"""From this share of strangers on, the pictures of a whole scene are asked: below, print holds the photos to each other."""
+"""From this share of such neighbours on, the pictures of a whole scene are asked: below, print holds the photos to each other."""
 UNLIKE_SHARE, LEAST_COMPARED = 0.26, 5
 """Pictures of neighbours may differ in this share of the pairs, and speak only where so many could be compared: 0 to 0.22 in right models,
 0.33 to 0.5 in wrong ones."""
@@ -70,7 +70,7 @@ def make_fault(pairs: Sequence[tuple[str, str]], neighbours: int, what: str) -> 
 
 def find_noncovisible(missed: CovisiblePoints, may_match: MayMatch | None = None) -> tuple[int, list[tuple[str, str]]]:
     """How many pairs of neighbours there are, and the stems of those that are strangers, also when asked again."""
-    neighbours, strange = missed.find_noncovisible(SHARED_POINTS)
+    neighbours, apart = missed.find_noncovisible(SHARED_POINTS)
     stems = [Path(name).stem for name in missed.names]
-    pairs = [(stems[one], stems[other]) for one, other in np.argwhere(np.triu(strange))]
+    pairs = [(stems[one], stems[other]) for one, other in np.argwhere(np.triu(apart))]
     return neighbours, [pair for pair in pairs if may_match is None or not may_match(*pair)]

@@ -20,18 +20,18 @@ from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.saliency_maps import FINE_WIDTH_PX, WIDTH_PX, write_maps
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
-from zeroshop_steps.register.refinement.silhouette_check import measure_silhouette_misses_px
+from zeroshop_steps.register.refinement.silhouette_refinement import measure_silhouette_misses_px
 from zeroshop_steps.register.scene.image_set import MIN_IMAGES, ImageSet
 from zeroshop_steps.register.scene.record import Inconsistent, Record, RegistrationFailed, find_lens
 from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
 from zeroshop_steps.runtime.files import scratch_directory
 
-THIN_OBSERVATIONS = 250
+SPARSE_OBSERVATIONS = 250
 """Points seen by an image, in the mean. On plain tables, cameras with 80 to 170 were bent or folded at times; print gives a thousand."""
 
 ROUGH_MISSED_PX = 15.0
-"""As `silhouette_check.MOST_MISSED_PX`, of masks that only a network has made: 1.5 to 5.7 with right cameras of a bowl and of a white
+"""As `silhouette_refinement.MOST_MISSED_PX`, of masks that only a network has made: 1.5 to 5.7 with right cameras of a bowl and of a white
 pitcher on a white table, 10 where they were bent by 3 %, 77 where they were folded. Bent ones are left to the segmentation, whose masks are
 finer."""
 CHECKED_VIEWS = 20  # at most, evenly spread: the network takes seconds for each, and cameras that are bent are so all around
@@ -93,9 +93,9 @@ def _mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientO
     )
 
 
-def is_thin(record: dict[str, Any]) -> bool:
+def is_sparse(record: dict[str, Any]) -> bool:
     """Whether so few points hold the cameras that they may be bent or folded although they agree with each other."""
-    return record["points"] * record["mean_track_length"] < THIN_OBSERVATIONS * record["registered"]
+    return record["points"] * record["mean_track_length"] < SPARSE_OBSERVATIONS * record["registered"]
 
 
 def check_by_predicted_masks(folder: Path, record: dict[str, Any], network: SalientObjectNetwork) -> dict[str, Any]:
