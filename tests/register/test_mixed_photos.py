@@ -104,8 +104,8 @@ def test_errors_are_judged_by_the_size_of_the_image():
     errors_px = {"large": 0.4, "other": 0.4, "small": 0.3}
     scales = {"large": 1.0, "other": 1.0, "small": 0.2}
     assert find_first_fault(None, evidence, errors_px, ConsistencyLimits(), dict.fromkeys(names, 1.0), {})[0] is None
-    reason, culprits = find_first_fault(None, evidence, errors_px, ConsistencyLimits(), scales, {})
-    assert culprits == ("small",) and reason is not None and "small fits with 0.30 px" in reason
+    fault, culprits = find_first_fault(None, evidence, errors_px, ConsistencyLimits(), scales, {})
+    assert culprits == ("small",) and "small fits with 0.30 px" in fault.reason
 
 
 @pytest.mark.slow

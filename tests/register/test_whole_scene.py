@@ -24,8 +24,8 @@ def test_the_other_checks_still_judge():
     supporting, contradicting = np.full((4, 4), 100), np.zeros((4, 4), int)
     evidence = EpipolarSupport(names, supporting, contradicting)
     assert find_first_fault(None, evidence, dict.fromkeys(names, 0.3), ConsistencyLimits(), dict.fromkeys(names, 1.0), {}) == (None, ())
-    reason, culprits = find_first_fault(
+    fault, culprits = find_first_fault(
         None, evidence, {**dict.fromkeys(names, 0.3), "b": 1.4}, ConsistencyLimits(), dict.fromkeys(names, 1.0), {}
     )
-    assert "b fits with 1.40 px" in reason and culprits == ("b",)
+    assert "b fits with 1.40 px" in fault.reason and culprits == ("b",)
     assert "silhouette_worst_px" not in ConsistencyReport(None, evidence, dict.fromkeys(names, 0.3), None, ()).figures()
