@@ -27,7 +27,7 @@ FIRST = (
     "workflow/test_tiny_cell.py",
     "height/test_marker.py",
     "bop/test_align.py",
-    "register/test_outlines.py",
+    "register/test_silhouette_sfm.py",
     "evaluate/test_grade.py",
     "workflow/test_shared_cache.py",
     "register/test_aliked.py",
@@ -145,6 +145,6 @@ def blender() -> Path:
 @pytest.fixture
 def few_rays(monkeypatch) -> None:
     """A third of the outlines' rays, where it is not asked how much they count beside tracks: a box has no rim that so few would miss."""
-    from zeroshop_steps.register import outline_rays
+    from zeroshop_steps.register.silhouettes import rays
 
-    monkeypatch.setattr(outline_rays, "MOST_RAYS_OF_VIEW", 80)
+    monkeypatch.setattr(rays, "MOST_RAYS_OF_VIEW", 80)

@@ -66,6 +66,8 @@ def test_every_method_is_a_step_of_its_stage():
         ("{'weight': ()}", "METHOD must be a dictionary"),
         ("dict(rank=1)", "METHOD must be a dictionary"),
         ("{'name': 'other'}", "two methods of .* are called other"),
+        ("{}\nPRESETS = {'large': {'weight': ()}}", "PRESETS must be a dictionary of such by name"),
+        ("{}\nPRESETS = {'other': {}}", "two methods of .* are called other"),
     ],
 )
 def test_a_wrong_declaration_is_named(tmp_path, declared, fault):
@@ -74,6 +76,15 @@ def test_a_wrong_declaration_is_named(tmp_path, declared, fault):
     (tmp_path / "register/mine.py").write_text(f"\nMETHOD = {declared}\n")
     with pytest.raises(StepError, match=fault):
         methods.find_methods("register", tmp_path)
+
+
+def test_a_preset_is_its_method_by_another_name(tmp_path):
+    (tmp_path / "register").mkdir()
+    rows = {"mine_large": {"weights": ("large.pth",), "title": "Large"}, "mine_slow": {"runtime_min": 90}}
+    (tmp_path / "register/mine.py").write_text(f"\nMETHOD = {{'title': 'Mine', 'weights': ('small.pth',)}}\nPRESETS = {rows}\n")
+    mine, large, slow = methods.find_methods("register", tmp_path).values()
+    assert (large.step, large.name, large.title, large.weights, large.preset) == (mine.step, "mine_large", "Large", ("large.pth",), True)
+    assert (slow.title, slow.weights, slow.runtime_min) == ("mine_slow", mine.weights, 90) and not mine.preset
 
 
 def test_networks_that_the_config_names_are_looked_for():

@@ -33,17 +33,24 @@ ROOMS = [
 ]
 """In the order of the way of the data. `bop` holds the benchmark's formats and scores, which rendered test scenes are written in."""
 
+REGISTER = ["scene", "features", "matching", "mapping", "silhouettes", "photometry", "refinement", "submodels", "verification"]
+"""The rooms of `register`, in their order; methods, and what only they use, lie beside them and may import all."""
+
 
 def imported_rooms(path: Path) -> set[str]:
     """The rooms that a source file imports, inside functions, too."""
+    return {parts[1] for parts in imported_names(path) if parts[1] in ROOMS}
+
+
+def imported_names(path: Path) -> list[list[str]]:
+    """The names of this package that a source file imports, in their parts."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-    own = (name.split(".") for name in names if name.startswith("zeroshop_steps."))
-    return {parts[1] for parts in own if parts[1] in ROOMS}
+    return [name.split(".") for name in names if name.startswith("zeroshop_steps.")]
 
 
 def test_every_room_has_its_place() -> None:
@@ -58,4 +65,16 @@ def test_no_import_runs_backwards() -> None:
         if room in ROOMS:
             later = [name for name in imported_rooms(path) if ROOMS.index(name) > ROOMS.index(room)]
             backwards += [f"{path.relative_to(SOURCES)} imports {name}" for name in later]
+    assert not backwards
+
+
+def test_no_import_within_register_runs_backwards() -> None:
+    backwards = []
+    for place, room in enumerate(REGISTER):
+        allowed = REGISTER[: place + 1]
+        files = list((SOURCES / "register" / room).glob("*.py"))
+        assert len(files) > 1, room
+        for path in files:
+            own = [parts for parts in imported_names(path) if parts[1] == "register"]
+            backwards += [f"register/{room}/{path.name} imports {'.'.join(parts)}" for parts in own if parts[2] not in allowed]
     assert not backwards

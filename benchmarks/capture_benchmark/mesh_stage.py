@@ -23,7 +23,7 @@ from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.transforms import transform_camera
-from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.code_version import SOURCES
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json, write_json

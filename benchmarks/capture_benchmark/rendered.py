@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from zeroshop_steps.register import truth
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.record import write_registration
-from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.synthetic.bop_models import copy_model
 from zeroshop_steps.synthetic.casual_capture import render_casual_capture

@@ -4,6 +4,10 @@ A method is one file in the folder of its stage, which declares itself by a lite
 
     METHOD = {"weights": ("my_network.pth",), "mem_mb": 6000}
 
+or a row of PRESETS there, the same method by another name, with other weights or options of the config:
+
+    PRESETS = {"mine_large": {"weights": ("my_large_network.pth",), "mem_mb": 9000}}
+
 The keys are those attributes of `Method` that are not the default; {} will do. The literal is read from the source, so that
 planning a run imports no step. A method without its weights is left out where "all" methods are meant, and refused where it is named.
 """
@@ -33,6 +37,7 @@ class Method:
     Attributes:
         step: the module that does the work, below this package, e.g. "surface.twodgs".
         name: how configs and paths call it; the module's name by default.
+        preset: whether it is a row of PRESETS: its step is told its weights, and all that the config has of it.
         title: how papers write it, for reports; the name by default.
         rank: its place in tables, the lowest first; then by name.
         weights: files below resources/weights.
@@ -85,6 +90,7 @@ class Method:
 
     step: str
     name: str = ""
+    preset: bool = False
     title: str = ""
     rank: int = 100
     weights: tuple[str, ...] = ()
@@ -158,11 +164,15 @@ def find_methods(stage: str, sources: Path = SOURCES) -> dict[str, Method]:
     """
     found = []
     for path in sorted([*(sources / stage).glob("*.py"), *(sources / stage).glob("*/__init__.py")]):
-        declared = _read_declaration(path)
+        declared = _read_declaration(path, "METHOD")
         if declared is not None:
             module = path.parent.name if path.name == "__init__.py" else path.stem
-            method = Method(**{"step": f"{stage}.{module}", "name": module, **declared})
-            found.append(replace(method, title=method.title or method.name))
+            usual = {"step": f"{stage}.{module}", "name": module, **declared}
+            rows = [
+                {**usual, "title": "", "name": name, "preset": True, **row}
+                for name, row in (_read_declaration(path, "PRESETS") or {}).items()
+            ]
+            found += [replace(method, title=method.title or method.name) for method in (Method(**row) for row in (usual, *rows))]
     names = [method.name for method in found]
     for name in names:
         if names.count(name) > 1:
@@ -170,22 +180,24 @@ def find_methods(stage: str, sources: Path = SOURCES) -> dict[str, Method]:
     return {method.name: method for method in sorted(found, key=lambda method: (method.rank, method.name))}
 
 
-def _read_declaration(path: Path) -> dict[str, Any] | None:
-    """The METHOD of a source file; None where it declares none."""
+def _read_declaration(path: Path, what: str) -> dict[str, Any] | None:
+    """The METHOD or the PRESETS of a source file; None where it declares none."""
     text = path.read_text()
-    if "\nMETHOD" not in text:
+    if f"\n{what}" not in text:
         return None
-    known = {entry.name for entry in fields(Method)} - {"step"}
+    known = {entry.name for entry in fields(Method)} - {"step", "preset"}
     for node in ast.parse(text).body:
         targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
-        if [getattr(target, "id", None) for target in targets] == ["METHOD"]:
+        if [getattr(target, "id", None) for target in targets] == [what]:
             try:
                 declared = ast.literal_eval(node.value)  # type: ignore[attr-defined]
-                if isinstance(declared, dict) and set(declared) <= known:
-                    return declared
-            except ValueError:
+                rows = [declared] if what == "METHOD" else list(declared.values())
+                if all(isinstance(row, dict) and set(row) <= known for row in rows):
+                    return dict(declared)
+            except (ValueError, AttributeError):
                 pass
-            raise StepError(f"{path}: METHOD must be a dictionary written out, with keys of {', '.join(sorted(known))}")
+            kind = "a dictionary" if what == "METHOD" else "a dictionary of such by name"
+            raise StepError(f"{path}: {what} must be {kind} written out, with keys of {', '.join(sorted(known))}")
     return None
 
 

@@ -2,8 +2,8 @@
 
 The features and matches of all views are computed once and kept: COLMAP's database of SIFT, and ALIKED's features with LightGlue's matches.
 For each seed, some views are drawn; what matches among them goes through registration `auto`, with that seed for all RANSAC loops: mapping,
-repair, sharpening, outlines, joining of groups, and all checks. Seed 0 takes all views: its cameras are those of the workflow. As a
-command, one row of the CSV for each capture and seed; rows that are there are not made again:
+re-registration, keypoint refinement, silhouettes, merging, and all checks. Seed 0 takes all views: its cameras are those of the workflow.
+As a command, one row of the CSV for each capture and seed; rows that are there are not made again:
 
     PYTHONPATH=tests python tests/helpers/camera_subsets.py results/ycbv/obj_000001/{su_l,se}/capture --seeds 0 1 2 3 4 5 --out subsets.csv
 
@@ -29,11 +29,12 @@ from helpers.stored_captures import StoredCapture, SubsetMatcher, copy_matches
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import LEAST_PAIRS, Camera, read_sparse_model
 from zeroshop_steps.geometry.sparse_files import write_reconstruction
-from zeroshop_steps.register import aliked, auto, colmap, outlines
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed
-from zeroshop_steps.register.sift import SiftOptions
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions
+from zeroshop_steps.register import aliked, auto, colmap, silhouette_sfm
+from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.matching.view_graph import ViewGraph
+from zeroshop_steps.register.pipeline import StructureOptions
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, RegistrationFailed, Stopwatch
 from zeroshop_steps.runtime.files import write_json
 from zeroshop_steps.runtime.tables import read_table, write_table
 
@@ -97,16 +98,16 @@ def register_subset(stored: StoredCapture, numbers: np.ndarray, seed: int, attem
     structure = StructureOptions(seed=seed, object_only=stored.scene in OBJECT_ONLY)
     scene = colmap.ColmapOptions(SiftOptions(seed=seed), structure)
 
-    def match(database: Path, image_set: ImageSet, options: colmap.ColmapOptions, figures: dict[str, Any], _: Stopwatch) -> None:
-        source, found = stored.read_matches(replace(options, sift=replace(options.sift, seed=0)))
-        figures |= found
+    def match(database: Path, image_set: ImageSet, options: colmap.ColmapOptions, _: Stopwatch) -> ViewGraph:
+        source, graph = stored.read_matches(replace(options, sift=replace(options.sift, seed=0)))
         copy_matches(source, database, image_set, options.sift.seed)
+        return replace(graph, pairs=None)
 
     learned = aliked.AlikedOptions(structure=structure)
     ways: dict[str, auto.Attempt] = {
         "colmap": lambda folder: colmap.register(images, folder, scene, match),
         "aliked": lambda folder: aliked.register(images, folder, learned, lambda crops: SubsetMatcher(stored.matcher(), numbers)),
-        "outlines": lambda folder: outlines.register(images, folder, outlines.OutlineOptions(scene.sift, structure)),
+        "outlines": lambda folder: silhouette_sfm.register(images, folder, silhouette_sfm.SilhouetteOptions(scene.sift, structure)),
     }
     out.mkdir(parents=True)
     return auto.register(out, {name: ways[name] for name in attempts})

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image, write_mask
-from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.open3d_loader import o3d
 
 SIZE_MM = (120.0, 80.0, 160.0)

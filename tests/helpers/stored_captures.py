@@ -3,9 +3,8 @@
 import argparse
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
@@ -16,11 +15,13 @@ from zeroshop_steps.networks.aliked import FeatureMatcher
 from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import aliked, colmap
-from zeroshop_steps.register.found_masks import find_object_maps
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.lenses import import_images
-from zeroshop_steps.register.sift import make_verification_options, write_pairs
-from zeroshop_steps.register.structure import Stopwatch
+from zeroshop_steps.register.matching.turntable import StationaryMatches
+from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
+from zeroshop_steps.register.matching.view_graph import ViewGraph
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.lenses import import_images
+from zeroshop_steps.register.scene.record import Stopwatch
+from zeroshop_steps.register.verification.predicted_masks import find_object_maps
 from zeroshop_steps.runtime.files import read_json, write_json
 
 
@@ -119,15 +120,14 @@ class StoredCapture:
             self._matcher = StoredMatcher(self.folder / "aliked.pkl", lambda: prepare(aliked.cut_crops(self.images, options.side_px)))
         return self._matcher
 
-    def read_matches(self, options: colmap.ColmapOptions) -> tuple[Path, dict[str, Any]]:
-        """The database of SIFT's features and matches of all views, and its figures."""
+    def read_matches(self, options: colmap.ColmapOptions) -> tuple[Path, ViewGraph]:
+        """The database of SIFT's features and matches of all views, and how they were matched."""
         database, record = self.folder / "sift.db", self.folder / "sift.json"
         if not record.is_file():
             database.unlink(missing_ok=True)
-            figures: dict[str, Any] = {}
-            colmap.match_images(database, self.images, options, figures, Stopwatch())
-            write_json(record, figures)
-        return database, read_json(record)
+            write_json(record, asdict(colmap.match_images(database, self.images, options, Stopwatch())))
+        stored = read_json(record)
+        return database, ViewGraph(**stored | {"stationary": StationaryMatches(**stored["stationary"])})
 
     def save(self) -> None:
         """Keep what was matched."""

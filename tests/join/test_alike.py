@@ -10,7 +10,7 @@ from zeroshop_steps.join.alike import MOST_TELLING, choose_any, fits_itself
 from zeroshop_steps.join.evidence import LARGEST_MISS_PX, Judgement, Sight
 from zeroshop_steps.join.reasons import explain_joined
 from zeroshop_steps.join.ways import Way
-from zeroshop_steps.register.group_likeness import Likeness
+from zeroshop_steps.register.submodels.appearance import Likeness
 
 PLAIN = Likeness(20, 900, 0.7, 0.3, 0, 0.0)
 PRINTED = Likeness(20, 900, 0.7, 0.3, MOST_TELLING + 1, 0.2)

@@ -22,7 +22,7 @@ from zeroshop_steps.join.evidence import (
 )
 from zeroshop_steps.join.reasons import explain, explain_joined
 from zeroshop_steps.join.ways import Way
-from zeroshop_steps.register.group_likeness import Likeness
+from zeroshop_steps.register.submodels.appearance import Likeness
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import Failure, read_failure, write_failure
 from zeroshop_steps.runtime.files import read_json

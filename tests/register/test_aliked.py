@@ -7,9 +7,9 @@ from helpers.made_scene import MadeScene, made_scene
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.register.aliked import AlikedOptions, match_images, register
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.structure import StructureOptions
+from zeroshop_steps.register.pipeline import StructureOptions
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.runtime.errors import StepError
 
 WIDTH_PX, HEIGHT_PX = 480, 360

@@ -15,8 +15,8 @@ from zeroshop_steps.geometry.images import compute_overlap, read_mask
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import auto
 from zeroshop_steps.register.auto import register
-from zeroshop_steps.register.image_set import read_masks
-from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.scene.image_set import read_masks
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.runtime.errors import StepError
 
 LENS = {"model": "SIMPLE_RADIAL", "width_px": 160, "height_px": 120, "params": [170.0, 80.0, 60.0, 0.5]}
@@ -96,7 +96,7 @@ def test_where_all_fail_both_reasons_are_told_and_nothing_is_left(out):
 
 
 def test_without_weights_the_reason_says_how_to_get_them(blank_capture, tmp_path, monkeypatch):
-    monkeypatch.setattr(auto.outlines, "register", lambda image_set, folder, options: fail(0)(folder))
+    monkeypatch.setattr(auto.silhouette_sfm, "register", lambda image_set, folder, options: fail(0)(folder))
     parser = argparse.ArgumentParser()
     auto.add_arguments(parser)
     words = ["--capture", blank_capture, "--scene", "su_l", "--out", tmp_path / "cameras", "--weights", tmp_path / "nowhere"]
@@ -163,7 +163,7 @@ def test_outlines_are_tried_with_the_masks_of_a_network_which_looks_once(tmp_pat
     ball, looked, find_maps = BallPhotos(tmp_path), [], SalientObjectNetwork.find_maps
     monkeypatch.setattr(SalientObjectNetwork, "find_maps", lambda *asked: looked.append(asked) or find_maps(*asked))
     monkeypatch.setattr(auto.aliked, "register", lambda image_set, folder, options, prepare: fail(5)(folder))
-    monkeypatch.setattr(auto.outlines, "register", ball.register)
+    monkeypatch.setattr(auto.silhouette_sfm, "register", ball.register)
     record = ball.run(monkeypatch)
     assert len(looked) == 1 and set(record["tried"]) == {"colmap", "aliked"} and record["masks_by"] == "saliency.onnx"
     assert ball.has_found_masks()

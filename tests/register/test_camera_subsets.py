@@ -10,8 +10,8 @@ import pytest
 from helpers.camera_ring import ring_camera
 from helpers.camera_subsets import draw_views, judge, restrict
 from helpers.stored_captures import StoredMatcher, SubsetMatcher, copy_matches
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.match_database import write_matches
+from zeroshop_steps.register.matching.network_matches import write_matches
+from zeroshop_steps.register.scene.image_set import ImageSet
 
 RINGS = [ring_camera(number, 20, 500.0, (0.0, 45.0), (0.0, 0.0, 0.0), 600.0, (640, 480)) for number in range(20)]
 """By turns at 45 and at 0 degrees."""

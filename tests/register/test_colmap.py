@@ -13,9 +13,9 @@ from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask
 from zeroshop_steps.geometry.registered_views import read_deviations
 from zeroshop_steps.register import colmap
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import TooFewRegistered
-from zeroshop_steps.register.sift import SiftOptions, extract_features, find_focal_source, refine
+from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, refine
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import TooFewRegistered
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import read_json
@@ -137,12 +137,12 @@ def test_where_too_few_images_match_finer_features_are_tried(tmp_path, monkeypat
     image_set = ImageSet(tuple(tmp_path / f"{number}.png" for number in range(40)), None, ((1280, 720),) * 40)
     tried = []
 
-    def reconstruct(images, out, options, figures, stopwatch, match=None):
+    def reconstruct(images, out, options, record, stopwatch, match=None):
         tried.append(options.sift)
-        figures["first_octave"] = 0
+        record = record.add(first_octave=0)
         if len(tried) == 1:
-            raise TooFewRegistered("19 of 40 images registered", figures)
-        return figures
+            raise record.fail("19 of 40 images registered", kind=TooFewRegistered)
+        return record
 
     monkeypatch.setattr(colmap, "match_and_reconstruct", reconstruct)
     record = colmap.register(image_set, tmp_path, colmap.ColmapOptions())

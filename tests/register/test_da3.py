@@ -18,18 +18,18 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.networks.da3.settings import BASE, SMALL
-from zeroshop_steps.networks.weights import look_up_weights
-from zeroshop_steps.register import structure
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, look_up_weights
+from zeroshop_steps.register import pipeline
 from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.da3.guided_matches import RoughScene, find_near
-from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
+from zeroshop_steps.register.da3.network import WIDTH_OF, Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import gather_tracks, measure_share, start_from_cameras
 from zeroshop_steps.register.da3.solve import register
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.match_database import write_matches
-from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.matching.network_matches import write_matches
+from zeroshop_steps.register.scene.image_set import read_image_set
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import Frames, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import CHUNK
@@ -65,7 +65,7 @@ def test_matches_and_rough_cameras_give_the_true_cameras(carton_capture, frames,
     rough = decode_cameras(network.predict(frames.pixels).encodings, frames)
     before = compare_cameras(rough, read_sparse_model(carton_capture / "truth").cameras)
     assert before.centre_mm.mean() > 5.0 and before.rotation_deg.max() > 2.0
-    monkeypatch.setattr(structure, "map_incrementally", lambda *_: pytest.fail("not from the network's cameras"))
+    monkeypatch.setattr(pipeline, "map_incrementally", lambda *_: pytest.fail("not from the network's cameras"))
     record, after = solved(carton_capture, tmp_path / "cameras", having(1000), network)
     assert record["registered"] == 10 and record["refined_by"] == "matches" and not record["strangers"]
     assert after.centre_mm.mean() < 0.3 and after.rotation_deg.max() < 0.1
@@ -163,8 +163,7 @@ def test_a_camera_on_the_wrong_side_is_placed_by_the_others(ball, tmp_path):
     rough = moved(true, 3.0)
     rough.cameras[3] = replace(rough.cameras[3], camera_from_world=true.cameras[8].camera_from_world)
     assert compare_cameras(rough.cameras, true.cameras).centre_mm.max() > 100
-    figures: dict = {}
-    model = start_from_cameras(rough, image_set, Da3Options(max_error_px=2.0), figures, copied(database, tmp_path))
+    model, entries = start_from_cameras(rough, image_set, Da3Options(max_error_px=2.0), copied(database, tmp_path))
     found = [
         replace(camera, camera_from_world=np.vstack([model.find_image_with_name(camera.name).cam_from_world().matrix(), [0, 0, 0, 1]]))
         for camera in true.cameras
@@ -172,7 +171,7 @@ def test_a_camera_on_the_wrong_side_is_placed_by_the_others(ball, tmp_path):
     ]
     kept = [camera for camera in true.cameras if camera.name in {one.name for one in found}]
     assert len(found) >= 9 and compare_cameras(found, kept).centre_mm.max() < 2.0
-    assert 0.3 < figures["near_share"] < 0.9
+    assert 0.3 < entries["near_share"] < 0.9
 
 
 def test_matches_of_places_that_lie_apart_are_told(ball, tmp_path):
@@ -197,7 +196,7 @@ def test_cameras_that_most_matches_contradict_are_refused(ball, tmp_path):
     cameras = [replace(true.cameras[other], name=own.name) for own, other in zip(true.cameras, order, strict=True)]
     shuffled = replace(true, cameras=cameras)
     with pytest.raises(RegistrationFailed, match="the network's cameras contradict .*% of the matches, which connect 10 of 10 images"):
-        start_from_cameras(shuffled, image_set, Da3Options(), {}, copied(database, tmp_path))
+        start_from_cameras(shuffled, image_set, Da3Options(), copied(database, tmp_path))
 
 
 @pytest.mark.parametrize(("size_px", "expected"), [((1000, 750), (504, 378)), ((750, 1000), (378, 504)), ((640, 640), (504, 504))])
@@ -232,10 +231,12 @@ def test_bad_weights_are_refused_by_name(blank_capture, weights, tmp_path, capsy
         assert expected in capsys.readouterr().err and not (tmp_path / "cameras").exists()
 
 
-@pytest.mark.parametrize(("method", "file"), [("da3", "DA3-SMALL/model.safetensors"), ("da3_base", "DA3-BASE/model.safetensors")])
-def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, method, file):
+@pytest.mark.parametrize("name", ["da3", "da3_base"])
+def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
-    assert run(blank_capture, "cameras", "--method", method) == 1
+    file = methods.REGISTRATIONS[name].weights[0]
+    words = ("--weights", WEIGHTS_FOLDER / file) if methods.REGISTRATIONS[name].preset else ()
+    assert run(blank_capture, "cameras", "--method", "da3", *words) == 1
     message = capsys.readouterr().err
     assert f"resources/weights/{file}" in message and "Apache-2.0" in message and "colmap needs no weights" in message
 
@@ -251,3 +252,13 @@ def test_settings_fit_the_patches():
     for settings in (SMALL, BASE, SETTINGS):
         assert settings.image_px % settings.patch_px == 0 and settings.width % (4 * settings.heads) == 0
         assert settings.layers[0] >= settings.alone and all(layer % 2 == 1 for layer in settings.layers)
+
+
+def test_the_size_of_a_checkpoint_is_read_from_it(weights, tmp_path):
+    for width, settings in ((BASE.width, BASE), (SMALL.width, SMALL)):
+        path = tmp_path / f"{width}.safetensors"
+        save_file({"model.backbone.pretrained.cls_token": torch.zeros(1, 1, width)}, path)
+        assert find_size(path) == settings
+    assert [name for name in load_file(weights) if name.endswith(WIDTH_OF)], "as the network has it"
+    (tmp_path / "damaged.safetensors").write_bytes(b"{}")
+    assert find_size(tmp_path / "damaged.safetensors") == SMALL

@@ -10,10 +10,10 @@ import pytest
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, write_image
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.photo_groups import find_groups
-from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, reconstruct
+from zeroshop_steps.register.matching.view_graph import find_components
+from zeroshop_steps.register.pipeline import StructureOptions, reconstruct
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 
@@ -43,7 +43,7 @@ def write_pairs(folder, groups) -> ImageSet:
 def test_groups_are_found_by_their_matches(tmp_path):
     groups = [[f"a{index}.jpg" for index in range(5)], ["b0.jpg", "b1.jpg"], ["c.jpg"]]
     write_pairs(tmp_path, groups)
-    assert find_groups(tmp_path / "database.db") == groups
+    assert find_components(tmp_path / "database.db") == groups
 
 
 def test_photos_of_two_scenes_are_refused_by_group(tmp_path):
@@ -51,7 +51,7 @@ def test_photos_of_two_scenes_are_refused_by_group(tmp_path):
     image_set = write_pairs(tmp_path, groups)
     options = StructureOptions(leave_out=True, min_images=11)
     with pytest.raises(RegistrationFailed, match=r"10 photos \(IMG_b0.jpg to IMG_b9.jpg\), 9 photos \(IMG_a0.jpg to IMG_a8.jpg\)"):
-        reconstruct(tmp_path / "database.db", image_set, tmp_path / "out", options, {}, Stopwatch())
+        reconstruct(tmp_path / "database.db", image_set, tmp_path / "out", options, Record(), Stopwatch())
 
 
 @pytest.mark.slow

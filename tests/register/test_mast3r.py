@@ -7,8 +7,8 @@ from helpers.made_pairs import MadePairs, Noise
 from helpers.made_scene import MadeScene, made_scene
 from zeroshop_steps.geometry.cameras import fit_similarity, read_sparse_model
 from zeroshop_steps.register.mast3r import Mast3rOptions, register
-from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.structure import StructureOptions
+from zeroshop_steps.register.pipeline import StructureOptions
+from zeroshop_steps.register.scene.record import RegistrationFailed
 
 AZIMUTHS_DEG = [36.0 * number for number in range(10)]
 WIDTH_PX = 192

@@ -12,11 +12,11 @@ from PIL import Image
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image
 from zeroshop_steps.geometry.transforms import transform_points
-from zeroshop_steps.register.consistency import ConsistencyLimits, find_first_fault
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.lenses import group_by_lens, import_images, read_cropped_focal_px
-from zeroshop_steps.register.pair_support import PairSupport
-from zeroshop_steps.register.record import name_missing
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.lenses import group_by_lens, import_images, read_cropped_focal_px
+from zeroshop_steps.register.scene.record import find_missing
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, find_first_fault
+from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -100,12 +100,12 @@ def test_a_network_that_takes_one_size_says_so(sizes_capture):
 
 def test_errors_are_judged_by_the_size_of_the_image():
     names, full = ("large", "other", "small"), np.full((3, 3), 100)
-    evidence = PairSupport(names, full, np.zeros((3, 3), int))
+    evidence = EpipolarSupport(names, full, np.zeros((3, 3), int))
     errors_px = {"large": 0.4, "other": 0.4, "small": 0.3}
     scales = {"large": 1.0, "other": 1.0, "small": 0.2}
     assert find_first_fault(None, evidence, errors_px, ConsistencyLimits(), dict.fromkeys(names, 1.0), {})[0] is None
-    reason, culprits = find_first_fault(None, evidence, errors_px, ConsistencyLimits(), scales, {})
-    assert culprits == ("small",) and reason is not None and "small fits with 0.30 px" in reason
+    fault, culprits = find_first_fault(None, evidence, errors_px, ConsistencyLimits(), scales, {})
+    assert culprits == ("small",) and "small fits with 0.30 px" in fault.reason
 
 
 @pytest.mark.slow
@@ -139,8 +139,7 @@ def test_turned_and_reduced_photos_are_registered_as_well(carton_capture, tmp_pa
 def test_photos_of_another_position_are_taken_as_a_second_pass(missing, hinted):
     paths = tuple(Path(f"{index:06d}.jpg") for index in range(20))
     image_set = ImageSet(paths, None, ((640, 480),) * 20, tuple(f"IMG_{index}.JPG" for index in range(20)))
-    figures = {}
-    name_missing(figures, image_set, {path.name for index, path in enumerate(paths) if index not in missing})
-    [warning] = figures["warnings"]
+    found = find_missing(image_set, {path.name for index, path in enumerate(paths) if index not in missing})
+    [warning] = found.warnings
     assert f"left out, {len(missing)} of 20 photos" in warning and f"IMG_{missing[0]}.JPG" in warning
     assert ("zeroshop FIRST SECOND" in warning) == hinted

@@ -7,9 +7,9 @@ from helpers.camera_ring import ring_camera
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model, write_cameras
 from zeroshop_steps.geometry.images import list_images, read_image
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, read_registration
-from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.scene.image_set import read_image_set
+from zeroshop_steps.register.scene.record import RegistrationFailed, read_registration
 from zeroshop_steps.register.truth import register
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import Failure, write_failure

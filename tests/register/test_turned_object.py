@@ -15,9 +15,9 @@ from zeroshop_steps.register import mast3r
 from zeroshop_steps.register.colmap import ColmapOptions
 from zeroshop_steps.register.da3 import solve as da3_solve
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY
-from zeroshop_steps.register.structure import StructureOptions
+from zeroshop_steps.register.pipeline import StructureOptions
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import OBJECT_ONLY
 from zeroshop_steps.register.vggt import frames
 from zeroshop_steps.register.vggt import solve as vggt_solve
 from zeroshop_steps.register.vggt.options import VggtOptions

@@ -16,8 +16,8 @@ from zeroshop_steps.geometry.images import list_images, write_image
 from zeroshop_steps.networks import devices
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.weights import look_up_weights
-from zeroshop_steps.register.image_set import read_image_set
-from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.scene.image_set import read_image_set
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import CHUNK, check_fits, predict_peak_bytes
@@ -222,12 +222,19 @@ def test_bad_weights_are_refused_by_name(blank_capture, weights, tmp_path, capsy
 
 
 @pytest.mark.parametrize(
-    ("method", "file", "licence"),
-    [("vggt", "VGGT-1B/model.safetensors", "CC BY-NC"), ("vggt_commercial", "VGGT-1B-Commercial/vggt_1B_commercial.pt", "commercial use")],
+    ("words", "file", "licence"),
+    [
+        ((), "VGGT-1B/model.safetensors", "CC BY-NC"),
+        (
+            ("--weights", f"resources/weights/{methods.REGISTRATIONS['vggt_commercial'].weights[0]}"),
+            "VGGT-1B-Commercial/vggt_1B_commercial.pt",
+            "commercial use",
+        ),
+    ],
 )
-def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, method, file, licence):
+def test_the_published_weights_are_asked_for_with_their_licence(blank_capture, tmp_path, monkeypatch, capsys, words, file, licence):
     monkeypatch.chdir(tmp_path)
-    words = ("--method", method, "--capture", str(blank_capture), "--scene", "su_h", "--out", "cameras")
+    words = ("--method", "vggt", *words, "--capture", str(blank_capture), "--scene", "su_h", "--out", "cameras")
     assert stage_main("zeroshop_steps.register", words) == 1
     message = capsys.readouterr().err
     assert f"resources/weights/{file}" in message and licence in message and "colmap needs no weights" in message

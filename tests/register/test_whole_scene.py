@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.register.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault
-from zeroshop_steps.register.image_set import read_image_set, read_masks
-from zeroshop_steps.register.pair_support import PairSupport
+from zeroshop_steps.register.scene.image_set import read_image_set, read_masks
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault
+from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
 from zeroshop_steps.runtime.errors import StepError
 
 
@@ -22,10 +22,10 @@ def test_images_without_masks_are_a_set(tmp_path):
 def test_the_other_checks_still_judge():
     names = tuple("abcd")
     supporting, contradicting = np.full((4, 4), 100), np.zeros((4, 4), int)
-    evidence = PairSupport(names, supporting, contradicting)
+    evidence = EpipolarSupport(names, supporting, contradicting)
     assert find_first_fault(None, evidence, dict.fromkeys(names, 0.3), ConsistencyLimits(), dict.fromkeys(names, 1.0), {}) == (None, ())
-    reason, culprits = find_first_fault(
+    fault, culprits = find_first_fault(
         None, evidence, {**dict.fromkeys(names, 0.3), "b": 1.4}, ConsistencyLimits(), dict.fromkeys(names, 1.0), {}
     )
-    assert "b fits with 1.40 px" in reason and culprits == ("b",)
+    assert "b fits with 1.40 px" in fault.reason and culprits == ("b",)
     assert "silhouette_worst_px" not in ConsistencyReport(None, evidence, dict.fromkeys(names, 0.3), None, ()).figures()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 

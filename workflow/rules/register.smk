@@ -64,7 +64,16 @@ def registration_options(
     options = config["register"].get(wildcards.registration)
     if not options:
         return ""
-    return step_options({**options, **network_options(registration_network(wildcards)), "seed": config["seed"]})
+    needs = registration_needs(wildcards)
+    weights = f"--weights {methods.WEIGHTS_FOLDER / needs.weights[0]} " if needs.preset and not options.get("weights") else ""
+    return weights + step_options({**options, **network_options(registration_network(wildcards)), "seed": config["seed"]})
+
+
+def registration_method(
+    wildcards,
+):
+    """The method that the command runs: of a preset, the one that it belongs to."""
+    return registration_needs(wildcards).step.partition(".")[2]
 
 
 def registration_network(
@@ -110,13 +119,14 @@ rule register:
         gpu=gpu_of("register", registration_needs),
         gpu_mem_mb=gpu_mem_of("register", registration_needs),
     params:
+        method=registration_method,
         options=registration_options,
         scene=registered_scene,
         weights=registration_weights,
     message:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:
-        "python -m zeroshop_steps.register --method {wildcards.registration} --capture {input.capture}"
+        "python -m zeroshop_steps.register --method {params.method} --capture {input.capture}"
         " --scene {params.scene} {params.options} --threads {threads} --out {output} --record-failure {output}/ > {log} 2>&1"
 
 

@@ -16,7 +16,7 @@ from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_tr
 from zeroshop_steps.geometry.crops import ObjectSphere, fit_object_sphere
 from zeroshop_steps.geometry.registered_views import read_deviations, read_object_masks, read_views
 from zeroshop_steps.geometry.transforms import compute_scale, move_similarity, transform_points
-from zeroshop_steps.register.camera_covariance import ENDS
+from zeroshop_steps.register.refinement.covariance import ENDS
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import write_json
@@ -102,7 +102,7 @@ def measure_object_errors_px(pairs: list[tuple[Camera, Camera]], sphere: ObjectS
     """(N,) by how many pixels an object lies off in each view, in its middle and at its ends: as root of the mean square.
 
     The world of the true cameras is moved such that it lies off least in all views together. What is measured is what
-    `register.camera_covariance` predicts.
+    `register.refinement.covariance` predicts.
 
     Args:
         pairs: registered and true camera of each view.

@@ -13,8 +13,8 @@ import numpy as np
 
 from zeroshop_steps.geometry.contact_sheets import COLUMNS, GREEN, RED, TILE_WIDTH_PX, arrange_in_rows, write_label
 from zeroshop_steps.geometry.images import read_image, read_mask, write_image
-from zeroshop_steps.register.record import find_lens, read_registration
-from zeroshop_steps.register.undistort import undistort_by_lens
+from zeroshop_steps.register.scene.record import find_lens, read_registration
+from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 from zeroshop_steps.synthetic.film_truth import read_source_frames

@@ -18,8 +18,8 @@ from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
-from zeroshop_steps.register.record import find_lens
-from zeroshop_steps.register.undistort import undistort_by_lens
+from zeroshop_steps.register.scene.record import find_lens
+from zeroshop_steps.register.scene.undistortion import undistort_by_lens
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
 

@@ -17,7 +17,7 @@ from zeroshop_steps.height.board_fit import BoardFit, fit_board
 from zeroshop_steps.height.board_photos import BoardView, check_board_views, detect_board
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.height.scene_photos import localize_photos
-from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.runtime.errors import StepError
 
 RULER_ERROR_MM = 0.2  # of reading the ruler line's length

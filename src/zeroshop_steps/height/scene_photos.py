@@ -16,9 +16,10 @@ from zeroshop_steps.capture.photo_files import find_format_problems
 from zeroshop_steps.geometry.cameras import Camera, to_matrix, to_rigid
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.geometry.registered_views import View
-from zeroshop_steps.register.database import create_database
-from zeroshop_steps.register.mapping import make_mapping_options
-from zeroshop_steps.register.sift import SiftOptions, make_extraction_options, match_features
+from zeroshop_steps.register.features.sift import SiftOptions, make_extraction_options
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
+from zeroshop_steps.register.matching.verified_matches import match_features
+from zeroshop_steps.register.scene.database import create_database
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_PLACED = 2  # photos; the board's corners are triangulated from at least two

@@ -14,8 +14,8 @@ from zeroshop_steps.join.pass_images import Pass
 from zeroshop_steps.networks.aliked import FOLDER, AlikedMatcher, has_weights
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.aliked import AlikedOptions, Prepare, cut_crops, make_matcher, match_pairs
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.match_database import write_matches
+from zeroshop_steps.register.matching.network_matches import write_matches
+from zeroshop_steps.register.scene.image_set import ImageSet
 
 PARTNERS = 6  # of each image in its own pass, and as many in each that it is compared with
 OPTIONS = AlikedOptions()

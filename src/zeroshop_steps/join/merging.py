@@ -14,8 +14,8 @@ from zeroshop_steps.geometry.cameras import to_rigid
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
 from zeroshop_steps.join.object_matches import make_bare_model
 from zeroshop_steps.join.pass_images import Pass
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.mapping import make_mapping_options
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
+from zeroshop_steps.register.scene.image_set import ImageSet
 
 
 def move_pose(pose: pycolmap.Rigid3d, target_from_source: np.ndarray) -> pycolmap.Rigid3d:

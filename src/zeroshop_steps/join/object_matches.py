@@ -13,9 +13,10 @@ import pycolmap
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.join.pass_images import Pass
-from zeroshop_steps.register import sift
-from zeroshop_steps.register.image_set import ImageSet, read_masks
-from zeroshop_steps.register.mapping import make_mapping_options
+from zeroshop_steps.register.features import sift
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
+from zeroshop_steps.register.matching.verified_matches import match_features
+from zeroshop_steps.register.scene.image_set import ImageSet, read_masks
 
 ALL_PAIRS = 24
 """Up to so many images in each pass, every pair is matched; of more, each image with those of each pass that are most like it, so many."""
@@ -42,7 +43,7 @@ def match_object(image_set: ImageSet, passes: list[Pass], scratch: Path, options
     """A database of the object's features in all images, matched within passes and across them; returns its file."""
     database = scratch / "object.db"
     sift.extract_features(database, _hide_ground(image_set, scratch / "object"), options, scratch / "masks", read_cameras(passes))
-    sift.match_features(database, options, choose_pairs(image_set, passes))
+    match_features(database, options, choose_pairs(image_set, passes))
     return database
 
 

@@ -30,9 +30,9 @@ from zeroshop_steps.networks.aliked import FOLDER
 from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.aliked import Prepare
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.record import describe_model, read_registration
-from zeroshop_steps.register.sift import SiftOptions
+from zeroshop_steps.register.features.sift import SiftOptions
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import describe_model, read_registration
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.failures import Failure, read_failure

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from zeroshop_steps.geometry.transforms import move_similarity, transform_points
 from zeroshop_steps.join.object_matches import PointPairs
 from zeroshop_steps.join.ways import Way
-from zeroshop_steps.register.image_set import REFERENCE_PX
+from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
 LOSS_PX = 1.0  # per 1000 px of the image, of the robust loss
 NEAR_PX = 4.0  # a pair supports the refined way if the median of its errors is smaller

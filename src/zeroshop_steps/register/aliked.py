@@ -9,7 +9,7 @@ import argparse
 import functools
 import shutil
 from collections.abc import Callable, Collection
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -30,15 +30,16 @@ from zeroshop_steps.networks.aliked import (
 )
 from zeroshop_steps.networks.devices import DEVICES, choose_device
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
-from zeroshop_steps.register.image_set import ImageSet, read_image_set, read_masks
-from zeroshop_steps.register.match_database import PairMatches, write_matches
-from zeroshop_steps.register.pair_pictures import leave_out_unlike
-from zeroshop_steps.register.pair_selection import choose_alike_pairs
-from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
-from zeroshop_steps.register.rotation_agreement import leave_out_contradicting
-from zeroshop_steps.register.sift import RIM_SHARE
-from zeroshop_steps.register.strange_sides import LookAgain
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.features.sift import RIM_SHARE
+from zeroshop_steps.register.matching.network_matches import PairMatches, write_matches
+from zeroshop_steps.register.matching.pair_selection import choose_alike_pairs
+from zeroshop_steps.register.matching.rotation_consistency import delete_contradicting_pairs
+from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set, read_masks
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, fill_apart
+from zeroshop_steps.register.verification.duplicate_structure import MayMatch
+from zeroshop_steps.register.verification.pair_appearance import delete_inconsistent_pairs
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import scratch_directory
@@ -158,37 +159,37 @@ def register(image_set: ImageSet, out: Path, options: AlikedOptions, prepare: Ca
             " features, which nothing showed to be wrong; give masks, or use the registration colmap"
         )
     stopwatch = Stopwatch()
-    figures: dict[str, Any] = {"method": "aliked", "images": len(image_set.images), "registered": 0, "seconds": stopwatch.seconds}
-    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__, "torch": torch.__version__}}
+    record = Record.begin("aliked", image_set, options, stopwatch, pycolmap, torch)
     matcher = prepare(cut_crops(image_set, options.side_px))
-    figures["median_features"] = float(np.median([len(points) for points in matcher.keypoints]))
+    record = record.add(median_features=float(np.median([len(points) for points in matcher.keypoints])))
     stopwatch.lap("extract")
     matches = match_images(matcher, options)
     stopwatch.lap("match")
     with scratch_directory(out, "aliked") as scratch:
         database = scratch / "database.db"
-        structure = options.structure
-        figures |= write_matches(database, image_set, matcher.keypoints, matches, 2, structure.seed, options.focal_px, distorted=False)
-        if not figures["matches"]:
-            raise RegistrationFailed("no two images share enough features that surely match; take more pictures with more overlap", figures)
+        seed = options.structure.seed
+        kept = write_matches(database, image_set, matcher.keypoints, matches, 2, seed, options.focal_px, distorted=False)
+        record = record.add(**kept)
+        if not kept["matches"]:
+            raise record.fail("no two images share enough features that surely match; take more pictures with more overlap")
         number = {path.stem: index for index, path in enumerate(image_set.images)}
 
         @functools.cache
-        def look_again(one: str, other: str) -> bool:
+        def may_match(one: str, other: str) -> bool:
             _, scores = matcher.match(number[one], number[other])
             return bool((scores >= options.sure_score).sum() >= AGAIN * options.sure_matches)
 
         try:
-            return _reconstruct(database, image_set, out, options, figures, stopwatch, look_again)
+            return _reconstruct(database, image_set, out, options, record, stopwatch, may_match)
         except RegistrationFailed as failure:
-            unlike = leave_out_unlike(database, image_set)
+            unlike = delete_inconsistent_pairs(database, image_set)
             stopwatch.lap("compare")
             if not unlike:
                 raise
             warn(f"{failure}; trying again without the {len(unlike)} pairs of images that match but do not show the same")
-            figures |= {"unlike_pairs": unlike, "first_reason": str(failure)}
             try:
-                return _reconstruct(database, image_set, out, options, figures, stopwatch, look_again)
+                record = record.add(unlike_pairs=unlike, first_reason=str(failure))
+                return _reconstruct(database, image_set, out, options, record, stopwatch, may_match)
             except RegistrationFailed:
                 raise failure from None
 
@@ -198,21 +199,21 @@ def _reconstruct(
     image_set: ImageSet,
     out: Path,
     options: AlikedOptions,
-    figures: dict[str, Any],
+    record: Record,
     stopwatch: Stopwatch,
-    look_again: LookAgain,
+    may_match: MayMatch,
 ) -> dict[str, Any]:
     """Cameras from a copy of the database, without the pairs whose rotations contradict the others."""
-    record = dict(figures)
 
     def fill(folder: Path) -> dict[str, Any]:
         with scratch_directory(folder, "model") as scratch:
             copy = Path(shutil.copy(database, scratch / database.name))
-            record["contradicting_pairs"] = leave_out_contradicting(copy, options.structure.seed)
+            begun = record.add(contradicting_pairs=delete_contradicting_pairs(copy, options.structure.seed))
             stopwatch.lap("verify")
-            return reconstruct(
-                copy, image_set, folder, options.structure, record, stopwatch, look_again, by_object=True, all_matches=database
+            done = reconstruct(
+                copy, image_set, folder, options.structure, begun, stopwatch, may_match, by_object=True, all_matches=database
             )
+            return dict(done.entries)
 
     return fill_apart(out, "cameras", fill)
 

@@ -25,10 +25,12 @@ from zeroshop_steps.networks.aliked import EXTRACTOR, FOLDER, MATCHER, has_weigh
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.networks.salient_object import add_network_arguments, load_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, read_table
-from zeroshop_steps.register import aliked, colmap, found_masks, outlines
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, fill_apart, write_registration
-from zeroshop_steps.register.structure import add_matching_arguments
+from zeroshop_steps.register import aliked, colmap, silhouette_sfm
+from zeroshop_steps.register.pipeline import add_matching_arguments
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, fill_apart
+from zeroshop_steps.register.verification import predicted_masks
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import scratch_directory
@@ -57,18 +59,20 @@ def run(args: argparse.Namespace) -> None:
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR
     learned = aliked.read_options(args)
     network = None if image_set.masks is not None or args.network is None else load_network(args)
-    find_maps = functools.cache(found_masks.find_object_maps)
+    find_maps = functools.cache(predicted_masks.find_object_maps)
 
     def register_scene(folder: Path) -> dict[str, Any]:
         record = colmap.register(image_set, folder, colmap.read_options(args))
-        return found_masks.check_by_found_masks(folder, record, network) if network and found_masks.is_thin(record) else record
+        return (
+            predicted_masks.check_by_predicted_masks(folder, record, network) if network and predicted_masks.is_sparse(record) else record
+        )
 
     def register_object(folder: Path, by: Callable[[ImageSet, Path], dict[str, Any]]) -> dict[str, Any]:
         if image_set.masks is not None:
             return by(image_set, folder)
         assert network is not None  # without masks and a network, these attempts are not made
         maps = find_maps(network, image_set.images)
-        return found_masks.register_by_found_masks(folder, image_set, network, maps, lambda masked: by(masked, folder))
+        return predicted_masks.register_by_predicted_masks(folder, image_set, network, maps, lambda masked: by(masked, folder))
 
     attempts: dict[str, Attempt] = {"colmap": register_scene}
     there, masked = has_weights(args.weights), image_set.masks is not None or network is not None
@@ -77,8 +81,10 @@ def run(args: argparse.Namespace) -> None:
         attempts["aliked"] = lambda folder: register_object(folder, lambda masked, into: aliked.register(masked, into, learned, prepare))
     if masked:
         scene = colmap.read_options(args)
-        by_outlines = outlines.OutlineOptions(scene.sift, scene.structure)
-        attempts["outlines"] = lambda folder: register_object(folder, lambda masked, into: outlines.register(masked, into, by_outlines))
+        by_outlines = silhouette_sfm.SilhouetteOptions(scene.sift, scene.structure)
+        attempts["outlines"] = lambda folder: register_object(
+            folder, lambda masked, into: silhouette_sfm.register(masked, into, by_outlines)
+        )
     write_registration(args.out, lambda folder: register(folder, attempts, _advise(there, masked)))
 
 
@@ -142,8 +148,7 @@ def _choose(kept: tuple[Path, dict[str, Any]], other: tuple[Path, dict[str, Any]
         return kept, _count(other_record)
     if not _agree(folder, other_folder):
         doubt = f"the cameras by {folder.name} and by {other_folder.name} contradict each other; one of them is wrong"
-        record["warnings"] = [*record.get("warnings", []), f"{doubt}. Put the object on print, or take more photos"]
-        return kept, doubt
+        return (folder, dict(Record(record).warn(f"{doubt}. Put the object on print, or take more photos").entries)), doubt
     return other, _count(other_record)
 
 

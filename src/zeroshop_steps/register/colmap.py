@@ -7,44 +7,33 @@ undistorted. Too few registered images, or cameras that the images contradict, a
 import argparse
 import shutil
 from collections.abc import Callable
-from copy import deepcopy
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.register.consistency import FOLDED, WRONG
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, TooFewRegistered, write_registration
-from zeroshop_steps.register.sift import (
-    SiftOptions,
-    choose_name_pairs,
-    extract_features,
-    find_focal_source,
-    fit_to_count,
-    match_features,
-    refine,
-)
-from zeroshop_steps.register.still_background import (
-    STILL_REMEDY,
-    StillMatches,
-    measure_still,
-    verify_without_still,
-)
-from zeroshop_steps.register.stretched_features import VERTICAL, add_stretched_features, find_flattened, find_weak_images
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
-from zeroshop_steps.register.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
-from zeroshop_steps.register.wide_pairs import leave_out_narrow_pairs
+from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, fit_to_count, refine
+from zeroshop_steps.register.features.tilted_features import VERTICAL, add_tilted_features, find_foreshortened, find_weak_images
+from zeroshop_steps.register.matching.match_coverage import delete_pairs_of_low_coverage
+from zeroshop_steps.register.matching.pair_selection import choose_name_pairs
+from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, measure_stationary, verify_without_stationary
+from zeroshop_steps.register.matching.verified_matches import match_features
+from zeroshop_steps.register.matching.view_graph import ViewGraph
+from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
+from zeroshop_steps.register.verification.view_coverage import LEAST_SPREAD_DEG, LEAST_TURN_DEG, check_spread
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
 
 CACHED = Cached(inputs=("capture/images", "capture/masks"), ignored=("threads",))
 
-Start = Callable[[Path], pycolmap.Reconstruction]
-"""Gives a model from a database of verified matches."""
+Start = Callable[[Path], tuple[pycolmap.Reconstruction, dict[str, Any]]]
+"""Gives a model from a database of verified matches, and entries of the record."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +55,7 @@ class ColmapOptions:
     tilt: float = 5.0
 
 
-Match = Callable[[Path, ImageSet, ColmapOptions, dict[str, Any], Stopwatch], list[tuple[str, str]] | None]
+Match = Callable[[Path, ImageSet, ColmapOptions, Stopwatch], ViewGraph]
 """What fills a database with features and verified matches, as `match_images` does."""
 
 METHOD = {"title": "COLMAP", "rank": 0}
@@ -128,64 +117,66 @@ def _register_by(
     image_set: ImageSet, out: Path, options: ColmapOptions, match: Match | None, facts: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     stopwatch = Stopwatch()
-    figures: dict[str, Any] = {"method": "colmap", "images": len(image_set.images), "registered": 0, "seconds": stopwatch.seconds}
-    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__}, **(facts or {})}
-    return match_and_reconstruct(image_set, out, options, figures, stopwatch, match=match)
+    record = Record.begin("colmap", image_set, options, stopwatch, pycolmap).add(**(facts or {}))
+    return dict(match_and_reconstruct(image_set, out, options, record, stopwatch, match=match).entries)
 
 
 def match_and_reconstruct(
     image_set: ImageSet,
     out: Path,
     options: ColmapOptions,
-    figures: dict[str, Any],
+    record: Record,
     stopwatch: Stopwatch,
     start: Start | None = None,
     match: Match | None = None,
-) -> dict[str, Any]:
-    """As `register`, with a record that was begun: `figures` is completed in place. `start` gives a model of the matches to begin with."""
+) -> Record:
+    """As `register`, with a record that was begun, which is completed. `start` gives a model of the matches to begin with."""
     structure = options.structure
     with scratch_directory(out, "colmap") as scratch:
         database = scratch / "database.db"
-        pairs = (match or match_images)(database, image_set, options, figures, stopwatch)
-        first = start(database) if start else None
-        tested = None if pairs is None else {frozenset(Path(name).stem for name in pair) for pair in pairs}
-        look_again = None if tested is None else lambda one, other: frozenset((one, other)) not in tested
-        figures_before = deepcopy(figures)
+        graph = (match or match_images)(database, image_set, options, stopwatch)
+        record, first = record.judge(graph.evidence()), None
+        if start:
+            try:
+                first, found = start(database)
+            except RegistrationFailed as failure:
+                raise failure.after(record) from None
+            record = record.add(**found)
         try:
-            record = reconstruct(database, image_set, out, structure, figures, stopwatch, look_again, structure.object_only, first)
-            _check_spread(out, record, LEAST_SPREAD_DEG if _read_still(figures, options) is None else LEAST_TURN_DEG)
-            return record
-        except RegistrationFailed as error:
-            if start is None and structure.leave_out and not structure.object_only and str(error).startswith(WRONG):
-                found = _reconstruct_from_wide_pairs(database, image_set, out, structure, figures_before, stopwatch, error)
-                if found is not None:
-                    return found
-            still = _read_still(figures, options)
-            if still is None:
+            done = reconstruct(database, image_set, out, structure, record, stopwatch, graph.may_match(), structure.object_only, first)
+            _check_spread(out, done, LEAST_TURN_DEG if graph.on_turntable else LEAST_SPREAD_DEG)
+            return done
+        except RegistrationFailed as failure:
+            if start is None and structure.leave_out and not structure.object_only and isinstance(failure, Inconsistent):
+                again = _reconstruct_from_covering_pairs(database, image_set, out, structure, record, stopwatch, failure)
+                if again is not None:
+                    return again
+            if not graph.on_turntable:
                 raise
-            reason = f"{still.describe()}, and what turns is too little to find the cameras ({error}); {STILL_REMEDY}"
-            if str(error).startswith(FOLDED):  # photos of equal sides do not move either
-                reason = f"{error}. Or {still.describe()}: then {STILL_REMEDY}"
-            raise type(error)(reason, error.figures, error.rejected) from None
+            still = graph.stationary.describe()
+            reason = f"{still}, and what turns is too little to find the cameras ({failure}); {TURNTABLE_REMEDY}"
+            if isinstance(failure, DuplicateStructure):  # photos of equal sides do not move either
+                reason = f"{failure}. Or {still}: then {TURNTABLE_REMEDY}"
+            raise failure.because(reason) from None
 
 
-def _check_spread(folder: Path, figures: dict[str, Any], least_deg: float) -> None:
+def _check_spread(folder: Path, record: Record, least_deg: float) -> None:
     """Raise RegistrationFailed where all cameras look from one side."""
     try:
         check_spread(list(read_sparse_model(folder / "sparse").cameras), least_deg)
     except StepError as error:
-        raise RegistrationFailed(str(error), figures) from None
+        raise record.fail(str(error)) from None
 
 
-def _reconstruct_from_wide_pairs(
+def _reconstruct_from_covering_pairs(
     database: Path,
     image_set: ImageSet,
     out: Path,
     structure: StructureOptions,
-    figures: dict[str, Any],
+    record: Record,
     stopwatch: Stopwatch,
     wrong: RegistrationFailed,
-) -> dict[str, Any] | None:
+) -> Record | None:
     """The record of cameras from those pairs alone whose matches lie all over the pictures, where `wrong` ones came of all; None without.
 
     Such cameras must pass all checks, and the pictures of neighbours must show the same.
@@ -193,66 +184,51 @@ def _reconstruct_from_wide_pairs(
     scratch = database.parent / "wide"
     scratch.mkdir()
     shutil.copy(database, scratch / database.name)
-    figures["narrow_pairs"] = leave_out_narrow_pairs(scratch / database.name)
+    narrow = delete_pairs_of_low_coverage(scratch / database.name)
     for part in ("images", "masks", "sparse"):
         shutil.rmtree(out / part, ignore_errors=True)
+    compared = replace(structure, compare_pictures=True)
     try:
-        compared = replace(structure, compare_pictures=True)
-        record = reconstruct(scratch / database.name, image_set, out, compared, figures, stopwatch, all_matches=database)
+        found = reconstruct(
+            scratch / database.name, image_set, out, compared, record.add(narrow_pairs=narrow), stopwatch, all_matches=database
+        )
     except RegistrationFailed as error:
         print(f"pairs of photos whose matches lie all over the pictures do not give the cameras either: {error}")
         return None
-    if wrong.figures.get("gap_evidence", {}).get("folded") and "gap_evidence" in record:
+    if wrong.figures.get("gap_evidence", {}).get("folded") and "gap_evidence" in found.entries:
         print("pairs of photos whose matches lie all over the pictures leave the gap: the photos across it may be those that are left out")
         return None
-    record["warnings"] = [
-        *record.get("warnings", []),
+    return found.warn(
         f"sides of the object look alike, and cameras from all pairs of photos were refused ({wrong}); they were found from those"
-        f" pairs whose matches lie all over the pictures, without {figures['narrow_pairs']} others",
-    ]
-    return record
+        f" pairs whose matches lie all over the pictures, without {narrow} others"
+    )
 
 
-def match_images(
-    database: Path, image_set: ImageSet, options: ColmapOptions, figures: dict[str, Any], stopwatch: Stopwatch
-) -> list[tuple[str, str]] | None:
-    """Write the features of all images and their verified matches into a new database; completes `figures`.
-
-    Returns:
-        The names of the pairs that were matched; None for all pairs.
-    """
-    structure = options.structure
+def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, stopwatch: Stopwatch) -> ViewGraph:
+    """Write the features of all images and their verified matches into a new database."""
+    structure, count = options.structure, len(image_set.images)
     mask_folder = database.parent / "masks" if structure.object_only else None
-    figures["median_features"], figures["first_octave"] = extract_features(database, image_set, options.sift, mask_folder)
-    figures["focal_source"] = "given" if options.sift.focal_px is not None else find_focal_source(database)
+    median_features, first_octave = extract_features(database, image_set, options.sift, mask_folder)
+    focal_source = "given" if options.sift.focal_px is not None else find_focal_source(database)
     stopwatch.lap("extract")
     pairs = choose_name_pairs(image_set, options.sift, structure.object_only)
     stopwatch.lap("choose")
     match_features(database, options.sift, pairs)
-    figures["matched_pairs"] = len(image_set.images) * (len(image_set.images) - 1) // 2 if pairs is None else len(pairs)
-    found = measure_still(database, image_set, options.sift.seed)
-    figures |= {f"still_{name}": share for name, share in asdict(found).items()}
-    still = _read_still(figures, options)
-    figures["still_background"] = still is not None
-    if still is not None:
-        verify_without_still(database, image_set, options.sift.seed)
-        figures["warnings"] = [f"{still.describe()}: the cameras are found from what turns; {STILL_REMEDY}"]
+    stationary = measure_stationary(database, image_set, options.sift.seed)
+    on_turntable = stationary.are_background and not structure.object_only
+    if on_turntable:
+        verify_without_stationary(database, image_set, options.sift.seed)
     stopwatch.lap("match")
     weak = [] if structure.object_only else find_weak_images(database, options.weak_matches, options.weak_share)
-    flattened = find_flattened(database, weak)
+    flattened = find_foreshortened(database, weak)
     if not structure.leave_out:
-        # Photos that are not flattened gain nothing. On plain rendered grounds that was not measured: all are stretched there.
+        # Only oblique views benefit. On plain rendered grounds that was not measured: all weak ones are tilted there.
         flattened = {name: flattened.get(name, VERTICAL) for name in weak}
     if flattened:
-        add_stretched_features(database, image_set, flattened, options.tilt, options.sift, pairs)
-        if still is not None:
-            verify_without_still(database, image_set, options.sift.seed)
-    figures["stretched"] = sorted(flattened)
+        match_features(database, options.sift, add_tilted_features(database, image_set, flattened, options.tilt, options.sift, pairs))
+        if on_turntable:
+            verify_without_stationary(database, image_set, options.sift.seed)
     stopwatch.lap("stretch")
-    return pairs
-
-
-def _read_still(figures: dict[str, Any], options: ColmapOptions) -> StillMatches | None:
-    """The matches that stand still, where that is the background of a whole scene; else None."""
-    found = StillMatches(*(figures[f"still_{field.name}"] for field in fields(StillMatches)))
-    return found if found.are_background and not options.structure.object_only else None
+    matched = count * (count - 1) // 2 if pairs is None else len(pairs)
+    every = None if pairs is None else tuple(pairs)
+    return ViewGraph(median_features, first_octave, focal_source, matched, stationary, on_turntable, tuple(sorted(flattened)), every)

@@ -7,7 +7,7 @@ whose tracks have five images count. The network's weights have a licence of the
 
 import argparse
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,12 @@ from zeroshop_steps.networks.mast3r.inference import NAME, Mast3rPredictor, Pair
 from zeroshop_steps.networks.mast3r.matching import Matches, match_pair
 from zeroshop_steps.networks.mast3r.model import SIZES, load_mast3r
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, resolve_weights
-from zeroshop_steps.register.image_set import ImageSet, mask_files, read_image_set, read_masks
-from zeroshop_steps.register.match_database import PairMatches, write_matches
-from zeroshop_steps.register.pair_selection import choose_pairs
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, write_registration
-from zeroshop_steps.register.structure import Stopwatch, StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.matching.network_matches import PairMatches, write_matches
+from zeroshop_steps.register.matching.pair_selection import choose_pairs
+from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, mask_files, read_image_set, read_masks
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, Record, Stopwatch
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.files import scratch_directory
 from zeroshop_steps.runtime.progress import track
@@ -122,8 +123,7 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
         StepError: the network cannot run.
     """
     stopwatch = Stopwatch()
-    figures: dict[str, Any] = {"method": "mast3r", "images": len(image_set.images), "registered": 0, "seconds": stopwatch.seconds}
-    figures |= {"parameters": asdict(options), "versions": {"pycolmap": pycolmap.__version__, "torch": torch.__version__}}
+    record = Record.begin("mast3r", image_set, options, stopwatch, pycolmap, torch)
     prepared = predictor()
     stopwatch.lap("encode")
     keypoints, matches = match_images(prepared, image_set, options)
@@ -131,15 +131,15 @@ def register(image_set: ImageSet, out: Path, options: Mast3rOptions, predictor: 
     with scratch_directory(out, "mast3r") as scratch:
         database = scratch / "database.db"
         structure = options.structure
-        figures |= write_matches(database, image_set, keypoints, matches, options.min_track, structure.seed, options.focal_px)
+        kept = write_matches(database, image_set, keypoints, matches, options.min_track, structure.seed, options.focal_px)
+        record = record.add(**kept)
         stopwatch.lap("verify")
-        if not figures["matches"]:
-            raise RegistrationFailed(
+        if not kept["matches"]:
+            raise record.fail(
                 f"the network finds no matches between the images, or none that {options.min_track} of them share; take more pictures"
-                " with more overlap",
-                figures,
+                " with more overlap"
             )
-        return reconstruct(database, image_set, out, structure, figures, stopwatch)
+        return dict(reconstruct(database, image_set, out, structure, record, stopwatch).entries)
 
 
 def match_images(predictor: PairPredictor, image_set: ImageSet, options: Mast3rOptions) -> tuple[list[np.ndarray], PairMatches]:

@@ -12,11 +12,13 @@ from typing import Any
 import pycolmap
 
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
-from zeroshop_steps.register import sift
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.mapping import make_mapping_options
-from zeroshop_steps.register.record import OBJECT_ONLY, add_common_arguments, describe_model, write_registration
-from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.features import sift
+from zeroshop_steps.register.mapping.mapper import triangulate_points
+from zeroshop_steps.register.matching.verified_matches import match_features
+from zeroshop_steps.register.registration import add_common_arguments, write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, describe_model
+from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.runtime.cache import Cached
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import scratch_directory
@@ -55,8 +57,8 @@ def register(image_set: ImageSet, truth: Path, scene: str, out: Path, options: s
     with scratch_directory(out, "truth") as scratch:
         database = scratch / "database.db"
         sift.extract_features(database, image_set, options, scratch / "masks" if scene in OBJECT_ONLY else None, cameras)
-        sift.match_features(database, options)
-        model = triangulate_points(database, image_set, {stem: image.cam_from_world() for stem, image in true_images.items()}, options)
+        match_features(database, options)
+        model = triangulate_points(database, image_set, {stem: image.cam_from_world() for stem, image in true_images.items()}, options.seed)
     undistort(model, image_set, out)
     return {
         "method": "truth",
@@ -65,20 +67,3 @@ def register(image_set: ImageSet, truth: Path, scene: str, out: Path, options: s
         "seconds": {"total": round(time.monotonic() - start_s, 3)},
         "versions": {"pycolmap": pycolmap.__version__},
     }
-
-
-def triangulate_points(
-    database: Path, image_set: ImageSet, camera_from_world: dict[str, pycolmap.Rigid3d], options: sift.SiftOptions
-) -> pycolmap.Reconstruction:
-    """Sparse points from the matches of a database, with its cameras held fixed at {image stem: pose}."""
-    model = pycolmap.Reconstruction()
-    with pycolmap.Database.open(database) as opened:
-        for camera in opened.read_all_cameras():
-            model.add_camera_with_trivial_rig(camera)
-        for image in sorted(opened.read_all_images(), key=lambda image: image.name):
-            placed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
-            model.add_image_with_trivial_frame(placed, camera_from_world[Path(image.name).stem])
-    mapper = make_mapping_options(len(image_set.images), options.seed)
-    output = database.parent / "triangulated"
-    output.mkdir()
-    return pycolmap.triangulate_points(model, database, image_set.images[0].parent, output, options=mapper)

@@ -20,9 +20,9 @@ from zeroshop_steps.geometry.contact_sheets import RED, arrange_in_rows, tile_si
 from zeroshop_steps.geometry.images import read_image, write_image, write_mask
 from zeroshop_steps.geometry.registered_views import CONFIDENCE, View
 from zeroshop_steps.geometry.sparse_files import read_reconstruction, write_reconstruction
-from zeroshop_steps.register.camera_deviation import write_deviations
-from zeroshop_steps.register.record import read_registration
-from zeroshop_steps.register.silhouette_adjustment import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
+from zeroshop_steps.register.refinement.camera_deviation import write_deviations
+from zeroshop_steps.register.refinement.silhouette_refinement import Straightened, carry_plane, straighten_cameras, warn_of_bent_cameras
+from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.thread_pool import map_in_threads

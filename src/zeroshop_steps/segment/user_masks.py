@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register.record import read_registration
+from zeroshop_steps.register.scene.record import read_registration
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.segment.mask_agreement import assess_masks
 from zeroshop_steps.segment.mask_quality import check_enough_good, describe_quality

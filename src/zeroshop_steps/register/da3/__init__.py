@@ -1,23 +1,29 @@
-"""Cameras by Depth Anything 3, size small (Lin et al. 2025): a network that sees all images at once; SIFT's matches refine its cameras.
+"""Cameras by Depth Anything 3 (Lin et al. 2025): a network that sees all images at once; SIFT's matches refine its cameras.
 
-The weights, 137 MB, are under the Apache License 2.0, and a processor is enough. Where too little matches, or with --refine none, the
-network's own cameras and depth are taken as they are, which is less exact. What is found is checked like any registration.
+The weights (137 MB of size small, 542 MB of size base) are under the Apache License 2.0, and a processor is enough. Where too little
+matches, or with --refine none, the network's own cameras and depth are taken as they are, which is less exact. What is found is checked
+like any registration.
 """
 
 import argparse
 from pathlib import Path
 from typing import Any
 
-from zeroshop_steps.networks.da3.settings import SMALL, Da3Settings
 from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.record import add_common_arguments, add_estimation_arguments
+from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
 from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
 
 METHOD: dict[str, Any] = {"title": "DA3 small", "rank": 3, "weights": ("DA3-SMALL/model.safetensors",), "mem_mb": 4000, "runtime_min": 60}
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "da3_base": {"title": "DA3 base", "weights": ("DA3-BASE/model.safetensors",), "mem_mb": 5000, "runtime_min": 120},
+}
+"""Size base: four times the parameters, and 2.5 times the time."""
+PUBLISHED = (*METHOD["weights"], *PRESETS["da3_base"]["weights"])
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,8 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
 
 
-def run(args: argparse.Namespace, published: str = METHOD["weights"][0], settings: Da3Settings = SMALL) -> None:
-    """Write the cameras folder; `published` is the checkpoint, below resources/weights, of the network of size `settings`."""
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
     from zeroshop_steps.register.da3.solve import solve
 
-    solve(args, published, settings)
+    solve(args, PUBLISHED)

@@ -4,14 +4,27 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
 
 from zeroshop_steps.networks.da3.cameras import invert_encodings
 from zeroshop_steps.networks.da3.model import DepthAnything3, adapt_names
-from zeroshop_steps.networks.da3.settings import Da3Settings
+from zeroshop_steps.networks.da3.settings import BASE, SMALL, Da3Settings
 from zeroshop_steps.networks.weights import load_strictly
 from zeroshop_steps.register.vggt.memory import BASE_BYTES, DENSE_MAPS, TOKEN_WIDTHS, VALUE_BYTES
 from zeroshop_steps.register.vggt.network import VggtOutput, memory_errors
 from zeroshop_steps.runtime.progress import ProgressReport
+
+WIDTH_OF = "cls_token"  # ends the name of a tensor whose last dimension is the width of a token
+
+
+def find_size(weights: Path) -> Da3Settings:
+    """The published size of a checkpoint, by the width of its tokens; small where that does not tell."""
+    try:
+        with safe_open(weights, "pt") as opened:
+            widths = {opened.get_slice(name).get_shape()[-1] for name in opened.keys() if name.endswith(WIDTH_OF)}  # noqa: SIM118
+    except SafetensorError:  # damaged, which loading it tells
+        return SMALL
+    return BASE if widths == {BASE.width} else SMALL
 
 
 class Da3Network:

@@ -9,12 +9,12 @@ import pycolmap
 
 from zeroshop_steps.register.da3.guided_matches import NearMatches, RoughScene, find_near
 from zeroshop_steps.register.da3.options import Da3Options
-from zeroshop_steps.register.image_set import ImageSet
-from zeroshop_steps.register.mapping import make_mapping_options
-from zeroshop_steps.register.match_database import label_tracks
-from zeroshop_steps.register.record import RegistrationFailed
-from zeroshop_steps.register.repair import register_again
-from zeroshop_steps.register.structure import LEAST_COMMON_SHARE
+from zeroshop_steps.register.mapping.mapper import make_mapping_options
+from zeroshop_steps.register.mapping.reregistration import register_again
+from zeroshop_steps.register.matching.network_matches import label_tracks
+from zeroshop_steps.register.pipeline import LEAST_COMMON_SHARE
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.bundle import MIN_VIEWS, adjust_cameras, drop_weak_images
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
@@ -24,14 +24,14 @@ LEAST_NEAR = 0.1
 MAX_TRACKS = 20_000  # for the first adjustment; triangulation takes all
 
 
-class TooFewMatches(Exception):
+class TooFewMatches(RegistrationFailed):
     """The matches hold too few images."""
 
 
 def start_from_cameras(
-    scene: RoughScene, image_set: ImageSet, options: Da3Options, figures: dict[str, Any], database: Path
-) -> pycolmap.Reconstruction:
-    """A model of the matches in a database, from estimates of the cameras and depth of all images.
+    scene: RoughScene, image_set: ImageSet, options: Da3Options, database: Path
+) -> tuple[pycolmap.Reconstruction, dict[str, Any]]:
+    """A model of the matches in a database, and entries of the record, from estimates of the cameras and depth of all images.
 
     The estimates may be off by degrees, so that matches are first laid out as tracks, and cameras adjusted under an error limit that
     shrinks. Then COLMAP triangulates all matches, and registers the images that were lost.
@@ -40,7 +40,6 @@ def start_from_cameras(
         scene: in the order of the images.
         image_set: what they show.
         options: of the method.
-        figures: the record so far; completed in place.
         database: features and verified matches; what is written on the way lies beside it.
 
     Raises:
@@ -52,12 +51,12 @@ def start_from_cameras(
     needed = max(structure.min_images, math.ceil(share * count))
     every, near = gather_tracks(database, image_set.names), find_near(database, scene)
     rich, near_share = int((every.seen.sum(1) >= options.min_observations).sum()), measure_share(near)
-    figures["near_share"] = round(near_share, 3)
+    entries = {"near_share": round(near_share, 3)}
     if rich >= needed and near_share < LEAST_NEAR:
         raise RegistrationFailed(
             f"the network's cameras contradict {1 - near_share:.0%} of the matches, which connect {rich} of {count} images: it is wrong"
             " about these pictures; use the registration colmap",
-            {},
+            entries,
         )
     # Wrong matches are fewer among the near ones; but where cameras are very rough, right ones are, too.
     for tracks in (gather_tracks(database, image_set.names, near), every):
@@ -71,8 +70,8 @@ def start_from_cameras(
             model = register_again(model, [], database, folder, database.parent, structure.seed)
         held = model.num_reg_images()
     if held < needed:
-        raise TooFewMatches(f"matches hold {held} of {count} images, at least {needed} are needed")
-    return model
+        raise TooFewMatches(f"matches hold {held} of {count} images, at least {needed} are needed", entries)
+    return model, entries
 
 
 def measure_share(near: NearMatches) -> float:

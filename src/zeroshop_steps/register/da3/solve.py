@@ -1,7 +1,8 @@
 """From images to a registration: predict; refine by matches, or take what confident depths confirm; check; undistort."""
 
 import argparse
-from dataclasses import asdict, replace
+from collections.abc import Collection
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,23 +12,22 @@ import pycolmap
 import torch
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.networks.da3.settings import Da3Settings
-from zeroshop_steps.networks.weights import resolve_weights
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
 from zeroshop_steps.register.da3.guided_matches import RoughScene
-from zeroshop_steps.register.da3.network import Da3Network, predict_peak_bytes
+from zeroshop_steps.register.da3.network import Da3Network, find_size, predict_peak_bytes
 from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.da3.refinement import TooFewMatches, start_from_cameras
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import RegistrationFailed, describe_lenses, describe_model, write_registration
-from zeroshop_steps.register.sift import SiftOptions, fit_to_count
-from zeroshop_steps.register.structure import Stopwatch, read_structure_options
-from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
+from zeroshop_steps.register.pipeline import read_structure_options
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import Evidence, Fault, Record, RegistrationFailed, Stopwatch, describe_lenses, describe_model
+from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network
-from zeroshop_steps.register.vggt.network import SIZES, VggtOutput, read_settings
+from zeroshop_steps.register.vggt.network import VggtOutput, read_settings, resolve_published
 
 REMEDY = "take more pictures in between, or put the object on a strongly textured surface"
 REFINE = "refine by matches (register.da3.refine), or "
@@ -39,13 +39,13 @@ class CameraPredictor(Protocol):
     def predict(self, pixels: np.ndarray) -> VggtOutput: ...
 
 
-def solve(args: argparse.Namespace, published: str, size: Da3Settings) -> None:
-    """Write the cameras folder of the command line's arguments."""
+def solve(args: argparse.Namespace, published: Collection[str]) -> None:
+    """Write the cameras folder of the command line's arguments; checkpoints are checked that are `published`, below resources/weights."""
     sift = SiftOptions(max_features=args.max_features, seed=args.seed, threads=args.threads)
     options = Da3Options(refine=args.refine, precision=args.precision, colmap=ColmapOptions(sift, read_structure_options(args)))
     image_set = read_image_set(args.capture)
-    weights = resolve_weights(args.weights, published, SIZES)
-    settings = read_settings(weights, size)
+    weights = resolve_published(args.weights, published)
+    settings = read_settings(weights, find_size(weights))
     size_px, _ = fit_size(image_set.size_px, settings.image_px, settings.patch_px, upright=True)
 
     def predict(count: int, chunk: int) -> int:
@@ -79,8 +79,7 @@ def register(
         RegistrationFailed: no cameras, too few, or cameras that the images contradict.
     """
     stopwatch, count = Stopwatch(), len(image_set.images)
-    figures: dict[str, Any] = {"method": "da3", "images": count, "registered": 0, **known, "seconds": stopwatch.seconds}
-    figures |= {"parameters": asdict(options), "versions": {"torch": torch.__version__, "pycolmap": pycolmap.__version__}}
+    record = Record.begin("da3", image_set, options, stopwatch, torch, pycolmap, **known)
     object_only = options.colmap.structure.object_only
     frames = read_frames(image_set, image_px, patch_px, object_only, upright=True)
     predicted = network.predict(frames.pixels)
@@ -88,24 +87,22 @@ def register(
     try:
         cameras = decode_cameras(predicted.encodings, frames)
     except RegistrationFailed as failure:
-        raise RegistrationFailed(str(failure), figures) from None
-    figures["refined_by"], lack = options.refine, ""
+        raise failure.after(record) from None
+    record, lack = record.add(refined_by=options.refine), ""
     if options.refine == "matches":
         colmap = replace(options.colmap, sift=fit_to_count(options.colmap.sift, count))
-        start = partial(start_from_cameras, RoughScene(cameras, frames, predicted.depth), image_set, options, figures)
+        start = partial(start_from_cameras, RoughScene(cameras, frames, predicted.depth), image_set, options)
         try:
-            return match_and_reconstruct(image_set, out, colmap, figures, stopwatch, start)
+            return dict(match_and_reconstruct(image_set, out, colmap, record, stopwatch, start).entries)
         except TooFewMatches as few:
             lack = f"{few}; and "
             found = f"{few}: the cameras are the network's own, which are less exact"
-            figures |= {"refined_by": "none", "warnings": [*figures.get("warnings", []), found]}
-        except RegistrationFailed as failure:
-            raise RegistrationFailed(str(failure), figures | failure.figures, failure.rejected) from None
+            record = Record(few.figures).add(refined_by="none").warn(found)
     usable = find_usable_pixels(frames, image_set, object_only)
     try:
-        return _take_cameras(cameras, frames, usable, predicted, image_set, out, options, figures, stopwatch)
+        return dict(_take_cameras(cameras, frames, usable, predicted, image_set, out, options, record, stopwatch).entries)
     except RegistrationFailed as failure:
-        raise RegistrationFailed(f"{lack}{failure}", figures, failure.rejected) from None
+        raise failure.because(f"{lack}{failure}") from None
 
 
 def _take_cameras(
@@ -116,20 +113,18 @@ def _take_cameras(
     image_set: ImageSet,
     out: Path,
     options: Da3Options,
-    figures: dict[str, Any],
+    record: Record,
     stopwatch: Stopwatch,
-) -> dict[str, Any]:
+) -> Record:
     """Write the cameras as they are, with the points on which the surer depths of several views agree."""
     known = predicted.confidence[usable & np.isfinite(predicted.confidence)]
     least = np.quantile(known, options.unsure_share) if known.size else np.inf
     points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= least))
     model = build_feed_forward_model(cameras, points)
     remedy = REMEDY if options.refine == "matches" else REFINE + REMEDY
-    reason, figures["consistency"] = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, remedy)
+    reason, consistency = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, remedy)
     pinhole_model = undistort(model, image_set, out)
-    figures |= describe_lenses(model) | describe_model(pinhole_model)
+    record = record.add(consistency=consistency, **describe_lenses(model), **describe_model(pinhole_model))
     stopwatch.lap("depth")
     stopwatch.stop()
-    if reason:
-        raise RegistrationFailed(reason, figures, pinhole_model)
-    return figures
+    return record.judge(Evidence(fault=Fault(reason) if reason else None), pinhole_model)

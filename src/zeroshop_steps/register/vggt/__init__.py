@@ -10,20 +10,26 @@ from typing import Any
 
 from zeroshop_steps.networks.devices import DEVICES
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
-from zeroshop_steps.register.record import add_common_arguments, add_estimation_arguments
+from zeroshop_steps.register.registration import add_common_arguments, add_estimation_arguments
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.runtime.cache import Cached
 
 CACHED = Cached(inputs=("capture/images", "capture/masks", "weights"), ignored=("threads",))
 
 METHOD: dict[str, Any] = {"title": "VGGT", "rank": 3, "weights": ("VGGT-1B/model.safetensors",), "mem_mb": 12000, "runtime_min": 240}
-PUBLISHED = METHOD["weights"][0]
+PRESETS: dict[str, dict[str, Any]] = {
+    "vggt_1024": {"title": "VGGT 1024", "runtime_min": 480},
+    "vggt_4096": {"title": "VGGT 4096", "mem_mb": 24000, "runtime_min": 480},
+    "vggt_commercial": {"title": "VGGT (commercial)", "weights": ("VGGT-1B-Commercial/vggt_1B_commercial.pt",)},
+}
+"""As the thesis calls it with quarter and full precision (it took the tracks of VGGSfM), and the same network trained again, whose licence
+allows commercial use: Meta gives it to those who accept it, so its file is put into place by hand."""
+PUBLISHED = (*METHOD["weights"], *PRESETS["vggt_commercial"]["weights"])
 
-USUAL = VggtOptions()
 
-
-def add_arguments(parser: argparse.ArgumentParser, defaults: VggtOptions = USUAL) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
+    defaults = VggtOptions()
     add_common_arguments(parser)
     parser.add_argument(
         "--refine", choices=("tracks", "none"), default=defaults.refine, help="by tracks and bundle adjustment (default: %(default)s)"
@@ -50,8 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser, defaults: VggtOptions = USUAL
     parser.add_argument("--weights", type=Path, default=default, help="the network's weights (default: %(default)s)")
 
 
-def run(args: argparse.Namespace, published: str = PUBLISHED) -> None:
-    """Write the cameras folder; `published` is the checkpoint, below resources/weights, that is checked to be its publisher's."""
+def run(args: argparse.Namespace) -> None:
+    """Write the cameras folder."""
     from zeroshop_steps.register.vggt.solve import solve
 
-    solve(args, published)
+    solve(args, PUBLISHED)

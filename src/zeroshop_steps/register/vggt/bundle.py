@@ -7,10 +7,10 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.register.bundle_adjustment import adjust_robustly
-from zeroshop_steps.register.database import create_database
-from zeroshop_steps.register.repair import remove_images
-from zeroshop_steps.register.sift import make_verification_options
+from zeroshop_steps.register.mapping.mapper import adjust_robustly
+from zeroshop_steps.register.mapping.reregistration import remove_images
+from zeroshop_steps.register.matching.verified_matches import make_verification_options
+from zeroshop_steps.register.scene.database import create_database
 from zeroshop_steps.register.vggt.tracks import TrackObservations
 
 ERROR_LIMITS_PX = (64.0, 32.0, 16.0, 8.0)  # before the last, per 1000 px of image width; a camera turned by one degree is wrong by 20

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.register.record import RegistrationFailed
+from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.frames import Frames
 
 FOV_DEG = (2.0, 170.0)  # no lens beyond; the network's output is not bounded

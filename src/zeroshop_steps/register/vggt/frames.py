@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.images import read_image, read_mask
-from zeroshop_steps.register.image_set import ImageSet, mask_files, read_masks
+from zeroshop_steps.register.scene.image_set import ImageSet, mask_files, read_masks
 
 
 @dataclass(frozen=True)

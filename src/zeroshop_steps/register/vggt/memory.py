@@ -10,7 +10,7 @@ import torch
 from zeroshop_steps.networks.devices import choose_device, choose_precision, measure_free_bytes
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.vggt.track_head import STRIDE, VOLUME_VALUES
-from zeroshop_steps.register.image_set import ImageSet
+from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.runtime.errors import StepError
 
 CHUNK = {"cpu": 1, "cuda": 8}  # images at a time in the dense heads: on the processor more only costs memory

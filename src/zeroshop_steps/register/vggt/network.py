@@ -1,7 +1,7 @@
 """The network on a device: loading it, one pass over the frames, tracks from any of them."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,7 +11,7 @@ import torch
 
 from zeroshop_steps.networks.vggt.model import Vggt
 from zeroshop_steps.networks.vggt.settings import VggtSettings
-from zeroshop_steps.networks.weights import load_strictly
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, load_strictly, resolve_weights
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.progress import ProgressReport
@@ -32,6 +32,12 @@ class VggtOutput:
     encodings: np.ndarray
     depth: np.ndarray
     confidence: np.ndarray
+
+
+def resolve_published(path: Path, published: Collection[str]) -> Path:
+    """The weights at `path`, as `resolve_weights` gives them: one of the published ones, by their names below resources/weights, or own."""
+    names = {WEIGHTS_FOLDER / name: name for name in published}
+    return resolve_weights(path, names.get(path, next(iter(published))), SIZES)
 
 
 def read_settings(weights: Path, published: Settings) -> Settings:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from zeroshop_steps.register.consistency import ConsistencyLimits
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,3 @@ class VggtOptions:
     max_dropped: int = 3
     limits: ConsistencyLimits = field(default_factory=ConsistencyLimits)
     unrefined_px: float = 20.0
-
-
-THESIS = VggtOptions(query_views=20, lens="SIMPLE_PINHOLE", max_error_px=8.0)
-"""What the thesis published: tracks from 20 views, one lens without distortion, errors up to 8 px."""

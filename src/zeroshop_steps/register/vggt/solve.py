@@ -2,8 +2,8 @@
 
 import argparse
 import math
-import time
-from dataclasses import asdict, dataclass
+from collections.abc import Collection
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,18 +14,27 @@ import torch
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.networks.vggt.settings import VggtSettings
-from zeroshop_steps.networks.weights import resolve_weights
-from zeroshop_steps.register.consistency import check_consistency
-from zeroshop_steps.register.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.record import OBJECT_ONLY, RegistrationFailed, describe_lenses, describe_model, write_registration
-from zeroshop_steps.register.repair import remove_images
-from zeroshop_steps.register.undistort import undistort
+from zeroshop_steps.register.mapping.reregistration import remove_images
+from zeroshop_steps.register.registration import write_registration
+from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
+from zeroshop_steps.register.scene.record import (
+    OBJECT_ONLY,
+    Evidence,
+    Fault,
+    Record,
+    RegistrationFailed,
+    Stopwatch,
+    describe_lenses,
+    describe_model,
+)
+from zeroshop_steps.register.scene.undistortion import undistort
+from zeroshop_steps.register.verification.consistency import check_consistency
 from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
 from zeroshop_steps.register.vggt.frames import Frames, find_usable_pixels, fit_size, read_frames
 from zeroshop_steps.register.vggt.memory import load_network, predict_peak_bytes
-from zeroshop_steps.register.vggt.network import SIZES, VggtNetwork, VggtOutput, read_settings
+from zeroshop_steps.register.vggt.network import VggtNetwork, VggtOutput, read_settings, resolve_published
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.tracks import choose_query_points, choose_query_views, gather_observations
 from zeroshop_steps.runtime.files import scratch_directory
@@ -46,12 +55,12 @@ class Solution:
     """Cameras before they are undistorted, why they are wrong if they are, and what is written of them."""
 
     model: pycolmap.Reconstruction
-    reason: str | None
-    figures: dict[str, Any]
+    fault: Fault | None
+    entries: dict[str, Any]
 
 
-def solve(args: argparse.Namespace, published: str) -> None:
-    """Write the cameras folder of the command line's arguments."""
+def solve(args: argparse.Namespace, published: Collection[str]) -> None:
+    """Write the cameras folder of the command line's arguments; checkpoints are checked that are `published`, below resources/weights."""
     options = VggtOptions(
         refine=args.refine,
         tracked_points=args.tracked_points,
@@ -65,7 +74,7 @@ def solve(args: argparse.Namespace, published: str) -> None:
         object_only=args.scene in OBJECT_ONLY,
     )
     image_set = read_image_set(args.capture)
-    weights = resolve_weights(args.weights, published, SIZES)
+    weights = resolve_published(args.weights, published)
     settings = read_settings(weights, VggtSettings())
     (width, height), left = fit_size(image_set.size_px, settings.image_px, settings.patch_px)
     points = options.tracked_points if options.refine == "tracks" else 0
@@ -101,41 +110,34 @@ def register(
     Raises:
         RegistrationFailed: no cameras, too few, or cameras that the images contradict.
     """
-    start_s = time.monotonic()
-    count = len(image_set.images)
+    stopwatch, count = Stopwatch(), len(image_set.images)
     needed = max(options.min_images, math.ceil(options.min_share * count))
-    figures: dict[str, Any] = {"method": "vggt", "images": count, "registered": 0, **known, "parameters": asdict(options)}
-    figures["versions"] = {"torch": torch.__version__, "pycolmap": pycolmap.__version__}
-    seconds = figures["seconds"] = {}
+    record = Record.begin("vggt", image_set, options, stopwatch, torch, pycolmap, **known)
     frames = read_frames(image_set, image_px, patch_px, options.object_only)
     usable = find_usable_pixels(frames, image_set, options.object_only)
     predicted = network.predict(frames.pixels)
-    seconds["predict"] = round(time.monotonic() - start_s, 3)
+    stopwatch.lap("predict")
     try:
         cameras = decode_cameras(predicted.encodings, frames)
     except RegistrationFailed as failure:
-        raise RegistrationFailed(str(failure), figures) from None
+        raise failure.after(record) from None
     with scratch_directory(out, "vggt") as scratch:
         if options.refine == "tracks":
             solution = _solve_by_tracks(cameras, frames, usable, predicted, image_set, scratch / "database.db", options, network)
         else:
             solution = _solve_feed_forward(cameras, frames, usable, predicted, image_set, options)
-    seconds["solve"] = round(time.monotonic() - start_s - seconds["predict"], 3)
-    figures |= solution.figures
+    stopwatch.lap("solve")
+    record = record.add(**solution.entries)
     registered = solution.model.num_reg_images()
     if registered < needed:
-        raise RegistrationFailed(
+        raise record.fail(
             f"{registered} of {count} images registered, at least {needed} are needed: the network's tracks and cameras do not fit each "
-            "other there; take pictures that show the object from nearer together, or use the registration colmap",
-            figures,
+            "other there; take pictures that show the object from nearer together, or use the registration colmap"
         )
     pinhole_model = undistort(solution.model, image_set, out)
-    figures |= describe_lenses(solution.model)
-    figures |= describe_model(pinhole_model)
-    seconds["total"] = round(time.monotonic() - start_s, 3)
-    if solution.reason:
-        raise RegistrationFailed(solution.reason, figures, pinhole_model)
-    return figures
+    record = record.add(**describe_lenses(solution.model), **describe_model(pinhole_model))
+    stopwatch.stop()
+    return dict(record.judge(Evidence(fault=solution.fault), pinhole_model).entries)
 
 
 def _solve_by_tracks(
@@ -160,18 +162,19 @@ def _solve_by_tracks(
     write_database(database, frames.names, seen, frames.size_px, focal_px, options.seed)
     model = adjust_cameras(cameras, seen, options.lens, options.max_error_px)
     model = drop_weak_images(model, options.min_observations, options.max_error_px)
-    figures: dict[str, Any] = {"query_views": [frames.names[view] for view in views], "tracks": seen.seen.shape[1], "left_out": []}
+    entries = {"query_views": [frames.names[view] for view in views], "tracks": seen.seen.shape[1]}
     if model.num_reg_images() < 2 or not model.num_points3D():
-        return Solution(pycolmap.Reconstruction(), None, figures)
+        return Solution(pycolmap.Reconstruction(), None, {**entries, "left_out": []})
+    left_out: list[str] = []
     report = check_consistency(model, image_set, database, options.limits)
     for _ in range(options.max_dropped):
-        if report.reason is None or model.num_reg_images() - len(report.culprits) < max(options.min_images, 2):
+        if report.fault is None or model.num_reg_images() - len(report.culprits) < max(options.min_images, 2):
             break
-        figures["left_out"] += list(report.culprits)
+        left_out += report.culprits
         model = remove_images(model, list(report.culprits))
         model = drop_weak_images(model, options.min_observations, options.max_error_px)
         report = check_consistency(model, image_set, database, options.limits)
-    return Solution(model, report.reason, figures | {"consistency": report.figures()})
+    return Solution(model, report.fault, {**entries, "left_out": left_out, "consistency": report.figures()})
 
 
 def _solve_feed_forward(
@@ -181,4 +184,4 @@ def _solve_feed_forward(
     points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
     model = build_feed_forward_model(cameras, points)
     reason, consistency = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, REMEDY)
-    return Solution(model, reason, {"consistency": consistency})
+    return Solution(model, Fault(reason) if reason else None, {"consistency": consistency})

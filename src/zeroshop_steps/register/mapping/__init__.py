@@ -1,0 +1,1 @@
+"""Cameras and points from verified matches: incremental mapping, re-registration, bundle adjustment, triangulation."""

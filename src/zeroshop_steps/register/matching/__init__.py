@@ -1,0 +1,1 @@
+"""Which pairs of images match: pair selection, geometric verification, filters of pairs, the view graph."""

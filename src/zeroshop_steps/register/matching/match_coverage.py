@@ -1,0 +1,46 @@
+"""Keep the pairs of images whose matches lie all over both pictures: those of sides that look alike lie on the object alone.
+
+Two photos of the two labels of a bottle match in many points, pass every check of two views, and agree with other photos of these labels:
+the model that they give is folded, and nothing but a contradiction with other pairs shows it. But photos from nearly one place share more
+than the object, namely the table and the room behind it. Missing correspondences tell wrong pairs (Zach et al., What Can Missing
+Correspondences Tell Us About 3D Structure and Motion?, CVPR 2008; Heinly et al., Correcting for Duplicate Scene Structure, ECCV 2014).
+Here pairs are kept by how much of both pictures their matches cover.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.register.scene.database import delete_pair
+
+# Set on frames of a chewing gum bottle with two equal labels (docs/results.md).
+CELLS = 8  # along each side of a picture
+LEAST_CELLS = 12  # of all, with a match, in both pictures
+
+
+def delete_pairs_of_low_coverage(database: Path) -> int:
+    """Delete the pairs of a database whose verified matches cover little of either picture; returns how many.
+
+    Args:
+        database: COLMAP's, with verified matches; changed in place.
+    """
+    with pycolmap.Database.open(database) as opened:
+        cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+        images = {image.image_id: cameras[image.camera_id] for image in opened.read_all_images()}
+        cells = {image_id: _find_cells(opened.read_keypoints(image_id)[:, :2], camera) for image_id, camera in images.items()}
+        narrow = []
+        for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
+            pair = pycolmap.pair_id_to_image_pair(pair_id)
+            covered = [len(np.unique(cells[image][geometry.inlier_matches[:, side]])) for side, image in enumerate(pair)]
+            if len(geometry.inlier_matches) and min(covered) < LEAST_CELLS:
+                narrow.append(pair)
+        for first, second in narrow:
+            delete_pair(opened, first, second)
+    return len(narrow)
+
+
+def _find_cells(keypoints: np.ndarray, camera: pycolmap.Camera) -> np.ndarray:
+    """(K,) numbers of the cells of a picture in which (K, 2) keypoints lie."""
+    columns, rows = np.clip(np.floor(keypoints / [camera.width, camera.height] * CELLS).astype(int), 0, CELLS - 1).T
+    return np.asarray(rows * CELLS + columns)

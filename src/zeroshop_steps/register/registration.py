@@ -1,0 +1,45 @@
+"""What every registration method has: arguments, and the folder that it writes."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from zeroshop_steps.register.refinement.camera_deviation import write_deviations
+from zeroshop_steps.register.scene.record import OBJECT_ONLY, SCENES
+from zeroshop_steps.register.verification.view_coverage import record_view_coverage
+from zeroshop_steps.runtime.errors import warn
+from zeroshop_steps.runtime.files import atomic_directory, write_json
+
+
+def add_common_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that all registration methods share."""
+    parser.add_argument("--capture", type=Path, required=True, help="folder with images/ and, unless the whole scene is meant, masks/")
+    parser.add_argument("--scene", required=True, choices=SCENES, help=f"{' and '.join(OBJECT_ONLY)} go by the object alone")
+    parser.add_argument("--out", type=Path, required=True, help="cameras folder to write")
+    parser.add_argument("--threads", type=int, default=2, help="worker threads (default: %(default)s)")
+
+
+def add_estimation_arguments(parser: argparse.ArgumentParser, min_share: float, min_images: int, seed: int) -> None:
+    """Arguments of every method that estimates cameras, with its own defaults: the fewest images that must be registered, and the seed."""
+    parser.add_argument("--min-share", type=float, default=min_share, help="share of images needed (default: %(default)s)")
+    parser.add_argument("--min-images", type=int, default=min_images, help="number of images needed (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=seed, help="seed of all RANSAC loops (default: %(default)s)")
+
+
+def write_registration(out: Path, register: Callable[[Path], dict[str, Any]], estimated: bool = True) -> None:
+    """Run `register` on a folder that becomes `out` when it succeeds, and write its record, with advice on what to film again.
+
+    Args:
+        out: folder to write.
+        register: fills it; returns the entries of registration.json.
+        estimated: whether the cameras were, and so are uncertain; true ones have no deviations.
+    """
+    with atomic_directory(out) as folder:
+        record = {"status": "ok", "reason": None, **register(folder)} | record_view_coverage(folder)
+        if estimated:
+            outlines = record.get("outlines", {"adjusted": False})
+            record |= write_deviations(folder, by_outlines=outlines.get("adjusted", True))
+        write_json(folder / "registration.json", record)
+    for line in [*record.get("warnings", []), *record["advice"]]:
+        warn(line)

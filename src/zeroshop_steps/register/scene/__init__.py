@@ -1,0 +1,1 @@
+"""What a registration reads and writes: images, masks, lenses, the database, the undistorted model, and the record."""

@@ -1,0 +1,1 @@
+"""Submodels that no matches connect: their alignment by silhouettes, their appearance, their merge."""

@@ -1,0 +1,76 @@
+"""Refuse a model in which sides that look alike were laid onto each other: too many neighbouring images share almost no points."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Fault
+from zeroshop_steps.register.verification.consistency import FOLDED, REMEDY
+from zeroshop_steps.register.verification.covisibility import CovisiblePoints, count_covisible_points
+from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
+
+SHARED_POINTS = 0.22
+"""Neighbours are not covisible where they share less than this share of what both should see: up to 0.21 where one of two images belongs to
+another side of the object, nearly always 0.23 to 0.9 in right models."""
+NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE = 2, 0.35
+"""So many pairs of neighbours may share so little, or this share of all."""
+FEW_NEIGHBOURS = 5
+"""Of fewer pairs, none may be where the object alone gave the matches: three folded models of a tube in ten views had one of three or four,
+and 1 of 44 right ones."""
+
+DOUBTFUL_SHARE = 0.1
+"""From this share of such neighbours on, the pictures of a whole scene are asked: below, print holds the photos to each other."""
+UNLIKE_SHARE, LEAST_COMPARED = 0.26, 5
+"""Pictures of neighbours may differ in this share of the pairs, and speak only where so many could be compared: 0 to 0.22 in right models,
+0.33 to 0.5 in wrong ones."""
+
+MayMatch = Callable[[str, str], bool]
+"""Whether two images, by name, may show the same after all: they match, or were never matched."""
+
+
+def check_duplicate_structure(
+    model: pycolmap.Reconstruction,
+    may_match: MayMatch | None = None,
+    by_object: bool = False,
+    images: Path | None = None,
+    compare: bool = False,
+) -> Evidence:
+    """How many neighbouring images there are, and which of them share almost nothing; a fault where these are too many.
+
+    Args:
+        model: its images are named STEM.png.
+        may_match: is asked about neighbours that share almost no points of the model, by the stems of their names.
+        by_object: whether the object alone gave the matches; no ground tells its sides apart then.
+        images: the folder of the model's images, where the whole scene gave the matches: these decide where many neighbours share nothing.
+        compare: whether they decide in any case, and must be enough to tell.
+    """
+    neighbours, strangers = find_noncovisible(count_covisible_points(model), may_match)
+    entries: dict[str, Any] = {"neighbours": neighbours, "strangers": [list(pair) for pair in strangers]}
+    if images is not None and (compare or len(strangers) > max(NONCOVISIBLE_PAIRS, DOUBTFUL_SHARE * neighbours)):
+        compared, unlike = find_mismatched_pairs(model, images)
+        entries |= {"compared_pictures": compared, "unlike": [list(pair) for pair in unlike]}
+        if compared >= LEAST_COMPARED:
+            differ = "show different things where they should show the same"
+            return Evidence(entries, make_fault(unlike, compared, differ) if len(unlike) > UNLIKE_SHARE * compared else None)
+        if compare:
+            few = f"only {compared} pairs of neighbouring images can be compared, {LEAST_COMPARED} are needed to tell sides that look alike"
+            return Evidence(entries, Fault(few))
+    excused = 0.0 if by_object and neighbours < FEW_NEIGHBOURS else max(NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE * neighbours)
+    return Evidence(entries, make_fault(strangers, neighbours, "share almost nothing") if len(strangers) > excused else None)
+
+
+def make_fault(pairs: Sequence[tuple[str, str]], neighbours: int, what: str) -> Fault:
+    """What is wrong with so many pairs of neighbours, and how to tell sides apart."""
+    told = f"{len(pairs)} of {neighbours} pairs of neighbouring images, such as {' and '.join(pairs[0])}, {what}"
+    return Fault(f"{FOLDED}. {told}; {REMEDY}", DuplicateStructure)
+
+
+def find_noncovisible(missed: CovisiblePoints, may_match: MayMatch | None = None) -> tuple[int, list[tuple[str, str]]]:
+    """How many pairs of neighbours there are, and the stems of those that are strangers, also when asked again."""
+    neighbours, apart = missed.find_noncovisible(SHARED_POINTS)
+    stems = [Path(name).stem for name in missed.names]
+    pairs = [(stems[one], stems[other]) for one, other in np.argwhere(np.triu(apart))]
+    return neighbours, [pair for pair in pairs if may_match is None or not may_match(*pair)]
