@@ -112,7 +112,10 @@ class Frame:
         """(height, width) bool: an instance's visible pixels, or with `mask` its whole silhouette. Raises StepError without the file."""
         path = self.image_path(kind, instance)
         if path is None:
-            raise StepError(f"{self.folder / kind} has no {self.image_id:06d}_{instance:06d}.png, the mask of an instance in scene_gt.json")
+            raise StepError(
+                f"{self.folder / kind} has no {self.image_id:06d}_{instance:06d}.png, the mask of an instance in scene_gt.json;"
+                " python -m zeroshop_steps.bop --method take_test_set makes masks from the true poses, the models and the depth images"
+            )
         return read_mask(path)
 
     def size_px(self) -> tuple[int, int] | None:

@@ -12,7 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import ObjectModel, check_diameter_mm, list_objects, model_path, read_models, read_models_info
+from zeroshop_steps.bop.models import (
+    ObjectModel,
+    check_diameter_mm,
+    list_model_files,
+    list_objects,
+    model_path,
+    read_models,
+    read_models_info,
+)
 from zeroshop_steps.detect.templates import Templates, read_templates, save_templates
 from zeroshop_steps.geometry.mesh_files import list_mesh_files, read_mesh
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -135,7 +143,7 @@ class ObjectStore:
         return f"Known objects: {known}"
 
     def _find_sources(self) -> dict[str, Source]:
-        if (self.folder / "models_info.json").is_file():
+        if (self.folder / "models_info.json").is_file() or list_model_files(self.folder):
             listed = read_models_info(self.folder)
             numbers = {listed[str(number)].get("name", f"obj_{number:06d}"): number for number in list_objects(self.folder)}
             self._numbers |= numbers

@@ -8,9 +8,7 @@ import shutil
 import zipfile
 from pathlib import Path
 
-import numpy as np
-
-from zeroshop_steps.bop.models import check_diameter_mm, read_models_info
+from zeroshop_steps.bop.models import describe_model, read_models_info
 from zeroshop_steps.bop.symmetry import check_symmetries
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_files import SUFFIXES, find_mesh, list_mesh_files, read_mesh
@@ -118,11 +116,7 @@ def make_model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
     object_id = int(digits) if digits.isdigit() else 0
     listed = read_models_info(models).get(str(object_id), {}) if (models / "models_info.json").exists() else {}
     check_symmetries(listed, f"object {object_id} in {models / 'models_info.json'}")
-    low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
-    measured_mm = check_diameter_mm(path, mesh, listed.get("diameter"))
-    info = {"name": path.stem, "diameter": measured_mm}
-    info |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
-    info |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
+    info = {"name": path.stem} | describe_model(path, mesh, listed.get("diameter"))
     info |= {"symmetries_discrete": [], "symmetries_continuous": []} | listed
     return info | {"obj_id": object_id, "front_azimuth_deg": float(FRONT_AZIMUTHS_DEG.get(dataset, {}).get(object_id, 0))}
 
