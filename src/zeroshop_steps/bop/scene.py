@@ -105,8 +105,8 @@ class Frame:
             )
         if self.depth_scale is None:
             raise StepError(
-                f"{self.folder / 'scene_camera.json'}: image {self.image_id} has depth but no depth_scale, and neither has a camera.json of its"
-                " dataset; add it"
+                f"{self.folder / 'scene_camera.json'}: image {self.image_id} has depth but no depth_scale, and neither has a camera.json of"
+                " its dataset; add it"
             )
         raw = decode_image(path, cv2.IMREAD_UNCHANGED)
         if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
