@@ -35,9 +35,9 @@ def test_a_mesh_that_was_turned_and_scaled_is_the_same(tmp_path):
 def test_what_cannot_be_paired_or_read_is_refused(tmp_path, capsys):
     vertices, faces = wedge()
     write_ply(tmp_path / "ours.ply", Mesh(vertices, faces))
-    (tmp_path / "theirs.stl").touch()
+    (tmp_path / "theirs.xyz").touch()
     (tmp_path / "empty.obj").touch()
-    cases = {"give a mesh": ["theirs.stl", "ours.ply"], "neither .ply nor .obj": ["theirs.stl"], "empty.obj": ["empty.obj"]}
+    cases = {"give a mesh": ["theirs.xyz", "ours.ply"], "of no format that is read": ["theirs.xyz"], "empty.obj": ["empty.obj"]}
     for words, others in cases.items():
         options = ["--meshes", str(tmp_path / "ours.ply"), "--others", *(str(tmp_path / name) for name in others)]
         assert stage_main("zeroshop_steps.evaluate", ["--method", "compare_meshes", *options, "--out", str(tmp_path / "out.csv")]) == 1

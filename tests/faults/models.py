@@ -1,5 +1,6 @@
 """Faults of models: PLY files and their textures."""
 
+import json
 import struct
 import zlib
 from collections.abc import Callable
@@ -75,6 +76,33 @@ def write_huge_texture(models: Path) -> None:
     (models / "obj_000001.png").write_bytes(content)
 
 
+def replace_by(name: str, content: bytes) -> Callable[[Path], None]:
+    """Another file in place of the model."""
+
+    def spoil(models: Path) -> None:
+        (models / MODEL).unlink()
+        (models / name).write_bytes(content)
+
+    return spoil
+
+
+def as_points(models: Path) -> None:
+    """The vertices of the model alone."""
+    path = models / MODEL
+    header, _, body = path.read_bytes().partition(b"element face")
+    path.write_bytes(header + b"end_header\n" + body.partition(b"end_header\n")[2])
+
+
+def with_texture_named(name: str) -> bytes:
+    """A glTF whose texture is that file."""
+    content = trimesh.exchange.gltf.export_gltf(trimesh.Scene(trimesh.creation.box((60, 40, 50))))["model.gltf"]
+    facts = json.loads(content)
+    facts["buffers"] = [{"byteLength": 100, "uri": name}]
+    return json.dumps(facts).encode()
+
+
+TRIANGLE = b"v 0 0 0\nv 90 0 0\nv 0 90 0\nusemtl x\nf 1 2 3\n"
+DRACO = json.dumps({"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco_mesh_compression"]}).encode()
 OUTSIDE = (r"obj_000001\.ply names the texture", "outside its folder", "beside the mesh")
 FAULTS = [
     *(
@@ -87,6 +115,30 @@ FAULTS = [
     ),
     Fault(
         "a texture above 2^30 pixels", take_model(write_huge_texture), (r"obj_000001\.png is larger than OpenCV reads", "export it smaller")
+    ),
+    Fault("a point cloud", take_model(as_points), (r"obj_000001\.ply has 8 vertices and 0 faces", "point cloud: make a surface")),
+    Fault(
+        "half a header",
+        take_model(replace_by(MODEL, b"ply\nformat ascii 1.0\nelement vertex 3\n")),
+        (r"obj_000001\.ply cannot be read", "its header does not end", "export it again"),
+    ),
+    Fault(
+        "an OBJ whose material is elsewhere",
+        take_model(replace_by("obj_000001.obj", b"mtllib ../../etc/x.mtl\n" + TRIANGLE)),
+        (r"obj_000001\.obj names the file \.\./\.\./etc/x\.mtl", "outside its folder", "beside the mesh"),
+    ),
+    *(
+        Fault(
+            f"a glTF whose data are at {name}",
+            take_model(replace_by("obj_000001.gltf", with_texture_named(name))),
+            (r"obj_000001\.gltf names the file", "outside its folder"),
+        )
+        for name in ("/etc/hostname", "../secret.bin")
+    ),
+    Fault(
+        "a glTF compressed by Draco",
+        take_model(replace_by("obj_000001.gltf", DRACO)),
+        (r"obj_000001\.gltf uses KHR_draco_mesh_compression", "export it without compression"),
     ),
     Fault("no texture", take_model(lambda models: (models / "obj_000001.png").unlink()), (r"obj_000001\.png does not exist",)),
     Fault(

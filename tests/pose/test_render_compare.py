@@ -11,7 +11,7 @@ from helpers.printed_box import INTRINSICS, make_box, taken, view
 from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
 from zeroshop_steps.geometry.cameras import Camera
-from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
+from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.pose.icp import run_icp
 from zeroshop_steps.pose.pose_score import PoseScorer, cut_patch
@@ -46,6 +46,28 @@ def test_a_pose_that_shows_another_side_explains_less(model, ready):
     true, other_side, farther = ready.comparison.score(np.stack([pose, turned, moved]), patch)
     assert true > other_side + 0.1, "the shape is the same, the print is not"
     assert true > farther + 0.1, "8 mm are seen"
+
+
+@pytest.mark.parametrize("form", ["vertex colours", "no colour"])
+def test_a_model_without_a_texture_is_found(model, form):
+    """Colours at the vertices tell sides apart; without any, shape alone decides, up to the box's symmetries."""
+    mesh = subdivided(model.mesh, 5)
+    pose, photo, depth, mask = view(model, 1, False)
+    bare = replace(mesh, uv=None, texture=None, colors=None)
+    plain = replace(model, mesh=mesh if form == "vertex colours" else bare)
+    found = estimate_pose(mask, photo, depth, INTRINSICS, PreparedModel(plain))
+    turns = np.stack([np.diag([a, b, a * b, 1.0]) for a in (1, -1) for b in (1, -1)])
+    symmetries = turns[:1] if form == "vertex colours" else turns
+    error_mm = mssd(found.camera_from_model[None], pose[None], ModelPoints.from_vertices(mesh.vertices), symmetries)[0]
+    assert error_mm < 0.05 * model.diameter_mm
+
+
+def subdivided(mesh: Mesh, times: int) -> Mesh:
+    """A textured mesh of many small faces with the texture's colours at its vertices instead."""
+    faces, data = mesh.faces, np.concatenate([mesh.vertices, mesh.uv], 1)
+    for _ in range(times):
+        data, faces = trimesh.remesh.subdivide(data, faces)
+    return Mesh(data[:, :3], faces, colors=np.clip(np.rint(sample_texture(mesh.texture, data[:, 3:])), 0, 255).astype(np.uint8))
 
 
 def test_print_that_no_photo_saw_counts_neither_for_a_pose_nor_against_it(model):

@@ -26,6 +26,7 @@ def message(image: np.ndarray, encoding: str, **changes) -> SimpleNamespace:
         ("bgr8", PHOTO[..., ::-1]),
         ("8UC3", PHOTO[..., ::-1]),
         ("rgba8", np.dstack([PHOTO, np.full((5, 7), 9, np.uint8)])),
+        ("rgb16", PHOTO.astype(np.uint16) << 8),
         ("bgra8", np.dstack([PHOTO[..., ::-1], np.full((5, 7), 9, np.uint8)])),
     ],
 )
@@ -65,7 +66,7 @@ def test_a_mask_is_what_is_not_zero(encoding, kind):
     ("read", "made", "reason"),
     [
         (read_color, message(PHOTO, "rgb8", data=b""), "is empty"),
-        (read_color, message(PHOTO, "yuv422"), "has the encoding 'yuv422'; expected rgb8, bgr8"),
+        (read_color, message(PHOTO, "nv12"), "has the encoding 'nv12'; expected rgb8, bgr8"),
         (read_color, message(PHOTO, "rgb8", data=b"12345"), "has 5 bytes in rows of 21"),
         (read_color, message(PHOTO, "rgb8", width=9), "at least 27 bytes a row"),
         (read_color, message(PHOTO, "rgb8", height=0), "7 x 0 px"),

@@ -122,13 +122,11 @@ def test_faults_of_the_environment_say_what_to_do(box, tmp_path):
 
 def test_bad_models_and_options_are_named(box, tmp_path):
     mesh = read_ply(box)
-    write_ply(tmp_path / "bare.ply", Mesh(mesh.vertices, mesh.faces))
     write_ply(tmp_path / "metres.ply", Mesh(mesh.vertices / 1000, mesh.faces))
     write_ply(tmp_path / "point.ply", Mesh(mesh.vertices * 0, mesh.faces))
     write_ply(tmp_path / "lost.ply", mesh, "lost.png")
     environment = prepare(tmp_path)
     for name, words in (
-        ("bare.ply", "no texture"),
         ("metres.ply", "millimetres"),
         ("point.ply", "no size"),
         ("lost.ply", "lost.png"),

@@ -67,16 +67,26 @@ def test_bad_folders_and_models_are_named(models, tmp_path):
     with pytest.raises(StepError, match="no object obj_000099.*obj_000007"):
         copy_model(models, "boxes", "obj_000099", tmp_path / "out")
     mesh = read_ply(models / "obj_000007.ply")
-    write_ply(models / "obj_000008.ply", Mesh(mesh.vertices, mesh.faces))
     write_ply(models / "obj_000009.ply", Mesh(mesh.vertices / 1000, mesh.faces, uv=mesh.uv), "obj_000007.png")
     write_ply(models / "obj_000010.ply", Mesh(mesh.vertices, mesh.faces, uv=mesh.uv), "gone.png")
-    for number, words in ((8, "no texture"), (9, "Convert it to millimetres"), (10, "gone.png does not exist")):
+    for number, words in ((9, "Convert it to millimetres"), (10, "gone.png does not exist")):
         with pytest.raises(StepError, match=words):
             copy_model(models, "boxes", f"obj_{number:06d}", tmp_path / "out")
     write_json(models / "models_info.json", {"7": {"diameter": 300.0}})
     with pytest.raises(StepError, match="do not belong together"):
         copy_model(models, "boxes", "obj_000007", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("color", [(200, 90, 30), None])
+def test_a_model_without_a_texture_gets_one_of_its_colours(models, tmp_path, capsys, color):
+    mesh = read_ply(models / "obj_000007.ply")
+    colors = None if color is None else np.tile(np.uint8(color), (len(mesh.vertices), 1))
+    write_ply(models / "obj_000008.ply", Mesh(mesh.vertices, mesh.faces, colors=colors))
+    copy_model(models, "boxes", "obj_000008", tmp_path / "out")
+    back = read_ply(tmp_path / "out/model.ply")
+    assert back.is_textured and (back.texture[0, 0] == (color or (190, 190, 190))).all() and len(back.faces) == len(mesh.faces)
+    assert f"obj_000008.ply has {'colours at vertices' if color else 'no colour'}" in capsys.readouterr().err
 
 
 def test_hosted_archive_is_fetched_once_and_unpacked(archive, tmp_path, monkeypatch):

@@ -200,10 +200,9 @@ def test_same_seed_same_bytes_and_other_seed_other_noise(box, tmp_path):
 
 def test_bad_models_and_options_are_named(box, tmp_path):
     mesh = read_ply(box)
-    write_ply(tmp_path / "bare.ply", Mesh(mesh.vertices, mesh.faces))
     write_ply(tmp_path / "metres.ply", Mesh(mesh.vertices / 1000, mesh.faces))
     (tmp_path / "broken.ply").write_bytes(box.read_bytes()[:400])
-    for name, words in (("bare.ply", "no texture"), ("metres.ply", "millimetres"), ("broken.ply", "cannot be read"), ("none.ply", "exist")):
+    for name, words in (("metres.ply", "millimetres"), ("broken.ply", "cannot be read"), ("none.ply", "exist")):
         with pytest.raises(StepError, match=words) as error:
             capture(tmp_path / name, "se", WIDTH, HEIGHT, 0, tmp_path / "out")
         assert name in str(error.value)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh, with_texture
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import Record, read_json
 
@@ -71,7 +71,8 @@ def require_beside(body: Body, out: Path) -> str:
 
 
 def write_textured_obj(folder: Path, mesh: Mesh, name: str = VISUAL) -> None:
-    """Write a textured mesh in metres, with its material and texture.png; without a texture, a plain grey one."""
+    """Write a textured mesh in metres, with its material and texture.png; without any colour, a plain grey one."""
+    mesh = with_texture(mesh) if mesh.is_colored else mesh
     material = Path(name).with_suffix(".mtl").name
     lines = [f"mtllib {material}", f"o {Path(name).stem}", *_rows("v", mesh.vertices, "%.7g")]
     uv = mesh.uv if mesh.is_textured else None

@@ -12,7 +12,7 @@ from zeroshop_steps.runtime.open3d_loader import o3d
 DECOMPOSED_FACES = 2500  # of a simplified mesh: parts follow a concavity to some per cent, whatever the mesh's detail
 RESOLUTION, ITERATIONS = 1000, 60  # of CoACD's search; its own defaults take three times as long, for parts that are as many
 MOST_CORNERS = 64  # of a part: what PhysX takes for a convex mesh
-SLIVER = 1e-5  # of the mesh's volume: a smaller part is flat, and MuJoCo refuses it
+SLIVER, SLIVER_M3 = 1e-5, 1e-12  # of the mesh's volume, and at all (a cube of 0.1 mm): a smaller part is flat, and simulators refuse it
 
 
 def load_coacd() -> ModuleType:
@@ -48,7 +48,8 @@ def split_convex(mesh: Mesh, threshold: float, most_parts: int, seed: int, load:
         seed=seed,
     )
     parts = sorted([_hull(np.asarray(corners, float)) for corners, _ in found], key=lambda part: -_volume(part))
-    return [part for part in parts if _volume(part) > SLIVER * _volume(mesh)]
+    least_m3 = max(SLIVER * _volume(mesh), SLIVER_M3)
+    return [part for part in parts if _volume(part) > least_m3] or parts[:1]
 
 
 def _simplify(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:

@@ -36,10 +36,10 @@ def describe_model(body: Body, folder: str) -> xml.Element:
     if textured:
         add(assets, "texture", name="surface", type="2d", file=TEXTURE)
         add(assets, "material", name="surface", texture="surface", specular="0.1", shininess="0.1")
-    # The visual mesh has no mass; as a shell, it may have any shape.
+    # No mesh has a mass here; as shells, they may have any shape and be as thin as they like.
     add(assets, "mesh", name="visual", file=VISUAL, inertia="shell")
     for part in body.parts:
-        add(assets, "mesh", name=Path(part).stem, file=part)
+        add(assets, "mesh", name=Path(part).stem, file=part, inertia="shell")
     tree = add(add(model, "worldbody"), "body", name=body.name)
     add(tree, "freejoint")
     i = body.inertia_kg_m2

@@ -17,7 +17,8 @@ import numpy as np
 from zeroshop_steps.bop.similarity_icp import SimilarityFit, SimilarityRefiner
 from zeroshop_steps.bop.similarity_search import search_similarities
 from zeroshop_steps.bop.symmetry import list_symmetry_transforms
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.support_classes import with_surface_support
 from zeroshop_steps.geometry.surface_distance import measure_distances
 from zeroshop_steps.geometry.surface_points import sample_surface_points
@@ -45,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Align one mesh."""
     start_s = time.monotonic()
-    mesh, truth = read_ply(args.mesh), read_ply(args.model)
+    mesh, truth = read_mesh(args.mesh), read_mesh(args.model)
     if args.evidence:
         mesh = with_surface_support(mesh, args.evidence)
         mesh = replace(mesh, faces=mesh.faces[mesh.measured_faces()]).without_loose_vertices()

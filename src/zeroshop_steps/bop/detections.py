@@ -1,16 +1,18 @@
 """Detections in BOP's COCO JSON (since the challenge of 2022): boxes and masks of objects in images."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from pycocotools import mask as coco_masks
 
-from zeroshop_steps.bop.schema import read_validated
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.bop.schema import check_content, read_content
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
+SizeOf = Callable[[int, int], tuple[int, int] | None]
 SAME_TIME_S = 1e-3  # times of an image that differ by less are the same, rounded differently
 
 LARGEST_SIDE_PX, LARGEST_IMAGE_PX = 65_536, 250_000_000
@@ -60,15 +62,20 @@ def mask_to_box(mask: np.ndarray) -> tuple[int, int, int, int]:
     return int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)
 
 
-def read_detections(path: Path) -> list[Detection]:
-    """Read a COCO result file, plain or gzipped. An empty list has no detections.
+def read_detections(path: Path, find_size: SizeOf = lambda scene_id, image_id: None) -> list[Detection]:
+    """Read a COCO result file, plain or gzipped, or the annotations of a whole COCO dataset. An empty list has no detections.
+
+    Args:
+        path: of the file.
+        find_size: gives the (width, height) of an image by its scene and number, for polygons; None where it is unknown.
 
     Raises:
         StepError: an entry has the wrong form, the run lengths of a mask do not fit its size, or times differ within an image.
     """
+    entries, sizes = _read_entries(path)
     found: list[Detection] = []
     seconds: dict[tuple[int, int], float] = {}
-    for index, entry in enumerate(read_validated(path, "detections")):
+    for index, entry in enumerate(entries):
         box, mask = entry.get("bbox") or None, entry.get("segmentation") or None
         if box is not None and (len(box) != 4 or box[2] < 0 or box[3] < 0):
             raise StepError(f"{path}: entry {index}: bbox is {box}; expected [x, y, width, height] in pixels")
@@ -76,6 +83,8 @@ def read_detections(path: Path) -> list[Detection]:
             raise StepError(f"{path}: entry {index} has neither bbox nor segmentation")
         time_s = float(entry.get("time", -1.0))
         image = entry["scene_id"], entry["image_id"]
+        if isinstance(mask, list):
+            mask = _fill_polygons(f"{path}: entry {index}", mask, sizes.get(image) or find_size(*image))
         if time_s >= 0 and abs(seconds.setdefault(image, time_s) - time_s) > SAME_TIME_S:
             raise StepError(
                 f"{path}: entry {index}: the time differs from that of other detections in scene {image[0]}, image {image[1]};"
@@ -87,6 +96,46 @@ def read_detections(path: Path) -> list[Detection]:
             )
         )
     return found
+
+
+def _read_entries(path: Path) -> tuple[list[dict], dict[tuple[int, int], tuple[int, int]]]:
+    """The entries of a result file, or the annotations of a COCO dataset as such entries; and the sizes that it lists by image."""
+    content = read_content(path)
+    sizes = {}
+    if isinstance(content, dict):
+        check_content(path, content, "coco")
+        folder = Path(path).resolve().parent.name
+        # BOP's scene_gt_coco.json lies in the folder of its scene.
+        scenes = {one["id"]: one.get("scene_id", int(folder) if folder.isdigit() else None) for one in content["images"]}
+        sizes = {
+            (scenes[one["id"]], one["id"]): (one["width"], one["height"]) for one in content["images"] if {"width", "height"} <= set(one)
+        }
+        content = [{"scene_id": scenes.get(one["image_id"]), "score": 1.0} | one for one in content["annotations"]]
+        if any(one["scene_id"] is None for one in content):
+            raise StepError(
+                f"{path} is a COCO dataset whose images have no scene_id; add it to each image, or put the file into the scene's folder,"
+                " such as 000001"
+            )
+        if content:
+            warn(f"{path} is a whole COCO dataset; its {len(content)} annotations are taken for detections")
+    check_content(path, content, "detections")
+    return content, sizes
+
+
+def _fill_polygons(where: str, polygons: list[list[float]], size_px: tuple[int, int] | None) -> dict:
+    """COCO's compressed run lengths of polygons, each x, y, x, y ..., in an image of (width, height)."""
+    if size_px is None:
+        raise StepError(
+            f"{where}: its segmentation is a polygon, and the size of its image is unknown; give the whole COCO dataset, whose images have"
+            " width and height, or run lengths"
+        )
+    if any(len(polygon) % 2 for polygon in polygons):
+        raise StepError(f"{where}: a polygon of its segmentation has an odd number of coordinates; expected x, y, x, y ...")
+    width, height = size_px
+    if max(width, height) > LARGEST_SIDE_PX or height * width > LARGEST_IMAGE_PX:
+        raise StepError(f"{where}: its image has the size {width} x {height} px, larger than any image; is the file whole?")
+    merged = coco_masks.merge(coco_masks.frPyObjects(polygons, height, width))
+    return {"size": [height, width], "counts": merged["counts"].decode()}
 
 
 def write_detections(path: Path, detections: list[Detection]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.poses import check_rotations, check_translations
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time"
@@ -52,7 +52,7 @@ def read_estimates(path: Path) -> Estimates:
     """Read a result CSV of any size in blocks. The header may be missing; an empty file has no estimates.
 
     Raises:
-        StepError: a row has another form, a number is not finite, an R is no rotation, t is in metres, a pose is repeated, or times
+        StepError: a row has another form, a number is not finite, an R is no rotation, t is in metres, or times
             differ within an image.
     """
     path = Path(path)
@@ -145,14 +145,15 @@ def _check(path: Path, estimates: Estimates, rows: np.ndarray, first_line: int) 
 
 
 def _check_doubles(path: Path, rows: np.ndarray, where: "_Lines") -> None:
+    """Warn of rows that repeat another."""
     keys = np.ascontiguousarray(rows[:, [0, 1, 2, *range(4, 16)]]).view(np.dtype((np.void, 8 * 15))).ravel()
     _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     if (counts > 1).any():
         index = first[counts > 1].min()
         again = np.flatnonzero(keys == keys[index])[1]
-        raise StepError(
-            f"{path}, {where[again]} repeats the pose of {where[index]} ({int((counts - 1).sum())} rows repeat another);"
-            " give every estimate once"
+        warn(
+            f"{path}, {where[again]} repeats the pose of {where[index]} ({int((counts - 1).sum())} rows repeat another); each counts as an"
+            " estimate of its own, as in BOP's scoring"
         )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import check_diameter_mm, model_path
+from zeroshop_steps.bop.models import describe_model, model_path
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.support_classes import with_surface_support
@@ -78,8 +78,5 @@ def write_model(folder: Path, mesh: Mesh, info: dict) -> dict:
     if texture:
         write_image(texture, mesh.texture_image)
     write_ply(path, mesh if mesh.normals is not None else mesh.with_normals(), texture.name if texture else None)
-    low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
-    entry = {"name": info.get("name", path.stem), "diameter": check_diameter_mm(path, mesh, None)}
-    entry |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
-    entry |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
+    entry = {"name": info.get("name", path.stem)} | describe_model(path, mesh)
     return entry | {key: info[key] for key in ("symmetries_discrete", "symmetries_continuous") if info.get(key)}

@@ -19,7 +19,7 @@ from zeroshop_steps.bop.estimates import Estimates, read_estimates
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.poses import make_transform
 from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
+from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets, size_finder
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
     models = read_models(args.models, wanted)
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
     estimates = read_estimates(args.estimates) if args.estimates else None
-    detections = read_detections(args.detections) if args.detections else []
+    detections = read_detections(args.detections, size_finder(frames)) if args.detections else []
     with atomic_directory(args.out) as folder:
         for (scene_id, image_id), frame in frames.items():
             panels, here = [], [target for target in targets if (target.scene_id, target.im_id) == (scene_id, image_id)]

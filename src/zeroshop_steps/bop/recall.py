@@ -109,7 +109,7 @@ def measure_pose_errors(
         model, of_object = models[int(object_id)], objects == object_id
         points = ModelPoints.from_vertices(model.mesh.vertices)
         if "mssd" in kinds:
-            errors["mssd"][of_object, 0] = mssd(estimated[of_object], true[of_object], points, model.symmetries) / model.diameter_mm
+            errors["mssd"][of_object, 0] = mssd(estimated[of_object], true[of_object], points, model.symmetries) / model.scored_diameter_mm
         if "mspd" in kinds:
             found_px = mspd(estimated[of_object], true[of_object], intrinsics[of_object], points, model.symmetries)
             widths = np.array([_width_px(frame_of[index], width_px) for index in np.flatnonzero(of_object)])
@@ -146,7 +146,7 @@ def _measure_vsd(
                 if key not in rendered:
                     rendered[key] = renderers[object_id].render(pose, frame.intrinsics, width, height)
             here, there = (rendered[key] for key in poses)
-            errors[index] = vsd(measured, here, there, frame.intrinsics, models[object_id].diameter_mm, delta_mm)
+            errors[index] = vsd(measured, here, there, frame.intrinsics, models[object_id].scored_diameter_mm, delta_mm)
     return errors
 
 

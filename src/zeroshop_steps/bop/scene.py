@@ -4,6 +4,7 @@ Camera matrices are BOP's here: the centre of pixel (0, 0) is at (0, 0). `Frame.
 at (0.5, 0.5).
 """
 
+import functools
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,10 @@ import numpy as np
 from zeroshop_steps.bop.poses import check_rotations, check_translations, make_transform
 from zeroshop_steps.bop.schema import read_validated
 from zeroshop_steps.geometry.cameras import Camera
+from zeroshop_steps.geometry.depth_images import depth_to_mm
 from zeroshop_steps.geometry.images import decode_image, read_image, read_mask
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import write_json
+from zeroshop_steps.runtime.files import read_json, write_json
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 """The project's intrinsics minus BOP's: the project counts pixels from their corners, BOP from their centres."""
@@ -102,17 +104,23 @@ class Frame:
                 " add it, or leave vsd out of --errors"
             )
         if self.depth_scale is None:
-            raise StepError(f"{self.folder / 'scene_camera.json'}: image {self.image_id} has depth but no depth_scale; add it")
+            raise StepError(
+                f"{self.folder / 'scene_camera.json'}: image {self.image_id} has depth but no depth_scale, and neither has a camera.json of"
+                " its dataset; add it"
+            )
         raw = decode_image(path, cv2.IMREAD_UNCHANGED)
         if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
             raise StepError(f"depth image {path} cannot be read as one channel of whole numbers; export it again as 16-bit PNG")
-        return raw.astype(np.float32) * np.float32(self.depth_scale)
+        return depth_to_mm(raw, self.depth_scale, f"depth image {path}")
 
     def mask(self, instance: int, kind: str = "mask_visib") -> np.ndarray:
         """(height, width) bool: an instance's visible pixels, or with `mask` its whole silhouette. Raises StepError without the file."""
         path = self.image_path(kind, instance)
         if path is None:
-            raise StepError(f"{self.folder / kind} has no {self.image_id:06d}_{instance:06d}.png, the mask of an instance in scene_gt.json")
+            raise StepError(
+                f"{self.folder / kind} has no {self.image_id:06d}_{instance:06d}.png, the mask of an instance in scene_gt.json;"
+                " python -m zeroshop_steps.bop --method take_test_set makes masks from the true poses, the models and the depth images"
+            )
         return read_mask(path)
 
     def size_px(self) -> tuple[int, int] | None:
@@ -204,7 +212,7 @@ def list_scenes(split: Path) -> dict[int, Path]:
 
 
 def _make_frame(folder: Path, number: int, camera: dict, instances: list[dict], details: list[dict]) -> Frame:
-    scale = camera.get("depth_scale")
+    scale = camera.get("depth_scale", _find_depth_scale(folder.resolve().parents[1]))
     if scale is not None and scale <= 0:
         raise StepError(
             f"{folder / 'scene_camera.json'}: depth_scale of image {number} is {scale:g}; expected the positive number of millimetres"
@@ -226,6 +234,13 @@ def _make_frame(folder: Path, number: int, camera: dict, instances: list[dict], 
         for entry, detail in zip(instances, details, strict=True)
     )
     return Frame(int(folder.name), number, intrinsics, scale, world, read, folder)
+
+
+@functools.cache
+def _find_depth_scale(dataset: Path) -> float | None:
+    """The depth scale in the camera files of a dataset, such as camera.json, if they agree on one."""
+    found = {read_json(path).get("depth_scale") for path in sorted(dataset.glob("camera*.json"))}
+    return float(scale) if len(found) == 1 and isinstance(scale := found.pop(), int | float) else None
 
 
 def _check_poses(folder: Path, truth: dict) -> None:

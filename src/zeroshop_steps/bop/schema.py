@@ -19,12 +19,22 @@ def read_validated(path: Path, kind: str) -> Any:
     Raises:
         StepError: the file is missing or damaged, an entry has the wrong form, or a number is not finite.
     """
-    content = _read_gzipped(path) if Path(path).suffix == ".gz" else read_json_value(path)
+    content = read_content(path)
+    check_content(path, content, kind)
+    return content
+
+
+def read_content(path: Path) -> Any:
+    """The content of a JSON file, gzipped if its name ends in .gz. Raises StepError where it is missing or damaged."""
+    return _read_gzipped(path) if Path(path).suffix == ".gz" else read_json_value(path)
+
+
+def check_content(path: Path, content: Any, kind: str) -> None:
+    """Check content that was read from `path` against the schema `kind`; raises StepError as `read_validated` does."""
     error = next(_validator(kind).iter_errors(content), None)
     if error is not None:
         raise StepError(f"{path}: {_place(error)}{error.message[:200]}; BOP's format is described in bop_datasets_format.md of bop_toolkit")
     _check_finite(path, content, ())
-    return content
 
 
 @functools.cache

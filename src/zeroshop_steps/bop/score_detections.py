@@ -10,7 +10,7 @@ from pathlib import Path
 from zeroshop_steps.bop.detections import read_detections
 from zeroshop_steps.bop.precision import average_precision
 from zeroshop_steps.bop.score_poses import ROW
-from zeroshop_steps.bop.targets import read_target_frames, read_targets
+from zeroshop_steps.bop.targets import read_target_frames, read_targets, size_finder
 from zeroshop_steps.runtime.tables import write_table
 
 KINDS = {"masks": ("segm", ""), "boxes": ("bbox", "box_")}
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Score one result file."""
     frames = read_target_frames(args.scenes, targets := read_targets(args.targets), args.targets)
-    detections = read_detections(args.detections)
+    detections = read_detections(args.detections, size_finder(frames))
     rows: list[dict] = []
     summary = []
     for kind in args.of:

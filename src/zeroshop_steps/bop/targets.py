@@ -5,7 +5,7 @@ truth says that at least a tenth is visible, as in the challenges before.
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -119,3 +119,8 @@ def read_target_frames(split: Path, targets: list[Target], targets_path: Path, t
             )
         frames[target.scene_id, target.im_id] = frame
     return frames
+
+
+def size_finder(frames: Frames) -> Callable[[int, int], tuple[int, int] | None]:
+    """Gives the (width, height) of an image by its scene and number; of one that is not among the frames, and not used, that of another."""
+    return lambda scene_id, image_id: frames.get((scene_id, image_id), next(iter(frames.values()))).size_px()

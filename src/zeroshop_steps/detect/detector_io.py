@@ -96,10 +96,10 @@ def read_depth(frame: Frame, photo: np.ndarray, remedy: str) -> np.ndarray:
 
 
 def warn_of_plain_models(models: Mapping[int, ObjectModel]) -> None:
-    """Warn of models without texture, whose views are plain grey."""
-    plain = [number for number, model in models.items() if not model.mesh.is_textured]
+    """Warn of models without any colour, whose views are plain grey."""
+    plain = [number for number, model in models.items() if not model.mesh.is_colored]
     if plain:
-        warn(f"the models of the objects {plain} have no texture; networks see them in grey, and cannot tell alike ones or sides apart")
+        warn(f"the models of the objects {plain} have no texture or colours; networks see them in grey, and cannot tell alike ones apart")
 
 
 def detect_in_files(args: argparse.Namespace, prepare: Callable[[argparse.Namespace, dict[int, ObjectModel], ViewsOf], Detector]) -> None:

@@ -16,7 +16,8 @@ from zeroshop_steps.bop.align import align, measure_residuals
 from zeroshop_steps.bop.models import measure_diameter_mm
 from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 
@@ -58,29 +59,6 @@ def run(args: argparse.Namespace) -> None:
         rows += [{"mesh": str(path), "other": str(other), "measure": name, "value": value} for name, value in figures.items()]
         print(f"{path} and {other}: {figures['mesh_to_other_mm']:.2f} mm apart, scale {figures['scale_to_other']:.4f}", file=sys.stderr)
     write_table(args.out, rows)
-
-
-def read_mesh(path: Path) -> Mesh:
-    """A mesh of PLY, or of OBJ without its texture.
-
-    Raises:
-        StepError: it is missing or damaged, or of another format.
-    """
-    if path.suffix.lower() == ".ply":
-        return read_ply(path)
-    if path.suffix.lower() != ".obj":
-        raise StepError(f"{path} is neither .ply nor .obj; export it as PLY")
-    if not path.is_file():
-        raise StepError(f"mesh {path} does not exist; check the path")
-    import trimesh
-
-    try:
-        loaded = trimesh.load(path, force="mesh", process=False)
-    except (ValueError, IndexError, OSError) as error:
-        raise StepError(f"{path} cannot be read as OBJ ({error}); export it again, or as PLY") from None
-    if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
-        raise StepError(f"{path} holds no surface; export it again, or as PLY")
-    return Mesh(np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64))
 
 
 def compare_surfaces(mesh: Mesh, other: Mesh, seed: int = 0) -> dict[str, float]:

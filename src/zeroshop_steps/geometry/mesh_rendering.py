@@ -14,6 +14,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import sample_bilinear
 from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.rasterization_kernel import draw_faces, find_shares
+from zeroshop_steps.geometry.surface_parts import PLAIN_GREY
 from zeroshop_steps.runtime.open3d_loader import o3d, ray_caster
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 NEAREST_SHARE = 0.01
 """A mesh is rasterized if its nearest vertex is farther from the camera's plane than so much of its farthest one."""
-PLAIN_GREY = 190.0  # of 255, of a mesh without texture
 # Shaded renders, of 255: faces seen edge-on, what facing the camera adds, and the same for faces seen from behind, which are tinted red.
 DARKEST, FACING_GAIN = 40.0, 190.0
 BACK_DARKEST, BACK_GAIN = 60.0, 120.0
@@ -141,11 +141,11 @@ class MeshRenderer:
         return RayHits(face, found["primitive_uvs"].numpy(), np.where(hit, distance, np.float32(0)))
 
     def render_color(self, camera: Camera, background: tuple[int, int, int] = (0, 0, 0), samples: int = 2) -> np.ndarray:
-        """Unlit textured render as (height, width, 3) uint8 sRGB, antialiased by `samples` x `samples` rays per pixel."""
+        """Unlit coloured render as (height, width, 3) uint8 sRGB, antialiased by `samples` x `samples` rays per pixel."""
         return _blend_over(background, *self._average(camera, self._sample_color, samples))
 
     def render_masked_color(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
-        """Unlit textured render with a hard silhouette, like a photo cut out by its mask.
+        """Unlit coloured render with a hard silhouette, like a photo cut out by its mask.
 
         Returns:
             image: (height, width, 3) uint8 sRGB, black where less than half of a pixel's rays hit the mesh.
@@ -156,7 +156,7 @@ class MeshRenderer:
         return np.clip(np.rint(np.where(mask[..., None], color, 0.0)), 0, 255).astype(np.uint8), mask
 
     def render_cut_out(self, camera: Camera, samples: int = 2) -> tuple[np.ndarray, np.ndarray]:
-        """Unlit textured render as (height, width, 3) uint8 sRGB, and (height, width) uint8 opacity."""
+        """Unlit coloured render as (height, width, 3) uint8 sRGB, and (height, width) uint8 opacity."""
         color, coverage = self._average(camera, self._sample_color, samples)
         return np.clip(np.rint(color), 0, 255).astype(np.uint8), np.rint(coverage * 255).astype(np.uint8)
 
@@ -179,9 +179,11 @@ class MeshRenderer:
         return color, coverage
 
     def _sample_color(self, camera: Camera, hits: RayHits) -> np.ndarray:
-        if self.mesh.uv is None or self.mesh.texture is None:
-            return np.full((int(hits.mask.sum()), 3), PLAIN_GREY)
-        return sample_texture(self.mesh.texture, self._interpolate(self.mesh.uv, hits))
+        if self.mesh.uv is not None and self.mesh.texture is not None:
+            return sample_texture(self.mesh.texture, self._interpolate(self.mesh.uv, hits))
+        if self.mesh.colors is not None:
+            return self._interpolate(self.mesh.colors.astype(np.float32), hits)
+        return np.full((int(hits.mask.sum()), 3), float(PLAIN_GREY))
 
     def _shade(self, camera: Camera, hits: RayHits) -> np.ndarray:
         corners = self.mesh.vertices[self.mesh.faces[hits.face[hits.mask]]]

@@ -3,22 +3,21 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
     import trimesh  # takes a second to import, so steps import it only where they need it
 
-from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.ply_surface import read_ply_surface
+from zeroshop_steps.geometry.surface_parts import Surface, paint_texture
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
 FACE_TYPE = np.dtype([("count", "u1"), ("index", "<i4", 3)])
 PLY_TYPES = {"float": "<f4", "uchar": "u1"}
 COLORS = ("red", "green", "blue")
-LARGEST_TEXTURE_COORDINATE = 1e4
-"""Beyond 0 and 1 a texture repeats; so often it never does, and in float32 nothing of the place within the image would be left."""
 SEEN_QUALITY, MEASURED_QUALITY = 0.25, 0.75  # mean quality of a face's corners, halfway between the classes 0, 0.5 and 1
 
 
@@ -81,6 +80,11 @@ class Mesh:
         """Whether it has texture coordinates and an image."""
         return self.uv is not None and self.texture is not None
 
+    @property
+    def is_colored(self) -> bool:
+        """Whether it has a texture, or colours at its vertices."""
+        return self.is_textured or self.colors is not None
+
     def require_quality(self) -> np.ndarray:
         """(V,) quality. Raises ValueError where the mesh has none: a fault of the program, not of the user's."""
         if self.quality is None:
@@ -131,81 +135,25 @@ class Mesh:
 
 
 def read_ply(path: Path) -> Mesh:
-    """Read a PLY mesh, and from beside it the texture that its `TextureFile` comment names.
+    """Read a PLY mesh of any program, and from beside it the textures that its `TextureFile` comments name.
+
+    Polygons become triangles. Vertices are split where corners differ in texture coordinates or faces in colour; several textures become
+    one.
 
     Raises:
-        StepError: the mesh is missing, damaged or empty, or its texture is missing.
+        StepError: the mesh is missing, damaged or without faces, or its texture is missing.
     """
     path = Path(path)
     if not path.is_file():
         raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
-    vertices, faces, data = _read_own_layout(path) or _read_with_trimesh(path)
-    if len(vertices) == 0 or len(faces) == 0:
-        raise StepError(f"mesh {path} has {len(vertices)} vertices and {len(faces)} faces; a surface is needed")
-    if not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
-        raise StepError(
-            f"mesh {path} is damaged: it has vertices that are not finite, or faces with vertices out of range; export it again"
-        )
-    names = data.dtype.names or () if isinstance(data, np.ndarray) else tuple(data)
-
-    def columns(*keys: str) -> np.ndarray | None:
-        return np.stack([np.asarray(data[key], float).reshape(-1) for key in keys], 1) if set(keys) <= set(names) else None
-
-    uv = columns("texture_u", "texture_v")
-    if uv is not None and not (np.abs(uv) <= LARGEST_TEXTURE_COORDINATE).all():
-        raise StepError(
-            f"mesh {path} has texture coordinates that are not finite or larger than {LARGEST_TEXTURE_COORDINATE:g};"
-            " 0 to 1 is the image: unwrap it again"
-        )
-    texture_path = find_texture(path) if uv is not None else None
-    texture = read_image(texture_path) if texture_path else None
-    quality, colors = columns("quality"), columns(*COLORS)
-    return Mesh(
-        vertices,
-        faces,
-        columns("nx", "ny", "nz"),
-        uv,
-        texture,
-        None if quality is None else quality[:, 0],
-        None if colors is None else colors.astype(np.uint8),
-    )
+    return Mesh(*read_ply_surface(path))
 
 
-def _read_own_layout(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Vertices, faces and the vertex table of a complete file in the layout of `write_ply`; None for any other file.
-
-    It spares the import of trimesh, which takes a second.
-    """
-    content = path.read_bytes()
-    header, end, body = content.partition(b"end_header\n")
-    lines = [line for line in header.decode("ascii", "replace").split("\n")[:-1] if not line.startswith("comment ")]
-    properties = [line.split()[1:] for line in lines if line.startswith("property ") and not line.startswith("property list ")]
-    types = {words[-1]: PLY_TYPES.get(words[0], "") for words in properties}
-    counts = [line.split()[-1] for line in lines if line.startswith("element ")]
-    if not end or {"x", "y", "z"} - set(types) or len(counts) != 2 or not all(count.isdecimal() for count in counts):
-        return None
-    if not all(types.values()) or lines != _header(int(counts[0]), types, int(counts[1]))[:-2]:
-        return None
-    vertex_type, vertices, faces = np.dtype(list(types.items())), int(counts[0]), int(counts[1])
-    if len(body) != vertices * vertex_type.itemsize + faces * FACE_TYPE.itemsize:
-        return None
-    vertex = np.frombuffer(body, vertex_type, vertices)
-    face = np.frombuffer(body, FACE_TYPE, faces, vertices * vertex_type.itemsize)
-    if (face["count"] != 3).any():
-        return None
-    return np.stack([vertex[axis] for axis in "xyz"], 1).astype(float), face["index"].astype(np.int64), vertex
-
-
-def _read_with_trimesh(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | dict]:
-    """The same of any PLY file."""
-    import trimesh
-
-    try:
-        loaded: Any = trimesh.load(path, file_type="ply", process=False, force="mesh", skip_materials=True, fix_texture=False)
-        data = loaded.metadata["_ply_raw"]["vertex"]["data"]
-        return np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64), data
-    except Exception as error:
-        raise StepError(f"mesh {path} cannot be read as PLY ({type(error).__name__}: {error}); export it again") from None
+def with_texture(mesh: Mesh) -> Mesh:
+    """The mesh with a texture: its own, or else one of its vertices' colours or of plain grey."""
+    if mesh.is_textured:
+        return mesh
+    return Mesh(*paint_texture(Surface(mesh.vertices, mesh.faces, mesh.normals, mesh.uv, mesh.texture, mesh.quality, mesh.colors)))
 
 
 def _header(vertices: int, types: Mapping[str, str], faces: int, comments: Iterable[str] = ()) -> list[str]:
@@ -246,32 +194,6 @@ def write_ply(path: Path, mesh: Mesh, texture_name: str | None = None) -> None:
     header = _header(len(vertex), types, len(face), [f"TextureFile {texture_name}"] if texture_name else [])
     with atomic_write(path) as temporary:
         temporary.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
-
-
-def read_texture_name(path: Path) -> str | None:
-    """The texture that a PLY names in its `TextureFile` comment, or None."""
-    with open(path, "rb") as file:
-        for raw in file:
-            line = raw.decode("ascii", "replace").strip()
-            if line.startswith("comment TextureFile "):
-                return line.removeprefix("comment TextureFile ").strip()
-            if line == "end_header":
-                return None
-    return None
-
-
-def find_texture(path: Path) -> Path | None:
-    """The image that a PLY names in its `TextureFile` comment, or None.
-
-    Raises:
-        StepError: it names a file outside its own folder, which a model from elsewhere could use to have any file copied.
-    """
-    name = read_texture_name(path)
-    if name is None:
-        return None
-    if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise StepError(f"mesh {path} names the texture {name}, which is outside its folder; put the image beside the mesh and name that")
-    return path.parent / name
 
 
 def number_edges(edges: np.ndarray) -> np.ndarray:

@@ -4,7 +4,8 @@ import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.mesh_files import read_mesh
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import read_json
 
@@ -55,7 +56,7 @@ def read_metric_mesh(path: Path, unknown_scale: str = REFUSE) -> MetricMesh:
         StepError: the scale is unknown or not on record, or the mesh is missing or damaged.
     """
     path = Path(path)
-    mesh = read_ply(path)
+    mesh = read_mesh(path)
     scale, source, deviation = _read_scale(path)
     generated = is_generated(path)
     if generated:

@@ -35,7 +35,9 @@ class Board:
         paper_mm: (width, height) of the sheet.
         columns, rows: number of squares.
         square_mm, marker_mm: sides of a square and of the marker in it.
-        first_id: number of its first marker; no two boards share a number.
+        first_id: number of its first marker; no two of our boards share a number.
+        dictionary: of its markers, OpenCV's number.
+        legacy: whether a board with an even number of rows has a marker at its upper left, as of OpenCV before 4.6.
     """
 
     name: str
@@ -45,6 +47,8 @@ class Board:
     square_mm: float
     marker_mm: float
     first_id: int
+    dictionary: int = DICTIONARY
+    legacy: bool = False
 
     @property
     def size_mm(self) -> tuple[float, float]:
@@ -59,9 +63,11 @@ class Board:
     @cached_property
     def charuco(self) -> cv2.aruco.CharucoBoard:
         """The same board for OpenCV."""
-        dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
+        dictionary = cv2.aruco.getPredefinedDictionary(self.dictionary)
         ids = np.array(self.ids, np.int32)
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, dictionary, ids)
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, dictionary, ids)
+        board.setLegacyPattern(self.legacy)
+        return board
 
     def corners_mm(self) -> np.ndarray:
         """(N, 3) inner corners of the chessboard, in OpenCV's order; z is 0."""
@@ -83,13 +89,41 @@ class Board:
         return np.array(black)
 
 
-BOARDS = {
-    board.name: board
-    for board in (
-        Board("a4", (210.0, 297.0), 7, 10, 25.0, 18.0, 0),
-        Board("a3", (297.0, 420.0), 11, 15, 25.0, 18.0, 100),
-    )
-}
+@dataclass(frozen=True)
+class TagBoard:
+    """Tags without a chessboard. Its frame is that of `Board`; that of a tag alone begins at its upper left corner.
+
+    Attributes:
+        name: as on the command line.
+        kind: `grid`; `tags`, of one size and anywhere; or `bar`, two tags of which only the distance counts.
+        dictionary: OpenCV's number.
+        marker_mm: side of the tags' black squares.
+        columns, rows, gap_mm, first_id: of a grid; ids rise to the right and then downwards, or upwards if `from_below`.
+        ids, distance_mm: of a bar, between the centres.
+        border_cells: width of the black border in cells of the code.
+    """
+
+    name: str
+    kind: str
+    dictionary: int
+    marker_mm: float = 0.0
+    columns: int = 1
+    rows: int = 1
+    gap_mm: float = 0.0
+    first_id: int = 0
+    from_below: bool = False
+    ids: tuple[int, ...] = ()
+    distance_mm: float = 0.0
+    border_cells: int = 1
+
+    def corners_mm(self) -> np.ndarray:
+        """(4 N, 3) corners of the grid's tags, each clockwise from its upper left, in the order of their ids; z is 0."""
+        pitch = self.marker_mm + self.gap_mm
+        rows, columns = np.divmod(np.arange(self.columns * self.rows), self.columns)
+        rows = self.rows - 1 - rows if self.from_below else rows
+        corners = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]) * self.marker_mm
+        flat = (np.stack([columns, rows], 1)[:, None] * pitch + corners).reshape(-1, 2)
+        return np.pad(flat, ((0, 0), (0, 1)))
 
 
 def write_pdf(board: Board, path: Path) -> None:

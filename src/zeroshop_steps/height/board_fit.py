@@ -13,9 +13,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from zeroshop_steps.geometry.cameras import fit_similarity
-from zeroshop_steps.geometry.printed_board import Board
+from zeroshop_steps.geometry.printed_board import Board, TagBoard
 from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
-from zeroshop_steps.height.board_photos import BoardView
+from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.runtime.errors import StepError
 
 LOSS_PX = 0.5  # of the soft L1 loss: larger residuals count linearly
@@ -47,7 +47,7 @@ class BoardFit:
     photos: int
 
 
-def fit_board(board: Board, views: Sequence[BoardView]) -> BoardFit:
+def fit_board(board: Board | TagBoard, views: Sequence[BoardView]) -> BoardFit:
     """Fit the board to at least two views of it.
 
     Raises:

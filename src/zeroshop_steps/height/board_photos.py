@@ -1,12 +1,14 @@
 """Detect the corners of a printed board in photos whose cameras are known."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.printed_board import BOARDS, DICTIONARY, Board
+from zeroshop_steps.geometry.board_files import BOARDS
+from zeroshop_steps.geometry.printed_board import DICTIONARY, Board, TagBoard
+from zeroshop_steps.height.board_view import BoardView
+from zeroshop_steps.height.tag_boards import check_tag_views, detect_tag_corners
 from zeroshop_steps.runtime.errors import StepError
 
 LEAST_IN_A_PHOTO = 4  # corners; a photo with fewer is left out, since four define a homography
@@ -15,27 +17,6 @@ LEAST_SQUARE_PX = 10.0  # side of a square in the photo that shows it largest; m
 BEYOND_A_SQUARE = 0.35  # a corner this far, in squares, from where the homography puts it was mistaken for another
 LEAST_MARKERS = 2  # of a board, for a photo to show it: single markers are misread
 ToRays = Callable[[np.ndarray], np.ndarray]
-
-
-@dataclass(frozen=True)
-class BoardView:
-    """The corners of the board in one photo.
-
-    Attributes:
-        name: of the photo.
-        numbers: (N,) corners, indices into `Board.corners_mm`.
-        rays: (N, 2) where they lie in the camera's image plane at depth 1.
-        camera_from_world: (4, 4).
-        focal_px: pixels a unit of `rays`.
-        square_px: side of a square in the photo, the median.
-    """
-
-    name: str
-    numbers: np.ndarray
-    rays: np.ndarray
-    camera_from_world: np.ndarray
-    focal_px: float
-    square_px: float
 
 
 def detect_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
@@ -55,16 +36,18 @@ def detect_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndar
 
 
 def detect_board(
-    name: str, image: np.ndarray, board: Board, to_rays: ToRays, camera_from_world: np.ndarray, focal_px: float
+    name: str, image: np.ndarray, board: Board | TagBoard, to_rays: ToRays, camera_from_world: np.ndarray, focal_px: float
 ) -> BoardView | None:
     """The corners in a photo, None where there are too few; `to_rays` turns (N, 2) pixels into (N, 2) rays."""
-    numbers, pixels = detect_corners(image, board)
-    if len(numbers) == 0:
-        return None
-    return BoardView(name, numbers, to_rays(pixels), camera_from_world, focal_px, _measure_square_px(numbers, pixels, board))
+    if isinstance(board, TagBoard):
+        numbers, pixels, square_px = detect_tag_corners(image, board)
+    else:
+        numbers, pixels = detect_corners(image, board)
+        square_px = _measure_square_px(numbers, pixels, board)
+    return BoardView(name, numbers, to_rays(pixels), camera_from_world, focal_px, square_px) if len(numbers) else None
 
 
-def check_board_views(views: Sequence[BoardView], board: Board, images: Sequence[np.ndarray], where: str) -> None:
+def check_board_views(views: Sequence[BoardView], board: Board | TagBoard, images: Sequence[np.ndarray], where: str) -> None:
     """Raise StepError where the photos show no board, another one, or too little of it.
 
     Args:
@@ -73,6 +56,9 @@ def check_board_views(views: Sequence[BoardView], board: Board, images: Sequence
         images: some of the photos, to look for other boards in.
         where: names the photos in messages.
     """
+    if isinstance(board, TagBoard):
+        check_tag_views(views, board, where)
+        return
     if not views:
         other = next((name for name in (identify_board(image) for image in images) if name and name != board.name), None)
         if other:

@@ -11,18 +11,25 @@ from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.geometry.board_files import read_board
 from zeroshop_steps.geometry.images import read_image
-from zeroshop_steps.geometry.printed_board import BOARDS, RULER_MM, Board
+from zeroshop_steps.geometry.printed_board import RULER_MM, Board, TagBoard
 from zeroshop_steps.height.board_fit import BoardFit, fit_board
-from zeroshop_steps.height.board_photos import BoardView, check_board_views, detect_board
+from zeroshop_steps.height.board_photos import check_board_views, detect_board
+from zeroshop_steps.height.board_view import BoardView
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height
 from zeroshop_steps.height.scene_photos import localize_photos
+from zeroshop_steps.height.tag_boards import fit_tags
 from zeroshop_steps.register.features.sift import SiftOptions
 from zeroshop_steps.runtime.errors import StepError
 
 RULER_ERROR_MM = 0.2  # of reading the ruler line's length
 WRONG_PRINT = f"the board was printed at another size (measure its {RULER_MM:g} mm line and give that as height.marker.ruler_mm)"
 
+BOARD_HELP = (
+    "which board was printed: a4 or a3 (print_board), a YAML file that describes another one, or tags of one size by dictionary and side in"
+    " mm, such as 36h11:50 (default: %(default)s)"
+)
 METHOD = {"rank": 1, "columns": ("marker_images",), "seed": True}
 
 
@@ -30,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     add_common_arguments(parser)
     parser.add_argument("--marker-images", type=Path, help="folder of photos of the empty scene with the board; else it is in the object's")
-    parser.add_argument("--board", choices=sorted(BOARDS), default="a4", help="which board was printed (default: %(default)s)")
+    parser.add_argument("--board", default="a4", help=BOARD_HELP)
     parser.add_argument(
         "--ruler-mm",
         type=float,
@@ -48,12 +55,12 @@ def run(args: argparse.Namespace) -> None:
         raise StepError(f"--ruler-mm is {args.ruler_mm:g}; the line is {RULER_MM:g} mm long, give the length in mm that was measured")
     options = SiftOptions(threads=args.threads, seed=args.seed)
 
-    measure = partial(measure_scale, BOARDS[args.board], args.marker_images, args.ruler_mm / RULER_MM, options)
+    measure = partial(measure_scale, read_board(args.board), args.marker_images, args.ruler_mm / RULER_MM, options)
     write_height(args, "marker", measure, None if args.blind else WRONG_PRINT)
 
 
 def measure_scale(
-    board: Board, marker_images: Path | None, print_scale: float, options: SiftOptions, registered: RegisteredObject
+    board: Board | TagBoard, marker_images: Path | None, print_scale: float, options: SiftOptions, registered: RegisteredObject
 ) -> Scale:
     """The scale that the board gives.
 
@@ -61,12 +68,12 @@ def measure_scale(
         StepError: no board, another one, too little of it, or one that does not fit.
     """
     views = find_board_in_scene(board, marker_images, registered, options) if marker_images else find_board_beside_object(board, registered)
-    fit = fit_board(board, views)
+    fit = fit_tags(board, views) if isinstance(board, TagBoard) else fit_board(board, views)
     deviation = float(np.hypot(fit.deviation, RULER_ERROR_MM / RULER_MM))
     return Scale("marker", 0.001 * print_scale / fit.units_per_mm, deviation, _describe_evidence(board, fit, marker_images, print_scale))
 
 
-def find_board_beside_object(board: Board, registered: RegisteredObject) -> list[BoardView]:
+def find_board_beside_object(board: Board | TagBoard, registered: RegisteredObject) -> list[BoardView]:
     """The board's corners in the object's own photos."""
     found = []
     for view in registered.views:
@@ -78,7 +85,7 @@ def find_board_beside_object(board: Board, registered: RegisteredObject) -> list
     return views
 
 
-def find_board_in_scene(board: Board, folder: Path, registered: RegisteredObject, options: SiftOptions) -> list[BoardView]:
+def find_board_in_scene(board: Board | TagBoard, folder: Path, registered: RegisteredObject, options: SiftOptions) -> list[BoardView]:
     """The board's corners in photos of the empty scene, which are localized among the object's photos."""
     if not folder.is_dir():
         raise StepError(f"{folder} does not exist; marker_images names the folder of the photos of the empty scene")
@@ -97,7 +104,7 @@ def _compute_rays(centre: np.ndarray, focal: np.ndarray, pixels: np.ndarray) -> 
     return (pixels - centre) / focal
 
 
-def _describe_evidence(board: Board, fit: BoardFit, marker_images: Path | None, print_scale: float) -> dict:
+def _describe_evidence(board: Board | TagBoard, fit: BoardFit, marker_images: Path | None, print_scale: float) -> dict:
     return {
         "board": board.name,
         "board_seen_in": "photos of the empty scene" if marker_images else "the object's photos",

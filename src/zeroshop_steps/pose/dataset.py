@@ -11,7 +11,7 @@ from zeroshop_steps.bop.detections import Detection, decode_mask, encode_mask, r
 from zeroshop_steps.bop.estimates import Estimates, write_estimates
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.scene import Frame
-from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets
+from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets, size_finder
 from zeroshop_steps.detect.detector_io import read_depth, read_photo
 from zeroshop_steps.detect.joined import join_touching
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -55,7 +55,7 @@ def run_estimator(
         raise StepError(f"{args.targets} asks for the objects {lacking}, of which {args.models} has none; it has {known}")
     if lacking:
         warn(f"{args.models} has no model of the objects {lacking}; their poses are not estimated")
-    found = read_detections(args.detections) if args.detections else read_true_masks(frames)
+    found = read_detections(args.detections, size_finder(frames)) if args.detections else read_true_masks(frames)
     found = choose_detections(found, targets, known, spare if args.detections else 0, args.detections)
     estimator = prepare(read_models(args.models, {one.object_id for one in found}))
     write_estimates(args.out, estimate_all(found, frames, estimator, sure if args.detections else None))

@@ -17,7 +17,7 @@ from zeroshop_steps.bop.detections import decode_mask, read_detections
 from zeroshop_steps.bop.estimates import Estimates, write_estimates
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
-from zeroshop_steps.bop.targets import Frames, Target, read_targets
+from zeroshop_steps.bop.targets import Frames, Target, read_targets, size_finder
 from zeroshop_steps.detect.detector_io import read_depth, read_photo
 from zeroshop_steps.networks.devices import choose_device, run_network
 from zeroshop_steps.networks.foundationpose.model import SIZES
@@ -82,7 +82,7 @@ def read_films(scenes: Path, targets: list[Target], path: Path, truth_needed: bo
 def find_starts(film: Film, detections: Path | None, known: list[int]) -> list[tuple[int, float, np.ndarray]]:
     """The object, its score and its (H, W) mask for each object to follow, in the film's first image."""
     start: Frames = {(film.frames[0].scene_id, film.frames[0].image_id): film.frames[0]}
-    found = read_detections(detections) if detections else dataset.read_true_masks(start)
+    found = read_detections(detections, size_finder(start)) if detections else dataset.read_true_masks(start)
     chosen = dataset.choose_detections(found, film.targets, known, 0, detections)
     return [(one.object_id, one.score, decode_mask(one.require_mask())) for one in chosen]
 

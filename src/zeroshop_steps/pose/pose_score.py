@@ -74,6 +74,7 @@ class PoseScorer:
         if samples.colors is not None:
             contrast = 255.0 * float(np.sqrt(samples.colors.var(0).mean()))
             self._print_weight = PRINT_WEIGHT * contrast**2 / (contrast**2 + PLAIN_CONTRAST**2)
+        if mesh.is_textured:
             self._textures = _make_mip_levels(mesh.texture_image)
             self._texels_per_mm = _measure_texels_per_mm(mesh)
 
@@ -127,16 +128,26 @@ class PoseScorer:
         alike = np.zeros(len(agree))
         if not agree.any():
             return alike
-        texel_share = self._texels_per_mm * patch.pixel_share * float(np.median(depth[agree]))
-        texture = self._textures[int(np.clip(round(np.log2(max(texel_share, 1.0))), 0, len(self._textures) - 1))]
-        corners = self._mesh.texture_coordinates[self._mesh.faces[faces[agree]]]
-        second, third = shares[agree].T[:, :, None]
-        colors = sample_texture(texture, corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third)
+        colors = self._look_up_colors(faces[agree], shares[agree], float(np.median(depth[agree])) * patch.pixel_share)
         ends = np.cumsum(agree.sum(1))
         for index, (start, end) in enumerate(zip(ends - agree.sum(1), ends, strict=True)):
             if end - start >= LEAST_PRINTED:
                 alike[index] = max(correlate_colors(colors[start:end].astype(float), patch.colors[agree[index]]), 0.0)
         return alike
+
+    def _look_up_colors(self, faces: np.ndarray, shares: np.ndarray, pixel_mm: float) -> np.ndarray:
+        """(N, 3) 0..255 in the texture, at the resolution of pixels of this size, or else of the vertices, at points on `faces`."""
+        second, third = shares.T[:, :, None]
+
+        def interpolate(values: np.ndarray) -> np.ndarray:
+            corners = values[self._mesh.faces[faces]]
+            return corners[:, 0] * (1.0 - second - third) + corners[:, 1] * second + corners[:, 2] * third
+
+        if not self._mesh.is_textured:
+            assert self._mesh.colors is not None
+            return interpolate(self._mesh.colors)
+        level = int(np.clip(round(np.log2(max(self._texels_per_mm * pixel_mm, 1.0))), 0, len(self._textures) - 1))
+        return sample_texture(self._textures[level], interpolate(self._mesh.texture_coordinates))
 
 
 def _make_mip_levels(texture: np.ndarray) -> list[np.ndarray]:

@@ -8,11 +8,12 @@ result CSV. The score of an estimate is the probability that no point of the mod
 
 import argparse
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from zeroshop_steps.bop.depth_render import DepthRenderer
 from zeroshop_steps.bop.detections import Detection
 from zeroshop_steps.bop.models import ObjectModel
 from zeroshop_steps.bop.pose_error import ModelPoints, mssd
@@ -20,7 +21,7 @@ from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.pose import dataset
 from zeroshop_steps.pose.confidence import SAME_DIAMETERS, SURE_CONFIDENCE, estimate_confidence
 from zeroshop_steps.pose.hypotheses import PoseSearch
-from zeroshop_steps.pose.pose_score import COARSE_RAYS, FINE_RAYS, RAYS, ImagePatch, PoseScorer, cut_patch
+from zeroshop_steps.pose.pose_score import AGREE_MM, COARSE_RAYS, FINE_RAYS, RAYS, ImagePatch, PoseScorer, cut_patch
 
 # Chosen on six virtual tables of the demo objects, the test set with seed 1 (docs/results.md, "Detection and poses").
 LEAST_POINTS = 30  # measured points of a detection; fewer do not fix a pose
@@ -28,6 +29,7 @@ NEAR_DIAMETERS = 0.6  # of depth, from the median; a point farther away cannot b
 NUDGED = 8  # best hypotheses that are improved by small turns
 NUDGES_DEG = (8.0, 4.0, 2.0, 1.0)  # sizes of these turns, one after the other; starts are 15 degrees apart
 ROUNDS = 2  # of each size at most
+EXTENDED = 1.1  # times as large as a detection: with less, what it lacks does not matter
 SCORE_DIGITS = 9  # to which scores are compared, so that rounding does not decide between equal poses
 
 
@@ -84,6 +86,7 @@ class PreparedModel:
         self.search = PoseSearch(model.mesh, model.diameter_mm)
         self.comparison = PoseScorer(model.mesh)
         self.points = ModelPoints.from_vertices(model.mesh.vertices)
+        self.renderer = DepthRenderer(model.mesh)
 
 
 def estimate_pose(
@@ -110,7 +113,28 @@ def estimate_pose(
     best = int(np.argmax(np.round(scores, SCORE_DIGITS)))
     apart_mm = mssd(poses, np.repeat(poses[best][None], len(poses), 0), ready.points, ready.model.symmetries)
     others = scores[apart_mm > SAME_DIAMETERS * ready.model.diameter_mm]
-    return PoseEstimate(poses[best], float(scores[best]), float(scores[best] - max(others, default=0.0)), len(points))
+    estimate = PoseEstimate(poses[best], float(scores[best]), float(scores[best] - max(others, default=0.0)), len(points))
+    whole = extend_mask(mask, depth_mm, intrinsics, estimate.camera_from_model, ready.renderer)
+    if whole.sum() < EXTENDED * mask.sum():
+        return estimate
+    return replace(estimate, camera_from_model=improve_pose(estimate.camera_from_model, whole, photo, depth_mm, intrinsics, ready))
+
+
+def extend_mask(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray, renderer: DepthRenderer) -> np.ndarray:
+    """(height, width) bool: the detection and all pixels whose depth is that of the model at its pose: what of it the detection lacks."""
+    height, width = mask.shape
+    drawn_mm = renderer.render(pose, intrinsics, width, height).image(width, height)
+    return mask | ((drawn_mm > 0) & (depth_mm > 0) & (np.abs(drawn_mm - depth_mm) < AGREE_MM))
+
+
+def improve_pose(
+    pose: np.ndarray, mask: np.ndarray, photo: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, ready: PreparedModel
+) -> np.ndarray:
+    """(4, 4) the pose after more steps of ICP or small turns, whichever explains the mask better."""
+    points = collect_points(mask, depth_mm, intrinsics, ready.model.diameter_mm)
+    poses = np.concatenate([pose[None], ready.search.refine(pose[None], points)])
+    poses, _ = nudge_poses(poses, cut_patch(photo, depth_mm, mask, intrinsics, RAYS), ready.comparison, ready.model, ready.search.is_open)
+    return poses[int(np.argmax(ready.comparison.score(poses, cut_patch(photo, depth_mm, mask, intrinsics, FINE_RAYS))))]
 
 
 def collect_points(mask: np.ndarray, depth_mm: np.ndarray, intrinsics: np.ndarray, diameter_mm: float) -> np.ndarray:

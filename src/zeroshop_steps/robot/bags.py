@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.robot.camera import read_camera_info
+from zeroshop_steps.robot.camera import read_lens
 from zeroshop_steps.robot.goals import write_pose, write_result
 from zeroshop_steps.robot.image_messages import read_color, read_depth, write_image
 from zeroshop_steps.robot.recognition import Recognition, RecognizedObject, Request
@@ -24,6 +24,9 @@ TOPICS = {
     "/recognition/objects": "visualization_msgs/msg/MarkerArray",
     "/tf": "tf2_msgs/msg/TFMessage",
 }
+IMAGES = ("Image", "CompressedImage")
+RECTIFIED = "rect"
+"""In the name of a topic whose images image_proc has undistorted, such as image_rect_color; its camera message is the same."""
 MOST_APART_NS = 20_000_000  # of the stamps of colour and depth; cameras take 30 pairs a second
 COLORS = np.array([[230, 60, 50], [50, 140, 230], [70, 190, 80], [240, 190, 40], [170, 90, 210], [40, 200, 200]], np.uint8)
 OVERLAY = 0.5  # of an object's pixels, by its colour
@@ -53,7 +56,8 @@ def read_requests(path: Path, rgb_topic: str, depth_topic: str, info_topic: str)
 
     Args:
         path: a .bag of ROS 1, or a .mcap file or a bag's folder of ROS 2.
-        rgb_topic, depth_topic: of sensor_msgs/Image.
+        rgb_topic, depth_topic: of sensor_msgs/Image or CompressedImage; colour is undistorted, and depth with it, unless the topic's name
+            says that it is rectified.
         info_topic: of sensor_msgs/CameraInfo, whose first message counts.
 
     Raises:
@@ -62,7 +66,7 @@ def read_requests(path: Path, rgb_topic: str, depth_topic: str, info_topic: str)
     require_rosbags()
     from rosbags.highlevel import AnyReader, AnyReaderError
 
-    kinds = {rgb_topic: "Image", depth_topic: "Image", info_topic: "CameraInfo"}
+    kinds = {rgb_topic: IMAGES, depth_topic: IMAGES, info_topic: ("CameraInfo",)}
     try:
         with AnyReader([Path(path)], default_typestore=message_store()) as reader:
             _check_topics(path, {one.topic: one.msgtype for one in reader.connections}, kinds)
@@ -71,9 +75,10 @@ def read_requests(path: Path, rgb_topic: str, depth_topic: str, info_topic: str)
             for topic, message in _read(reader, [rgb_topic, depth_topic]):
                 pending[topic].append(message)
                 for color, depth in _pop_pairs(pending[rgb_topic], pending[depth_topic]):
-                    photo = read_color(color)
-                    intrinsics = read_camera_info(info, photo.shape[1], photo.shape[0])
-                    yield RecordedRequest(stamp_of(color), color.header.frame_id, Request(photo, read_depth(depth), intrinsics))
+                    photo, depth_mm = read_color(color), read_depth(depth)
+                    lens = read_lens(info, photo.shape[1], photo.shape[0], RECTIFIED in rgb_topic.rpartition("/")[2])
+                    request = Request(lens.undistort(photo), None if depth_mm is None else lens.undistort(depth_mm), lens.intrinsics)
+                    yield RecordedRequest(stamp_of(color), color.header.frame_id, request)
     except (AnyReaderError, OSError, ValueError) as error:
         raise StepError(f"the bag {path} cannot be read: {error}") from None
 
@@ -83,11 +88,11 @@ def _read(reader: Any, topics: Sequence[str]) -> Iterator[tuple[str, Any]]:
         yield connection.topic, reader.deserialize(raw, connection.msgtype)
 
 
-def _check_topics(path: Path, found: dict[str, str], kinds: dict[str, str]) -> None:
-    for topic, kind in kinds.items():
-        if found.get(topic, "").rpartition("/")[2] != kind or not found[topic].startswith("sensor_msgs/"):
+def _check_topics(path: Path, found: dict[str, str], kinds: dict[str, tuple[str, ...]]) -> None:
+    for topic, names in kinds.items():
+        if found.get(topic, "").rpartition("/")[2] not in names or not found[topic].startswith("sensor_msgs/"):
             listed = ", ".join(f"{name} ({found[name]})" for name in sorted(found)) or "none"
-            raise StepError(f"the bag {path} has no topic {topic} of sensor_msgs/{kind}; it has {listed}")
+            raise StepError(f"the bag {path} has no topic {topic} of sensor_msgs/{' or '.join(names)}; it has {listed}")
 
 
 def _pop_pairs(colors: list[Any], depths: list[Any]) -> Iterator[tuple[Any, Any]]:

@@ -6,14 +6,27 @@ cv_bridge is not used: Debian's is compiled for NumPy 1, and crashes beside NumP
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.robot.compressed_images import is_compressed, read_compressed_color, read_compressed_depth
 from zeroshop_steps.runtime.errors import StepError
 
-COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0), "8UC3": (2, 1, 0), "mono8": (0, 0, 0)}
-"""Encodings of colour, and where they have red, green and blue. 8UC3 is OpenCV's order."""
-CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "mono8": 1}
-DEPTHS = {"16UC1": (np.uint16, 1.0), "mono16": (np.uint16, 1.0), "32FC1": (np.float32, 1000.0)}
+RGB, BGR, GRAY = (0, 1, 2), (2, 1, 0), (0, 0, 0)
+COLORS = {
+    **{"rgb8": (3, RGB), "bgr8": (3, BGR), "rgba8": (4, RGB), "bgra8": (4, BGR), "mono8": (1, GRAY)},
+    **{"8UC1": (1, GRAY), "8UC3": (3, BGR), "8UC4": (4, BGR), "rgb16": (3, RGB), "bgr16": (3, BGR), "mono16": (1, GRAY)},
+}
+"""Encodings of colour: channels, and where they have red, green and blue. 8UC3 is OpenCV's order."""
+RAW_COLORS = {
+    # OpenCV names a Bayer pattern by its second row and column, ROS by its first.
+    **{"bayer_rggb8": (1, cv2.COLOR_BayerBG2RGB), "bayer_bggr8": (1, cv2.COLOR_BayerRG2RGB)},
+    **{"bayer_gbrg8": (1, cv2.COLOR_BayerGR2RGB), "bayer_grbg8": (1, cv2.COLOR_BayerGB2RGB)},
+    **{"yuv422": (2, cv2.COLOR_YUV2RGB_UYVY), "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2)},
+}
+"""Encodings of colour that OpenCV converts: channels, and its name of the conversion."""
+DEPTHS = {"16UC1": (np.uint16, 1.0), "mono16": (np.uint16, 1.0), "32FC1": (np.float32, 1000.0), "64FC1": (np.float64, 1000.0)}
 """Encodings of depth, with the millimetres of one step (REP 118)."""
 MASKS = {
     "mono8": np.uint8,
@@ -28,11 +41,18 @@ LABELS = "16SC1"
 
 
 def read_color(message: Any) -> np.ndarray:
-    """(height, width, 3) uint8 RGB. Raises StepError where the message holds no such image."""
-    _require("the colour image", message, COLORS)
-    channels = CHANNELS[message.encoding]
-    image = _read_pixels("the colour image", message, np.dtype(np.uint8), channels)
-    return np.ascontiguousarray(image[..., list(COLORS[message.encoding])])
+    """(height, width, 3) uint8 RGB of an Image or a CompressedImage. Raises StepError where the message holds no such image."""
+    if is_compressed(message):
+        return read_compressed_color(message)
+    what = "the colour image"
+    _require(what, message, COLORS | RAW_COLORS)
+    if message.encoding in RAW_COLORS:
+        channels, conversion = RAW_COLORS[message.encoding]
+        return cv2.cvtColor(_read_pixels(what, message, np.dtype(np.uint8), channels), conversion)
+    channels, order = COLORS[message.encoding]
+    deep = message.encoding.endswith("16")
+    image = _read_pixels(what, message, np.dtype(np.uint16 if deep else np.uint8), channels)[..., list(order)]
+    return np.ascontiguousarray((image >> 8).astype(np.uint8) if deep else image)
 
 
 def read_depth(message: Any) -> np.ndarray | None:
@@ -41,11 +61,13 @@ def read_depth(message: Any) -> np.ndarray | None:
     Raises:
         StepError: the message holds no depth image.
     """
+    if is_compressed(message):
+        return read_compressed_depth(message)
     if not len(message.data) and not message.width and not message.height:
         return None
     _require("the depth image", message, DEPTHS)
     kind, step_mm = DEPTHS[message.encoding]
-    depth_mm = _read_pixels("the depth image", message, np.dtype(kind), 1)[..., 0].astype(np.float32) * np.float32(step_mm)
+    depth_mm = depth_to_mm(_read_pixels("the depth image", message, np.dtype(kind), 1)[..., 0], step_mm, "the depth image")
     return np.where(np.isfinite(depth_mm) & (depth_mm > 0), depth_mm, np.float32(0))
 
 

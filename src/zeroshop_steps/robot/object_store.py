@@ -12,9 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.bop.models import ObjectModel, check_diameter_mm, list_objects, model_path, read_models, read_models_info
+from zeroshop_steps.bop.models import (
+    ObjectModel,
+    check_diameter_mm,
+    list_model_files,
+    list_objects,
+    model_path,
+    read_models,
+    read_models_info,
+)
 from zeroshop_steps.detect.templates import Templates, read_templates, save_templates
-from zeroshop_steps.geometry.meshes import find_texture, read_ply
+from zeroshop_steps.geometry.mesh_files import list_mesh_files, read_mesh
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, read_json
 
@@ -35,8 +43,8 @@ class Source:
 
     def signature(self) -> tuple[tuple[str, int, int], ...]:
         """Changes when one of the files is written again."""
-        paths = [self.mesh, find_texture(self.mesh), self.record or self.mesh.with_name("models_info.json")]
-        found = [(path, path.stat()) for path in paths if path is not None and path.is_file()]
+        paths = [*list_mesh_files(self.mesh), self.record or self.mesh.with_name("models_info.json")]
+        found = [(path, path.stat()) for path in paths if path.is_file()]
         return tuple((str(path), status.st_mtime_ns, status.st_size) for path, status in found)
 
 
@@ -135,7 +143,7 @@ class ObjectStore:
         return f"Known objects: {known}"
 
     def _find_sources(self) -> dict[str, Source]:
-        if (self.folder / "models_info.json").is_file():
+        if (self.folder / "models_info.json").is_file() or list_model_files(self.folder):
             listed = read_models_info(self.folder)
             numbers = {listed[str(number)].get("name", f"obj_{number:06d}"): number for number in list_objects(self.folder)}
             self._numbers |= numbers
@@ -181,11 +189,11 @@ def read_object(name: str, number: int, source: Source) -> StoredObject:
                 f"the scale of {source.mesh} is unknown, and poses would be wrong by the same factor: give its height (config/README.md,"
                 " heights), make the mesh again, and it is taken at the next goal"
             )
-        mesh = read_ply(source.mesh)
+        mesh = read_mesh(source.mesh)
         diameter_mm = check_diameter_mm(source.mesh, mesh, None)
         model = ObjectModel(number, mesh, diameter_mm, np.eye(4)[None], {"name": name})
         description = f"mesh of ZeroShOP in millimetres, scale from {record['scale_source']}"
     digest = hashlib.sha256()
-    for path in (source.mesh, find_texture(source.mesh)):
-        digest.update(path.read_bytes() if path is not None else b"")
+    for path in list_mesh_files(source.mesh):
+        digest.update(path.read_bytes())
     return StoredObject(name, model, digest.hexdigest()[:16], description)

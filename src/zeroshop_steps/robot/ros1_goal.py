@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.depth_images import depth_to_mm
 from zeroshop_steps.geometry.images import decode_image, read_image, read_mask, write_mask
 from zeroshop_steps.robot.goals import BACKGROUND, read_pose
 from zeroshop_steps.robot.image_messages import write_image
@@ -63,7 +64,7 @@ def make_goal(args: argparse.Namespace, goal_class: Any) -> Any:
         raw = decode_image(args.depth, cv2.IMREAD_UNCHANGED)
         if raw.ndim != 2:
             raise StepError(f"{args.depth} has {raw.shape[2]} channels; expected depth in one channel of 16 bits")
-        goal.depth = write_image(Image, raw.astype(np.float32) * np.float32(args.depth_scale / 1000), "32FC1", header)
+        goal.depth = write_image(Image, depth_to_mm(raw, args.depth_scale, str(args.depth)) / np.float32(1000), "32FC1", header)
     goal.mask_detections = [write_image(Image, read_mask(path).astype(np.uint8) * 255, "mono8", header) for path in args.masks]
     goal.class_names = list(args.class_names)
     return goal

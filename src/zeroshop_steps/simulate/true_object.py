@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.bop.symmetry import list_symmetry_transforms
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, with_texture
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.simulate.measure import pose_error_mm
 from zeroshop_steps.simulate.physical_body import PhysicalBody, read_body
@@ -44,11 +43,9 @@ def read_true_object(model: Path, body: Path, aligned: Path | None) -> TrueObjec
     """Read the folder of a model, its body, and the alignment of the robot's mesh with it, if that is not the model itself.
 
     Raises:
-        StepError: a file is missing or damaged, or the model has no texture.
+        StepError: a file is missing or damaged.
     """
-    mesh, info = read_ply(model / "model.ply"), read_json(model / "model_info.json")
-    if not mesh.is_textured:
-        raise StepError(f"{model} has no texture; the camera needs one to see")
+    mesh, info = with_texture(read_ply(model / "model.ply")), read_json(model / "model_info.json")
     transform = np.eye(4) if aligned is None else np.array(read_json(aligned)["truth_from_mesh"], float)
     return TrueObject(int(info["obj_id"]), mesh, float(info["diameter"]), list_symmetry_transforms(info), read_body(body), transform)
 

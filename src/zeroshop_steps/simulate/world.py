@@ -58,7 +58,7 @@ def _add_object(spec: mujoco.MjSpec, body: PhysicalBody, world_from_object: np.n
     inertia = body.inertia
     placed.fullinertia = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
     for number, part in enumerate(body.parts):
-        spec.add_mesh(name=f"part_{number}", uservert=part.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+        spec.add_mesh(name=f"part_{number}", uservert=part.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         geom = placed.add_geom(name=f"part_{number}", type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"part_{number}", mass=0.0)
         _set_contact(geom, physics)
 

@@ -8,13 +8,13 @@ import shutil
 import zipfile
 from pathlib import Path
 
-import numpy as np
-
-from zeroshop_steps.bop.models import check_diameter_mm, read_models_info
+from zeroshop_steps.bop.models import describe_model, read_models_info
 from zeroshop_steps.bop.symmetry import check_symmetries
-from zeroshop_steps.geometry.meshes import Mesh, find_texture, read_ply, write_ply
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.mesh_files import SUFFIXES, find_mesh, list_mesh_files, read_mesh
+from zeroshop_steps.geometry.meshes import Mesh, with_texture, write_ply
 from zeroshop_steps.runtime.downloads import download
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, locked, write_json
 
 HOSTED_MODELS = {"ycbv": "https://huggingface.co/datasets/bop-benchmark/ycbv/resolve/main/ycbv_models.zip"}
@@ -75,29 +75,33 @@ def copy_model(models: Path, dataset: str, name: str, out: Path, source: dict[st
     """Check one object of a BOP models folder and write model.ply, its texture and model_info.json into the folder `out`.
 
     Raises:
-        StepError: the folder or the object is missing, the mesh is damaged or untextured, or its unit is not mm.
+        StepError: the folder or the object is missing, the mesh is damaged, or its unit is not mm.
     """
     models = Path(models)
     if not models.is_dir():
         raise StepError(
             f"models folder {models} does not exist; correct models_folder in the config (--models), or leave it out to download"
         )
-    path = models / f"{name}.ply"
-    if not path.is_file():
-        there = [found.stem for found in sorted(models.glob("obj_*.ply"))]
-        listed = f"{there[0]} ... {there[-1]} ({len(there)} objects)" if there else "no obj_*.ply at all"
-        raise StepError(f"{dataset} has no object {name}: {path} does not exist; {models} holds {listed}")
-    mesh = read_ply(path)
-    if mesh.uv is None or mesh.texture is None:
-        raise StepError(f"model {path} has no texture (texture_u, texture_v and a TextureFile comment are needed); take a textured model")
+    path = find_mesh(models / name)
+    if path is None:
+        there = sorted({found.stem for found in models.glob("obj_*") if found.suffix.lower() in SUFFIXES})
+        listed = f"{there[0]} ... {there[-1]} ({len(there)} objects)" if there else "no obj_*.ply or other mesh at all"
+        raise StepError(f"{dataset} has no object {name}: {models / name}.ply does not exist; {models} holds {listed}")
+    mesh = read_mesh(path)
     if mesh.normals is None:
         mesh = mesh.with_normals()
     info = make_model_info(path, mesh, dataset, models) | ({"source": source} if source else {})
-    texture = find_texture(path)
-    assert texture is not None, "a mesh with a texture names it"
+    if not mesh.is_textured:
+        found = "colours at vertices or faces" if mesh.colors is not None else "no colour at all"
+        warn(f"model {path} has {found} instead of a texture; it is rendered {'with them' if mesh.colors is not None else 'in grey'}")
+    textures = list_mesh_files(path)[1:] if path.suffix.lower() == ".ply" and mesh.is_textured else []
+    mesh = with_texture(mesh)
     with atomic_directory(out) as folder:
-        target = folder / f"model{texture.suffix.lower()}"
-        shutil.copyfile(texture, target)
+        target = folder / f"model{textures[0].suffix.lower() if len(textures) == 1 else '.png'}"
+        if len(textures) == 1:
+            shutil.copyfile(textures[0], target)
+        else:
+            write_image(target, mesh.texture_image)
         write_ply(folder / "model.ply", mesh, target.name)
         write_json(folder / "model_info.json", info)
 
@@ -112,11 +116,7 @@ def make_model_info(path: Path, mesh: Mesh, dataset: str, models: Path) -> dict:
     object_id = int(digits) if digits.isdigit() else 0
     listed = read_models_info(models).get(str(object_id), {}) if (models / "models_info.json").exists() else {}
     check_symmetries(listed, f"object {object_id} in {models / 'models_info.json'}")
-    low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
-    measured_mm = check_diameter_mm(path, mesh, listed.get("diameter"))
-    info = {"name": path.stem, "diameter": measured_mm}
-    info |= {f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)}
-    info |= {f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)}
+    info = {"name": path.stem} | describe_model(path, mesh, listed.get("diameter"))
     info |= {"symmetries_discrete": [], "symmetries_continuous": []} | listed
     return info | {"obj_id": object_id, "front_azimuth_deg": float(FRONT_AZIMUTHS_DEG.get(dataset, {}).get(object_id, 0))}
 

@@ -65,8 +65,6 @@ def render_casual_capture(model: Path, difficulty: int, seed: int, out: Path, lo
         StepError: as `virtual_capture.render_capture` does.
     """
     mesh, bounds, info = virtual_capture.read_object(model, long_side_px, long_side_px * 3 // 4, seed)
-    if mesh.uv is None or mesh.texture is None:
-        raise StepError(f"{model} has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
     rng = np.random.default_rng([seed, difficulty, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
     style = choose_style(difficulty, rng)
     bounds = ObjectBounds(bounds.centre_mm, bounds.largest_mm, bounds.bottom_mm, bounds.front_azimuth_deg + rng.uniform(-40, 40))

@@ -72,8 +72,6 @@ def render_film(
     """
     mesh, bounds, info = virtual_capture.read_object(model, *size_px, seed)
     rng = np.random.default_rng([seed, *np.frombuffer(str(info.get("name", "")).encode(), np.uint8)])
-    if mesh.uv is None or mesh.texture is None:
-        raise StepError(f"{model} has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
     table = lay_table(mesh, bounds, seed, rng, top)
     lens = Lens(*size_px)
     hand = HandheldCamera(bounds, float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), lens, rng)

@@ -21,8 +21,8 @@ from zeroshop_steps.bop.scene import HALF_PX, Frame, Instance, write_scene
 from zeroshop_steps.bop.targets import Target, write_targets
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
+from zeroshop_steps.geometry.meshes import with_texture
 from zeroshop_steps.methods import RENDERERS
-from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, write_json
 from zeroshop_steps.runtime.progress import track
 from zeroshop_steps.synthetic.clutter import make_body
@@ -57,9 +57,6 @@ def run(args: argparse.Namespace) -> None:
     """Write one test set."""
     use_threads(args.threads)
     models = read_models(args.models, list_objects(args.models))
-    for model in models.values():
-        if model.mesh.uv is None or model.mesh.texture is None:
-            raise StepError(f"object {model.object_id} in {args.models} has no texture; a test set needs textured models")
     bodies = {number: make_body(model.mesh.vertices) for number, model in models.items()}
     renderers = {number: DepthRenderer(model.mesh) for number, model in models.items()}
     backend = load_renderer(args.renderer).make_table_backend(args)
@@ -69,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
             rng = np.random.default_rng([args.seed, scene_id])
             chosen = choose_objects(list(models), scene_id, args.seed)
             extras = [make_distractor(rng) for _ in range(rng.integers(DISTRACTORS[0], DISTRACTORS[1] + 1))]
-            things = [models[number].mesh for number in chosen] + extras
+            things = [with_texture(models[number].mesh) for number in chosen] + extras
             shapes = [bodies[number] for number in chosen] + [make_body(extra.vertices) for extra in extras]
             order = rng.permutation(len(things))
             world_from_models = backend.settle(scene_id, [shapes[i] for i in order], rng)

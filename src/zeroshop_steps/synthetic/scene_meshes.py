@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.geometry.meshes import Mesh, with_texture
 from zeroshop_steps.synthetic.camera_rings import ObjectBounds
 from zeroshop_steps.synthetic.textures import MipPyramid, build_pyramid, find_texture_coverage
 
@@ -43,19 +42,18 @@ class SceneMesh:
 
 
 def make_object_mesh(mesh: Mesh) -> SceneMesh:
-    """The object itself. Normals are those of the mesh, else smooth ones. Raises StepError without a texture."""
-    if mesh.uv is None or mesh.texture is None:
-        raise StepError("the model has no texture; a PLY with texture_u, texture_v and a TextureFile comment is needed")
-    normals = mesh.vertex_normals
-    inside = (mesh.uv > -1e-3).all() and (mesh.uv < 1 + 1e-3).all()
-    height, width = mesh.texture.shape[:2]
-    coverage = find_texture_coverage(mesh.uv, mesh.faces, width, height) if inside else None
+    """The object itself. Normals are those of the mesh, else smooth ones; without a texture, it has the colours of its vertices."""
+    mesh = with_texture(mesh)
+    uv, texture, normals = mesh.texture_coordinates, mesh.texture_image, mesh.vertex_normals
+    inside = bool((uv > -1e-3).all() and (uv < 1 + 1e-3).all())
+    height, width = texture.shape[:2]
+    coverage = find_texture_coverage(uv, mesh.faces, width, height) if inside else None
     return SceneMesh(
         mesh.vertices.astype(np.float32),
         mesh.faces.astype(np.uint32),
         normals[mesh.faces].astype(np.float32),
-        mesh.uv[mesh.faces].astype(np.float32),
-        build_pyramid(mesh.texture, coverage, wrap=not inside),
+        uv[mesh.faces].astype(np.float32),
+        build_pyramid(texture, coverage, wrap=not inside),
     )
 
 

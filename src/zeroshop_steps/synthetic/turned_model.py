@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh, find_texture, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
 from zeroshop_steps.geometry.placements import Placement, placements_of_hull
+from zeroshop_steps.geometry.ply_surface import find_textures
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
@@ -34,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     turned_from_model = placement.plane_from_object
     vertices = transform_points(mesh.vertices, turned_from_model)
     normals = None if mesh.normals is None else mesh.normals @ turned_from_model[:3, :3].T
-    texture = find_texture(path)
+    texture = next(iter(find_textures(path)), None)
     with atomic_directory(args.out) as folder:
         write_ply(folder / "model.ply", Mesh(vertices, mesh.faces, normals, mesh.uv), texture.name if texture else None)
         if texture:

@@ -12,7 +12,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera, write_cameras
 from zeroshop_steps.geometry.images import write_depth_mm, write_image, write_mask
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh, read_ply, with_texture
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
 from zeroshop_steps.runtime.progress import track
@@ -138,7 +138,7 @@ def read_object(model: Path, width_px: int, height_px: int, seed: int) -> tuple[
         raise StepError(f"image size {width_px} x {height_px} px is out of range; give --width 64..8000 and --height 48..6000")
     if seed < 0:
         raise StepError(f"seed {seed} is negative; give --seed 0 or more")
-    mesh = read_ply(model)
+    mesh = with_texture(read_ply(model))
     info_path = Path(model).with_name("model_info.json")
     info = read_json(info_path) if info_path.exists() else {}
     bounds = measure_bounds(mesh, model, float(info.get("front_azimuth_deg", 0.0)))

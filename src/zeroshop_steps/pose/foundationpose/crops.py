@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.meshes import Mesh, with_texture
 from zeroshop_steps.geometry.rasterization import Fragments, PixelGrid, rasterize
 from zeroshop_steps.networks.foundationpose.settings import CROP_PX, REFINER_MARGIN, SCORER_MARGIN
 
@@ -87,6 +87,7 @@ class DrawnModel:
         def tensor(values: np.ndarray) -> Tensor:
             return torch.as_tensor(values, dtype=torch.float32, device=device)
 
+        mesh = with_texture(mesh) if mesh.is_colored else mesh
         textured = mesh.is_textured
         uv = tensor(mesh.texture_coordinates) if textured else None
         texture = tensor(mesh.texture_image).permute(2, 0, 1)[None] / 255 if textured else None

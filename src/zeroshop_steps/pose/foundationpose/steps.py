@@ -53,8 +53,8 @@ def prepare_estimator(
 
 
 def prepare_models(models: dict[int, ObjectModel], device: torch.device) -> dict[int, PreparedModel]:
-    """The models on the device; warns of those without texture."""
-    plain = [number for number, model in models.items() if not model.mesh.is_textured]
+    """The models on the device; warns of those without any colour."""
+    plain = [number for number, model in models.items() if not model.mesh.is_colored]
     if plain:
-        warn(f"the models of the objects {plain} have no texture; FoundationPose sees them in grey, and cannot tell alike sides apart")
+        warn(f"the models of the objects {plain} have no texture or colours; the networks cannot tell alike sides apart")
     return {number: PreparedModel(model, device) for number, model in models.items()}

@@ -50,7 +50,7 @@ def reduce_mesh(mesh: Mesh, max_faces: int, texture_px: int) -> ReducedMesh:
     small, corner_uv = _collapse_edges(mesh, max_faces) if len(mesh.faces) > max_faces else _weld(mesh)
     small = small.with_normals()
     if corner_uv is None or mesh.texture is None:
-        return ReducedMesh(small, None, len(mesh.faces))
+        return ReducedMesh(small, _sample_colors(mesh, small.vertices), len(mesh.faces))
     return ReducedMesh(_split_at_seams(small, corner_uv, _shrink_texture(mesh.texture, texture_px)), None, len(mesh.faces))
 
 
@@ -102,10 +102,12 @@ def _split_at_seams(mesh: Mesh, corner_uv: np.ndarray, texture: np.ndarray) -> M
 
 
 def _sample_colors(mesh: Mesh, points: np.ndarray) -> np.ndarray | None:
-    """(N, 3) uint8 colours of the texture at the vertices nearest to `points`."""
-    if mesh.uv is None or mesh.texture is None:
+    """(N, 3) uint8 colours of the texture, or else of the mesh itself, at the vertices nearest to `points`; None where there are none."""
+    if not mesh.is_colored:
         return None
     nearest = cKDTree(mesh.vertices).query(points)[1]
+    if mesh.uv is None or mesh.texture is None:
+        return None if mesh.colors is None else mesh.colors[nearest]
     return np.clip(np.rint(sample_texture(mesh.texture, mesh.uv[nearest])), 0, 255).astype(np.uint8)
 
 

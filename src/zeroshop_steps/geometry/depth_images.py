@@ -1,0 +1,33 @@
+"""Depth of cameras in whole numbers, also with rotated bits as in SUN3D and the Amazon Picking Challenge."""
+
+import numpy as np
+
+from zeroshop_steps.runtime.errors import warn
+
+ROTATED_BITS, BITS = 3, 16
+"""SUN3D (Xiao et al., ICCV 2013) stores millimetres with their bits rotated to the left by 3, so that other programs show a picture."""
+LEAST_DIFFERENT = 16  # values of an image that tells; fewer may be multiples of 8 by chance
+ROTATED_STEP_MM = 0.125  # a step that already makes millimetres of rotated bits
+
+
+def depth_to_mm(raw: np.ndarray, step_mm: float, name: str) -> np.ndarray:
+    """(height, width) float32 mm of a depth image.
+
+    Where all numbers are multiples of 8, though a step is no eighth of a millimetre, the bits are rotated. That is said and undone.
+
+    Args:
+        raw: (height, width) of whole numbers, 0 where nothing was measured.
+        step_mm: of one number.
+        name: of the image, for the message.
+    """
+    if raw.dtype == np.uint16 and not np.isclose(step_mm, ROTATED_STEP_MM, rtol=0.01) and _is_rotated(raw):
+        warn(f"{name}: all numbers are multiples of 8, so their bits are rotated by 3, as in SUN3D; they are turned back")
+        raw = (raw >> ROTATED_BITS) | (raw << (BITS - ROTATED_BITS))
+    return raw.astype(np.float32) * np.float32(step_mm)
+
+
+def _is_rotated(raw: np.ndarray) -> bool:
+    """Whether the lowest bits are never used; they hold what is beyond 8 m, which few cameras measure."""
+    if (raw & ((1 << ROTATED_BITS) - 1)).any():
+        return False
+    return len(np.unique(raw[raw > 0])) >= LEAST_DIFFERENT

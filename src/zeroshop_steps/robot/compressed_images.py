@@ -1,0 +1,51 @@
+"""Pixels from sensor_msgs/CompressedImage, as image_transport's plugins `compressed` and `compressedDepth` write it."""
+
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+
+from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.runtime.errors import StepError
+
+PNG = b"\x89PNG\r\n\x1a\n"
+QUANTIZATION = struct.Struct("<iff")
+"""compressedDepth's header: a number, and a and b of inverse depth: a step of the picture q is a / (q - b) metres."""
+MM_PER_METRE = 1000.0
+
+
+def is_compressed(message: Any) -> bool:
+    """Whether a message is a CompressedImage; an Image has an encoding instead of a format."""
+    return hasattr(message, "format") and not hasattr(message, "encoding")
+
+
+def read_compressed_color(message: Any) -> np.ndarray:
+    """(height, width, 3) uint8 RGB. Raises StepError where the message holds no picture."""
+    image = _decode("the colour image", message.format, bytes(message.data), cv2.IMREAD_COLOR)
+    # The plugin hands its pixels to OpenCV as they are; what it then stores as blue is red, where it says so.
+    return np.ascontiguousarray(image if "compressed rgb" in message.format else image[..., ::-1])
+
+
+def read_compressed_depth(message: Any) -> np.ndarray:
+    """(height, width) float32 in mm, 0 where nothing was measured. Raises StepError where the message holds no depth image."""
+    what, form, content = "the depth image", message.format, bytes(message.data)
+    if "rvl" in form.lower() or (start := content.find(PNG)) < 0:
+        raise StepError(f"{what} has the format {form!r}; expected PNG: set the publisher's compressedDepth/format to png")
+    raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
+    if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
+        raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel")
+    if not form.startswith("32FC1"):
+        return depth_to_mm(raw, 1.0, what)
+    if start < QUANTIZATION.size:
+        raise StepError(f"{what} has the format {form!r}, but no header that says how its numbers mean metres; record 16UC1, or raw images")
+    _, scale, offset = QUANTIZATION.unpack_from(content)
+    depth_mm = MM_PER_METRE * scale / np.where(raw > offset, raw - offset, np.inf)
+    return np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
+
+
+def _decode(what: str, form: str, content: bytes, flags: int) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
+    if image is None:
+        raise StepError(f"{what} has the format {form!r} and {len(content)} bytes that are no picture; expected JPEG or PNG")
+    return image

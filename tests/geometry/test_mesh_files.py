@@ -1,0 +1,123 @@
+"""Models as OBJ and glTF: shape, texture and colours are those of the PLY; nothing outside their folder is read."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from zeroshop_steps.geometry.mesh_files import find_mesh, read_mesh
+from zeroshop_steps.geometry.meshes import with_texture
+from zeroshop_steps.runtime.errors import StepError
+
+BOX_MM = (60.0, 40.0, 20.0)
+TRIANGLE = "usemtl x\nv 0 0 0\nv 9 0 0\nv 0 9 0\n"
+
+
+def textured_box(scale: float = 1.0) -> trimesh.Trimesh:
+    box = trimesh.creation.box(BOX_MM)
+    box.apply_scale(scale)
+    uv = np.random.default_rng(0).random((len(box.vertices), 2))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.new("RGB", (8, 8), (200, 100, 50)))
+    box.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    return box
+
+
+def change_gltf(path: Path, **changes: object) -> Path:
+    """A glTF with other entries at its top."""
+    box = textured_box()
+    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(box)).items():
+        (path.parent / name).write_bytes(content)
+    facts = json.loads((path.parent / "model.gltf").read_text())
+    path.write_text(json.dumps(facts | changes))
+    return path
+
+
+@pytest.mark.parametrize("name", ["box.obj", "box.glb"])
+@pytest.mark.parametrize("scale", [1.0, 0.001])
+def test_a_textured_model_is_read_in_millimetres(tmp_path: Path, name: str, scale: float, capsys: pytest.CaptureFixture[str]) -> None:
+    box = textured_box(scale)
+    if name.endswith("obj"):
+        box.visual.material = box.visual.material.to_simple()
+    box.export(tmp_path / name)
+    mesh = read_mesh(tmp_path / name)
+    assert np.allclose(np.ptp(mesh.vertices, axis=0), BOX_MM) and len(mesh.faces) == 12
+    assert mesh.is_textured and np.abs(mesh.texture.reshape(-1, 3).astype(int) - (200, 100, 50)).max() < 5
+    assert ("metres" in capsys.readouterr().err) == (scale < 1)
+
+
+def test_materials_vertices_and_faces_have_colours(tmp_path: Path) -> None:
+    (tmp_path / "two.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl green\nKd 0 1 0\n")
+    vertices = "v 0 0 0\nv 90 0 0\nv 90 90 0\nv 0 90 0\n"
+    (tmp_path / "two.obj").write_text(f"mtllib two.mtl\n{vertices}usemtl red\nf 1 2 3\nusemtl green\nf 1 3 4\n")
+    mesh = read_mesh(tmp_path / "two.obj")
+    assert {tuple(color) for color in mesh.colors[mesh.faces[:, 0]].tolist()} == {(255, 0, 0), (0, 255, 0)}
+    box = trimesh.creation.box(BOX_MM)
+    box.visual.vertex_colors = np.tile(np.uint8([10, 20, 30, 255]), (8, 1))
+    for name in ("box.glb", "box.obj", "box.ply"):
+        box.export(tmp_path / name)
+        assert (read_mesh(tmp_path / name).colors == (10, 20, 30)).all(), name
+    box.export(tmp_path / "plain.stl")
+    assert not read_mesh(tmp_path / "plain.stl").is_colored and with_texture(read_mesh(tmp_path / "plain.stl")).is_textured
+
+
+def test_parts_with_and_without_texture_share_one_image(tmp_path: Path) -> None:
+    plain = trimesh.creation.box(BOX_MM)
+    plain.visual.vertex_colors = np.tile(np.uint8([10, 20, 30, 255]), (8, 1))
+    scene = trimesh.Scene([textured_box()])
+    scene.add_geometry(plain, transform=trimesh.transformations.translation_matrix([0, 0, 20]))
+    scene.export(tmp_path / "scene.glb")
+    mesh = read_mesh(tmp_path / "scene.glb")
+    assert len(mesh.faces) == 24 and np.allclose(np.ptp(mesh.vertices, axis=0), (60, 40, 40))
+    colors = {tuple(color) for color in mesh.texture.reshape(-1, 3).tolist()}
+    assert (10, 20, 30) in colors and (200, 100, 50) in colors
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("a.obj", f"mtllib ../secret.mtl\n{TRIANGLE}f 1 2 3\n", r"a\.obj names the file \.\./secret\.mtl, which is outside"),
+        ("b.obj", f"mtllib b.mtl\n{TRIANGLE}vt 0 0\nf 1/1 2/1 3/1\n", r"b\.obj names the file .*secret\.png, which is outside"),
+        ("c.obj", f"mtllib none.mtl\n{TRIANGLE}f 1 2 3\n", r"c\.obj names none\.mtl, but .* does not exist"),
+        ("d.obj", "v 0 0 0\nv 9 0 0\n", r"d\.obj has no faces"),
+        ("e.obj", "", r"e\.obj"),
+        ("f.glb", "no glTF", r"f\.glb cannot be read as glTF"),
+        ("g.xyz", "1 2 3", r"g\.xyz is of no format that is read: \.ply, \.obj"),
+    ],
+)
+def test_what_cannot_be_used_is_named(tmp_path: Path, name: str, content: str, says: str) -> None:
+    folder = tmp_path / "models"
+    folder.mkdir()
+    Image.new("RGB", (4, 4)).save(tmp_path / "secret.png")
+    (tmp_path / "secret.mtl").write_text("newmtl x\nKd 1 0 0\n")
+    (folder / "b.mtl").write_text(f"newmtl x\nmap_Kd {tmp_path / 'secret.png'}\n")
+    (folder / name).write_text(content)
+    with pytest.raises(StepError, match=says):
+        read_mesh(folder / name)
+
+
+@pytest.mark.parametrize("uri", ["../secret.bin", "/etc/hostname", "%2e%2e/secret.bin", "file:///etc/hostname"])
+def test_gltf_leads_nowhere_else(tmp_path: Path, uri: str) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "secret.bin").write_bytes(bytes(4096))
+    path = change_gltf(tmp_path / "in/box.gltf")
+    assert len(read_mesh(path).faces) == 12
+    facts = json.loads(path.read_text())
+    change_gltf(path, buffers=[facts["buffers"][0] | {"uri": uri}])
+    with pytest.raises(StepError, match=r"box\.gltf names .*(outside its folder|does not exist)"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "KHR_texture_transform"])
+def test_compression_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    with pytest.raises(StepError, match=rf"box\.gltf uses {name}, which is not read here; export it without"):
+        read_mesh(change_gltf(tmp_path / "box.gltf", extensionsUsed=[name], extensionsRequired=[name]))
+
+
+def test_ply_is_preferred(tmp_path: Path) -> None:
+    assert find_mesh(tmp_path / "obj_000001") is None
+    for suffix in (".glb", ".ply"):
+        (tmp_path / f"obj_000001{suffix}").touch()
+        assert find_mesh(tmp_path / "obj_000001") == tmp_path / f"obj_000001{suffix}"
