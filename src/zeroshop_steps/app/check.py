@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.capture.bridging import SHARED_FEATURES, Features, count_shared, find_features
-from zeroshop_steps.capture.frames import collect_image_warnings, look_alike, make_thumbnail, measure_edge_blur_px, measure_sharpness
+from zeroshop_steps.capture.frames import (
+    collect_image_warnings,
+    look_alike,
+    make_thumbnail,
+    measure_edge_blur_px,
+    measure_level,
+    measure_sharpness,
+)
 from zeroshop_steps.capture.photo_files import list_photos, read_photo
 from zeroshop_steps.capture.photos import MIN_IMAGES, MOST_IMAGES
 from zeroshop_steps.capture.video import choose_frames, read_numbers, scan_video
@@ -47,7 +54,7 @@ def check_capture(source: Path) -> tuple[list[str], list[str]]:
                 continue
             names.append(name)
             sharpness.append(measure_sharpness(image))
-            levels.append(float(image.mean()))
+            levels.append(measure_level(image))
             blurs_px.append(measure_edge_blur_px(image))
             thumbnail = make_thumbnail(image)
             if not any(look_alike(thumbnail, other) for other in distinct):

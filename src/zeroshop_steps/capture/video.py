@@ -20,6 +20,7 @@ from zeroshop_steps.capture.frames import (
     look_alike,
     make_thumbnail,
     measure_edge_blur_px,
+    measure_level,
     measure_sharpness,
     shrink_to_grey,
     write_capture_record,
@@ -163,7 +164,7 @@ def scan_video(video: Path) -> VideoScan:
     for frame in read_frames(video):
         small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), FLICKER_BLUR_PX)
         sharpnesses.append(measure_sharpness(frame))
-        levels.append(float(small.mean()))
+        levels.append(measure_level(small))
         # A change of exposure is no motion of the camera.
         even = small - small.mean()
         changes.append(0.0 if before is None else float(np.abs(even - before).mean() / (even.std() + 1.0)))
