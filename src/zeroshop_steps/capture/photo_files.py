@@ -15,8 +15,8 @@ from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size,
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
-CONVERTED_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
-"""Formats that Pillow and pi-heif read; they are converted, because later steps read PNG and JPEG alone."""
+CONVERTED_SUFFIXES = (".jfif", ".jpe", ".mpo", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
+"""Names and formats that Pillow and pi-heif read; they are renamed or converted, because later steps read PNG and JPEG alone."""
 UNREADABLE_SUFFIXES = (".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".raw")
 LOSSLESS_SUFFIXES = (".png", ".bmp")
 MAX_SIDE_PX = 3072  # finer photos do not make a finer surface, which is estimated from images of 1000 px, and hardly a finer texture

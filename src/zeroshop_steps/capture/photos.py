@@ -7,6 +7,7 @@ Photos that cannot be used are left out and named, as long as enough are left; o
 """
 
 import argparse
+import math
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -174,7 +175,7 @@ def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> li
 
 def _check_polarity(photos: list[Photo], masks: Path) -> None:
     """Raise StepError where masks mark the border nearly all around in nearly all photos: they mark the background."""
-    marked = [photo for photo in photos if photo.mask and _measure_border(photo.mask.pixels) > INVERTED_BORDER]
+    marked = [photo for photo in photos if photo.mask and measure_border(photo.mask.pixels) > INVERTED_BORDER]
     if photos and len(marked) > INVERTED_BORDER * len(photos):
         raise StepError(
             f"the masks in {masks} mark the border of the photos nearly all around in {len(marked)} of {len(photos)} photos, such as"
@@ -197,7 +198,7 @@ def _find_mask_fault(mask: UserMask) -> str:
 def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[list[Photo], list[str]]:
     """Without copies of photos and those that are much more blurred than the others, and at most `most_images`; warnings name these."""
     warnings = []
-    copies = _find_twins(photos, is_copy)
+    copies = _find_worse_copies(photos)
     if copies and len(photos) - len(copies) >= min_images:
         # Matches between copies do not move, as those of a background that stands still while the object turns.
         warnings.append(f"left out, copies of other photos: {_name_twins(photos, copies)}")
@@ -250,11 +251,20 @@ def _find_twins(photos: list[Photo], alike: Callable[[np.ndarray, np.ndarray], b
     return twins
 
 
+def _find_worse_copies(photos: list[Photo]) -> dict[int, int]:
+    """The numbers of the photos of which another encoding is better, and that of the best: it has more pixels, or else more detail."""
+    groups: dict[int, list[int]] = {}
+    for number, twin in _find_twins(photos, is_copy).items():
+        groups.setdefault(twin, [twin]).append(number)
+    best = [max(group, key=lambda number: (math.prod(photos[number].size_px), photos[number].sharpness)) for group in groups.values()]
+    return {number: kept for kept, group in zip(best, groups.values(), strict=True) for number in group if number != kept}
+
+
 def _name_twins(photos: list[Photo], twins: dict[int, int]) -> str:
     return _join_names([f"{photos[number].path.name} (like {photos[twin].path.name})" for number, twin in twins.items()])
 
 
-def _measure_border(mask: np.ndarray) -> float:
+def measure_border(mask: np.ndarray) -> float:
     """The share of the image's circumference that a mask marks."""
     touching = int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum())
     return touching / (2 * sum(mask.shape))
@@ -262,7 +272,7 @@ def _measure_border(mask: np.ndarray) -> float:
 
 def _is_cut_off(mask: np.ndarray) -> bool:
     """Whether a mask touches so much of the image's border that the object is cut off there."""
-    return _measure_border(mask) > max(BORDER_PX / (2 * sum(mask.shape)), BORDER_SHARE)
+    return measure_border(mask) > max(BORDER_PX / (2 * sum(mask.shape)), BORDER_SHARE)
 
 
 def _join_names(names: list[str]) -> str:
