@@ -198,5 +198,7 @@ def test_cut_outs_of_every_format_bring_their_masks(shoot, suffix):
 @pytest.mark.parametrize(("light", "dark"), [(1.0, False), (0.2, True)])
 def test_a_black_background_is_no_lack_of_light(shoot, light, dark):
     levels = [measure_level((cv2.imread(str(shoot.image(index))) * shoot.disk()[..., None] * light).astype(np.uint8)) for index in range(9)]
-    told = collect_image_warnings(list("abcdefghi"), [1.0] * 9, levels, [1.0] * 9)
+    flash = np.where(Shoot.disk()[..., None], int(200 * light), 22).astype(np.uint8).repeat(3, 2)
+    levels.append(measure_level(flash))
+    told = collect_image_warnings(list("abcdefghij"), [1.0] * 10, levels, [1.0] * 10)
     assert bool(told) == dark

@@ -42,7 +42,7 @@ LONELY_SHARE = 0.25
 """Of the photos may share too little with any other: up to 0.16 where cameras came out right (bananas on a carpet, a kitchen table,
 rendered captures), 0.4 and 0.65 where they came out folded and bent (20 and 30 frames on a white and a wooden table)."""
 ONE_SIDE_DEG = 120.0  # by which the camera turns, and below which a back is not seen
-VIEWS = 10  # pictures by which the turn is measured, and in which the object is looked for
+VIEWS = 8  # pictures by which the turn is measured, and in which the object is looked for
 VIEW_PX, MAP_PX = (640, 480), (320, 240)  # (width, height) of their copies, and of the maps of the object
 CUT_BORDER, CUT_SHARE = 0.04, 0.8
 """Of the border is covered by an object that is cut off, in this share of the pictures. A stick that carries a skull covers 0.03; of 18

@@ -113,15 +113,15 @@ def follow_points(frames: Iterable[np.ndarray], starts: Iterable[int]) -> Iterat
 
 def _follow_piece(before: np.ndarray, later: Iterable[np.ndarray]) -> Piece | None:
     first = now = cv2.goodFeaturesToTrack(before, POINTS, QUALITY, APART_PX)
-    if first is None:
+    if len(np.atleast_1d(first)) < LEAST_POINTS:  # None where there is no corner at all
         return None
     least, piece = max(LEAST_POINTS, LEAST_KEPT * len(first)), None
     for grey in later:
         if grey.shape != before.shape:
             break
-        there, found, _ = cv2.calcOpticalFlowPyrLK(before, grey, now, None, winSize=WINDOW_PX)
-        back, found_back, _ = cv2.calcOpticalFlowPyrLK(grey, before, there, None, winSize=WINDOW_PX)
-        kept = ((found & found_back) > 0).ravel() & (np.linalg.norm((back - now)[:, 0], axis=1) < RETURN_PX)
+        there, found, _ = cv2.calcOpticalFlowPyrLK(before, grey, now, now.copy(), winSize=WINDOW_PX)
+        back, found_back, _ = cv2.calcOpticalFlowPyrLK(grey, before, there, there.copy(), winSize=WINDOW_PX)
+        kept = np.logical_and(found, found_back).ravel() & (np.linalg.norm((back - now)[:, 0], axis=1) < RETURN_PX)
         first, now, before = first[kept], there[kept], grey
         if kept.sum() < least:
             break

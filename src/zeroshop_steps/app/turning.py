@@ -47,13 +47,13 @@ def _relate(one: Features, other: Features) -> tuple[int, np.ndarray]:
     first, second = match_clearly(one, other)
     if len(first) < LEAST_MATCHES:
         return 0, np.eye(3)
-    rays = [
+    rays, other_rays = (
         (places.astype(np.float64) - np.array(picture.size_px) / 2) / (FOCAL_LENGTH * max(picture.size_px))
         for places, picture in ((first, one), (second, other))
-    ]
+    )
     limit = EPIPOLAR_PX / (FOCAL_LENGTH * max(one.size_px))
-    essential, inliers = cv2.findEssentialMat(*rays, np.eye(3), cv2.RANSAC, 0.999, limit)
+    essential, inliers = cv2.findEssentialMat(rays, other_rays, np.eye(3), cv2.RANSAC, 0.999, limit)
     if essential is None or essential.shape != (3, 3):
         return 0, np.eye(3)
     found = int(inliers.sum())
-    return found, cv2.recoverPose(essential, *rays, np.eye(3), mask=inliers)[1]
+    return found, np.asarray(cv2.recoverPose(essential, rays, other_rays, np.eye(3), mask=inliers)[1])

@@ -18,6 +18,7 @@ ALIKE_PERCENTILE = 99  # of the pixels' differences, so that a few may differ
 COPY_LEVELS = 2.0  # by which a thumbnail differs at most where the photo was compressed anew, or taken anew from a tripod
 DARK_LEVEL, DARK_SHARE = 45.0, 0.5  # mean level of a dark image, and the share of such images that speaks of the light, not of them
 BLACK_LEVEL, LEAST_SEEN_SHARE = 16, 0.005  # of black cloth or a removed background, compressed; and of the image that may be seen alone
+BRIGHT_SHARE, LEVEL_STEP_PX = 0.1, 4  # of what is seen: the object behind a flash; and every so many pixels are looked at
 BLURRED_SHARE = 0.35  # of the usual sharpness
 SHARPNESS_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5  # width to which images are reduced; deviations of the two blurs
 # An edge is at least so steep, and among this share of steepest pixels; its sharpest share counts, of no fewer edges than these.
@@ -54,12 +55,17 @@ def measure_edge_blur_px(image: np.ndarray) -> float:
 
 
 def measure_level(image: np.ndarray) -> float:
-    """Mean level, 0 to 255, of what is not black in an (H, W, 3) RGB or (H, W) grey image.
+    """Mean level, 0 to 255, of what is not black in an (H, W, 3) RGB or (H, W) grey image; or half that of its brightest part, if more.
 
-    A background that was removed, or a black cloth, says nothing of the light.
+    A background that was removed, or is dark as behind a flash, says nothing of the light on the object.
     """
-    seen = image[(image if image.ndim == 2 else image.max(2)) > BLACK_LEVEL]
-    return float(seen.mean()) if len(seen) >= LEAST_SEEN_SHARE * image.shape[0] * image.shape[1] else float(image.mean())
+    few = image[::LEVEL_STEP_PX, ::LEVEL_STEP_PX]
+    grey = few if few.ndim == 2 else few.mean(2)
+    seen = grey[grey > BLACK_LEVEL]
+    if len(seen) < LEAST_SEEN_SHARE * grey.size:
+        return float(grey.mean())
+    bright = seen[seen >= np.quantile(seen, 1 - BRIGHT_SHARE)]
+    return float(max(seen.mean(), bright.mean() / 2))
 
 
 def _resize_to_grey(image: np.ndarray, width_px: int) -> np.ndarray:
