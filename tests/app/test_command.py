@@ -196,3 +196,13 @@ def test_a_run_that_fails_says_why(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr()
     assert "Failed    images in" in said.out and "are alike: only 1 of 9 differ, 8 are needed" in said.out
     assert (tmp_path / "results/photos/my_photos/logs/zeroshop.log").is_file() and "Traceback" not in said.out + said.err
+
+
+def test_masks_among_the_photos_are_taken(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(workflow, "run_workflow", lambda *args, **options: False)
+    for number in range(3):
+        write_image(tmp_path / f"cup/{number}.jpg", np.full((48, 64, 3), 90, np.uint8))
+        write_image(tmp_path / f"cup/{number}_mask.png", np.zeros((48, 64), np.uint8))
+    main([str(tmp_path / "cup"), "--into", str(tmp_path)])
+    assert read_captures(tmp_path)["cup"].masks == str(tmp_path / "cup")
+    assert "Masks lie among the photos and are taken, such as 0_mask.png" in capsys.readouterr().err

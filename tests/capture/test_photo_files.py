@@ -76,6 +76,15 @@ def test_heic_photos_are_converted_upright_with_their_exif(shoot):
         assert image.getexif().get_ifd(0x8769)[0xA405] == 28
 
 
+@pytest.mark.parametrize("suffix", [".jfif", ".JPE", ".mpo"])
+def test_jpegs_of_other_names_are_copied_as_they_are(shoot, suffix):
+    for index in range(9):
+        shoot.image(index).rename(shoot.image(index).with_suffix(suffix))
+    import_photos(shoot.images, None, 9, shoot.out)
+    copied = (shoot.out / "images/000003.jpg").read_bytes()
+    assert copied == shoot.image(3).with_suffix(suffix).read_bytes() and copied[:2] == b"\xff\xd8"
+
+
 def cut_out(shoot, index, opacity=250):
     """A photo whose background was removed, as a PNG; phones leave the object a little transparent."""
     alpha = Image.fromarray(np.where(shoot.disk(x=70 + index), opacity, 0).astype(np.uint8))

@@ -149,6 +149,23 @@ def test_a_photo_that_was_compressed_anew_is_a_copy():
     assert is_copy(one, again) and not is_copy(one, moved)
 
 
+@pytest.mark.parametrize(("scale", "quality"), [(0.5, 95), (1.0, 60)])
+def test_of_two_encodings_the_better_one_stays(tmp_path, scale, quality, capsys):
+    """The worse one comes first by name, and another one last."""
+    shoot = Shoot(tmp_path, 9)
+    rng = np.random.default_rng(5)
+    blocks = cv2.resize(rng.integers(50, 200, (12, 16, 3), dtype=np.uint8), (640, 480), interpolation=cv2.INTER_NEAREST)
+    scene = (blocks + rng.integers(-12, 13, (480, 640, 1))).astype(np.uint8)  # fine grain, which compression takes first
+    write_image(shoot.images / "IMG_0003.png", scene)
+    small = cv2.resize(scene, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    for name in ("IMG_0002_sent.jpg", "IMG_0004_sent.jpg"):
+        Image.fromarray(small).save(shoot.images / name, quality=quality)
+    import_photos(shoot.images, None, 8, shoot.out)
+    names = read_json(shoot.out / "capture.json")["source_names"]
+    assert "IMG_0003.png" in names and not any("sent" in name for name in names)
+    assert "IMG_0002_sent.jpg (like IMG_0003.png), IMG_0004_sent.jpg (like IMG_0003.png)" in capsys.readouterr().err
+
+
 def test_copies_that_are_needed_are_refused_by_name(shoot):
     """Of eight photos at least, seven that differ are too few, and the reason says so."""
     for number in (4, 5):

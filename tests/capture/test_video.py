@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from zeroshop_steps.capture import video
 from zeroshop_steps.capture.video import choose_frames, extract_frames, read_frames, scan_video
 from zeroshop_steps.geometry.images import list_images, read_image
 from zeroshop_steps.runtime.errors import StepError
@@ -162,6 +163,27 @@ def test_a_film_whose_end_is_damaged_is_said(tmp_path, capsys):
     path.write_bytes(whole[: int(len(whole) * 0.96)])
     found = scan_video(path)
     assert 50 < len(found.changes) < 60 and "of its 60 frames can be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("more", "said"), [(1, False), (3, False), (8, True)])
+def test_a_container_may_count_a_few_frames_too_many(tmp_path, monkeypatch, capsys, more, said):
+    path = film(tmp_path / "film.avi", np.linspace(0, 900, 100))
+    monkeypatch.setattr(video, "_count_promised_frames", lambda path: 100 + more)
+    monkeypatch.setattr(video, "_measure_readable_share", lambda path: 100 / (100 + more))
+    assert len(scan_video(path).changes) == 100 and ("its end is damaged" in capsys.readouterr().err) == said
+
+
+def test_a_real_film_with_one_frame_less_than_counted_is_taken_in_silence(shared_data, capsys):
+    path = shared_data / "captures/teddy_moved/film.mp4"
+    if not path.is_file():
+        pytest.skip(f"{path} is not there")
+    assert len(scan_video(path).changes) == 141 and not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".3gp", ".MTS", ".m2ts", ".mpg", ".m4v"])
+def test_films_of_phones_and_camcorders_are_read(tmp_path, suffix):
+    path = film(tmp_path / f"film{suffix}", np.linspace(0, 300, 20))
+    assert len(scan_video(path).changes) == 20
 
 
 def test_cuts_of_a_film_are_found(tmp_path):

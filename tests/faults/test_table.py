@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from faults import bags, cameras, generation, heights, machine, models, photos, plans, poses, recognition, robots
+from faults import bags, cameras, captures, generation, heights, machine, models, photos, plans, poses, recognition, robots
 from helpers.faults import CLEAR, Fault, judge
 
-ROOMS = (bags, cameras, generation, heights, machine, models, photos, plans, poses, recognition, robots)
+ROOMS = (bags, cameras, captures, generation, heights, machine, models, photos, plans, poses, recognition, robots)
 QUICK = {generation: 9, plans: 4, recognition: 10}
 """How many of a part's faults every check runs, where each takes half a second and more."""
 

@@ -69,7 +69,8 @@ def _mesh_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--masks",
         type=Path,
-        help="folder of masks, each named like its photo, but .png (default: what is not transparent in the photos, or they are found)",
+        help="folder of masks, each named like its photo, such as x.png, x.jpg.png or x_mask.png (default: what is not transparent in the"
+        " photos, masks among them, or they are found)",
     )
     parser.add_argument("--board", type=Path, nargs="?", const=Path(), metavar="PHOTOS", help=(
         "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
@@ -131,7 +132,7 @@ def _make(args: argparse.Namespace) -> int:
         height_m=f"{args.height:g}" if args.height is not None else "",
         height_method="marker" if by_board else "known" if args.height is not None else "",
         marker_images=str(_require_folder(args.board, "--board")) if by_board and args.board != Path() else "",
-        masks=str(_require_folder(args.masks, "--masks")) if args.masks else _find_cut_outs(sources),
+        masks=str(_require_folder(args.masks, "--masks")) if args.masks else _find_own_masks(sources),
         picture_count=str(args.count or ""),
     )
     folder.mkdir(parents=True, exist_ok=True)
@@ -177,13 +178,19 @@ def _open_report(folder: Path, table: Path, cores: int) -> None:
         print(f"The report could not be made; see {log}", file=sys.stderr)
 
 
-def _find_cut_outs(sources: list[Path]) -> str:
-    """The folder of the photos as that of their masks, where their background was removed."""
-    from zeroshop_steps.capture.photo_files import is_cut_out
+def _find_own_masks(sources: list[Path]) -> str:
+    """The folder of the photos as that of their masks, where their background was removed, or masks lie among them."""
+    from zeroshop_steps.capture.mask_names import split_masks
+    from zeroshop_steps.capture.photo_files import is_cut_out, list_photos
 
-    if len(sources) > 1 or not sources[0].is_dir() or not is_cut_out(sources[0]):
+    if len(sources) > 1 or not sources[0].is_dir():
         return ""
-    print("The background of the photos is transparent: what is left of them is taken as masks", file=sys.stderr)
+    if masks := split_masks(list_photos(sources[0])[0])[1]:
+        print(f"Masks lie among the photos and are taken, such as {masks[0].name}", file=sys.stderr)
+    elif is_cut_out(sources[0]):
+        print("The background of the photos is transparent: what is left of them is taken as masks", file=sys.stderr)
+    else:
+        return ""
     return str(sources[0])
 
 

@@ -1,25 +1,27 @@
 """Free Snakemake's lock on a folder where the run that held it is dead: the computer was switched off, or the run was killed.
 
-Snakemake's lock does not say who holds it, so each run leaves a note of its process and its machine beside it. Where there is no note, or
-its process may still run, the lock stays.
+Snakemake's lock does not say who holds it, so each run leaves a note of its process, of when that began, and of its machine beside it.
+Where there is no note, or its process may still run, the lock stays.
 """
 
-import os
 import platform
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
+import psutil
+
 from zeroshop_steps.runtime.files import read_json, write_json
 
 NOTE = ".snakemake/zeroshop_run.json"
 LOCKS = ".snakemake/locks"
+SAME_S = 2.0  # between two readings of when a process began: clocks are set while it runs
 
 
 def note_run(folder: Path, process: int) -> None:
     """Write down which process of this machine runs Snakemake in a folder."""
     (folder / NOTE).parent.mkdir(parents=True, exist_ok=True)
-    write_json(folder / NOTE, {"machine": platform.node(), "process": process})
+    write_json(folder / NOTE, {"machine": platform.node(), "process": process, "began_s": _find_start_s(process)})
 
 
 def free_dead_lock(folder: Path, command: Sequence[str]) -> bool:
@@ -27,18 +29,22 @@ def free_dead_lock(folder: Path, command: Sequence[str]) -> bool:
     if not (folder / NOTE).is_file() or not any((folder / LOCKS).glob("*.lock")):
         return False
     note = read_json(folder / NOTE)
-    if note["machine"] != platform.node() or _may_run(note["process"]):
+    if note["machine"] != platform.node() or _may_run(note["process"], note.get("began_s")):
         return False
     subprocess.run([*command, "--unlock"], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     return True
 
 
-def _may_run(process: int) -> bool:
-    """Whether there is a process of this number; another one may have got it since."""
+def _may_run(process: int, began_s: float | None) -> bool:
+    """Whether there is a process of this number that began then; after a restart of the machine, another one has it soon."""
+    now_s = _find_start_s(process)
+    return now_s is not None and (began_s is None or abs(now_s - began_s) < SAME_S)
+
+
+def _find_start_s(process: int) -> float | None:
+    """When a process began, in seconds as clocks have it; None where there is none of this number, or only its remains."""
     try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass  # it is another user's
-    return True
+        found = psutil.Process(process)
+        return None if found.status() == psutil.STATUS_ZOMBIE else float(found.create_time())
+    except psutil.NoSuchProcess:
+        return None

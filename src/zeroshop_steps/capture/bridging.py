@@ -30,10 +30,12 @@ class Features:
     Attributes:
         points_px: (K, 2) float32 in the small copy.
         descriptors: (K, 128) float32 unit descriptors.
+        size_px: (width, height) of the small copy.
     """
 
     points_px: np.ndarray
     descriptors: np.ndarray
+    size_px: tuple[int, int]
 
 
 def bridge_gaps(frames: Frames, chosen: list[int], between: Callable[[int, int], int | None], most: int) -> list[int]:
@@ -72,20 +74,26 @@ def find_features(image: np.ndarray) -> Features:
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, SIDE_PX / max(grey.shape))
     small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return Features(*find_root_sift(small, cv2.SIFT.create(nfeatures=FEATURES, contrastThreshold=CONTRAST)))
+    return Features(*find_root_sift(small, cv2.SIFT.create(nfeatures=FEATURES, contrastThreshold=CONTRAST)), small.shape[1::-1])
 
 
 def count_shared(one: Features, other: Features) -> int:
     """How many clear, mutual matches of two frames fit one epipolar geometry."""
-    if min(len(one.points_px), len(other.points_px)) < LEAST_MATCHES:
+    first, second = match_clearly(one, other)
+    if len(first) < LEAST_MATCHES:
         return 0
+    _, inliers = cv2.findFundamentalMat(first, second, cv2.FM_RANSAC, EPIPOLAR_PX, 0.999)
+    return 0 if inliers is None else int(inliers.sum())
+
+
+def match_clearly(one: Features, other: Features) -> tuple[np.ndarray, np.ndarray]:
+    """(M, 2) float32 places in both frames of the matches that are mutual, and clearly nearer than the second best."""
+    if min(len(one.points_px), len(other.points_px)) < LEAST_MATCHES:
+        return one.points_px[:0], other.points_px[:0]
     likeness = one.descriptors @ other.descriptors.T
     rows, best = np.arange(len(likeness)), likeness.argmax(1)
     nearest = likeness[rows, best]
     mutual = likeness.argmax(0)[best] == rows
     likeness[rows, best] = -np.inf
     clear = mutual & ((1 - nearest) < RATIO**2 * (1 - likeness.max(1)))
-    if clear.sum() < LEAST_MATCHES:
-        return 0
-    _, inliers = cv2.findFundamentalMat(one.points_px[clear], other.points_px[best[clear]], cv2.FM_RANSAC, EPIPOLAR_PX, 0.999)
-    return 0 if inliers is None else int(inliers.sum())
+    return one.points_px[clear], other.points_px[best[clear]]

@@ -17,6 +17,8 @@ ALIKE_LEVELS = 4.0  # noise and compression change a thumbnail by less, another 
 ALIKE_PERCENTILE = 99  # of the pixels' differences, so that a few may differ
 COPY_LEVELS = 2.0  # by which a thumbnail differs at most where the photo was compressed anew, or taken anew from a tripod
 DARK_LEVEL, DARK_SHARE = 45.0, 0.5  # mean level of a dark image, and the share of such images that speaks of the light, not of them
+BLACK_LEVEL, LEAST_SEEN_SHARE = 16, 0.005  # of black cloth or a removed background, compressed; and of the image that may be seen alone
+BRIGHT_SHARE, LEVEL_STEP_PX = 0.1, 4  # of what is seen: the object behind a flash; and every so many pixels are looked at
 BLURRED_SHARE = 0.35  # of the usual sharpness
 SHARPNESS_WIDTH_PX, EDGE_SMOOTHING_PX, REBLUR_PX = 960, 0.7, 1.5  # width to which images are reduced; deviations of the two blurs
 # An edge is at least so steep, and among this share of steepest pixels; its sharpest share counts, of no fewer edges than these.
@@ -52,6 +54,20 @@ def measure_edge_blur_px(image: np.ndarray) -> float:
     return float(np.quantile(REBLUR_PX / np.sqrt(np.maximum(ratio**2 - 1, 1e-3)), SHARPEST))
 
 
+def measure_level(image: np.ndarray) -> float:
+    """Mean level, 0 to 255, of what is not black in an (H, W, 3) RGB or (H, W) grey image; or half that of its brightest part, if more.
+
+    A background that was removed, or is dark as behind a flash, says nothing of the light on the object.
+    """
+    few = image[::LEVEL_STEP_PX, ::LEVEL_STEP_PX]
+    grey = few if few.ndim == 2 else few.mean(2)
+    seen = grey[grey > BLACK_LEVEL]
+    if len(seen) < LEAST_SEEN_SHARE * grey.size:
+        return float(grey.mean())
+    bright = seen[seen >= np.quantile(seen, 1 - BRIGHT_SHARE)]
+    return float(max(seen.mean(), bright.mean() / 2))
+
+
 def _resize_to_grey(image: np.ndarray, width_px: int) -> np.ndarray:
     height_px = max(1, round(image.shape[0] * width_px / image.shape[1]))
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -78,7 +94,7 @@ def is_copy(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def collect_image_warnings(names: list[str], sharpnesses: Sequence[float], levels: Sequence[float], blurs_px: Sequence[float]) -> list[str]:
-    """Warnings on what to film again, from the sharpness, the mean level (0 to 255) and the blur of the edges of every image."""
+    """Warnings on what to film again, from the sharpness, the level (`measure_level`) and the blur of the edges of every image."""
     warnings = []
     usual = float(np.median(sharpnesses))
     blurred = [name for name, value in zip(names, sharpnesses, strict=True) if value < BLURRED_SHARE * usual]

@@ -1,8 +1,8 @@
 """Import folders of the thesis's published pipeline: a row of the table of photos for each, and a list of what to compare.
 
 Each folder is an object, by its name. It must have images and masks (folders images or input, masks or mask), and may have COLMAP
-cameras (sparse/0 or sparse) and meshes (.ply or .obj, anywhere below). Masks may be named as COLMAP (photo.jpg.png) or as this project
-names them (photo.png). Heights are the z extents of the meshes, which that pipeline scales to the height that it was given: in
+cameras (sparse/0 or sparse) and meshes (.ply or .obj, anywhere below). Masks may have any names that photos take, such as photo.jpg.png of
+COLMAP (`mask_names.py`). Heights are the z extents of the meshes, which that pipeline scales to the height that it was given: in
 millimetres; 200 mm is what it takes where none was given, so such a height is left out.
 """
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from zeroshop_steps.capture.mask_names import find_masks
 from zeroshop_steps.geometry.images import list_images
 from zeroshop_steps.geometry.meshes import read_ply
 from zeroshop_steps.runtime.errors import StepError, warn
@@ -28,7 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The method's command line."""
     parser.add_argument("--folders", type=Path, nargs="+", required=True, help="one folder an object")
     parser.add_argument("--dataset", default="photos", help="dataset of the rows (default: %(default)s)")
-    parser.add_argument("--masks-out", type=Path, help="where masks that are named as COLMAP's are linked by their photos' stems")
     parser.add_argument("--out", type=Path, required=True, help="table of photos to write; objects_table in the config names it")
 
 
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
     rows, commands = [], []
     for folder in args.folders:
         images, masks = find_folder(folder, IMAGES), find_folder(folder, MASKS)
-        masks = link_masks(images, masks, (args.masks_out or args.out.parent / "imported_masks") / folder.resolve().name)
+        check_masks(images, masks)
         name, meshes = folder.resolve().name, find_meshes(folder)
         height = find_height_m(meshes)
         rows.append((args.dataset, name, str(images.resolve()), str(masks.resolve()), f"{height:.4f}" if height else ""))
@@ -56,26 +56,13 @@ def find_folder(folder: Path, names: tuple[str, ...]) -> Path:
     return found
 
 
-def link_masks(images: Path, masks: Path, out: Path) -> Path:
-    """The folder of masks, or where masks are called photo.jpg.png, a folder of links that are called photo.png.
-
-    Raises:
-        StepError: a photo has no mask.
-    """
+def check_masks(images: Path, masks: Path) -> None:
+    """Raise StepError where a photo has no mask."""
     photos = list_images(images)
-    if all((masks / f"{photo.stem}.png").is_file() for photo in photos):
-        return masks
-    lacking = [photo.name for photo in photos if not (masks / f"{photo.name}.png").is_file()]
-    if lacking:
-        raise StepError(
-            f"{masks} has no mask of {', '.join(lacking[:3])}{' ...' if len(lacking) > 3 else ''}; expected photo.png or photo.jpg.png"
-        )
-    out.mkdir(parents=True, exist_ok=True)
-    for photo in photos:
-        link = out / f"{photo.stem}.png"
-        link.unlink(missing_ok=True)
-        link.symlink_to((masks / f"{photo.name}.png").resolve())
-    return out
+    names = find_masks(photos, masks)
+    if lacking := [photo for photo in photos if photo not in names.found]:
+        more = " ..." if len(lacking) > 3 else ""
+        raise StepError(f"{masks} has no mask of {', '.join(photo.name for photo in lacking[:3])}{more}: {names.expect(lacking[0], masks)}")
 
 
 def find_meshes(folder: Path) -> list[Path]:

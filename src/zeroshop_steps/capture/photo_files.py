@@ -1,6 +1,8 @@
 """Read photos of any usual format upright, at a bounded size and in bounded memory."""
 
+import contextlib
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +15,8 @@ from zeroshop_steps.geometry.image_files import FORMATS, check_kind, check_size,
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
 from zeroshop_steps.runtime.errors import StepError, remedy_for
 
-CONVERTED_SUFFIXES = (".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
-"""Formats that Pillow and pi-heif read; they are converted, because later steps read PNG and JPEG alone."""
+CONVERTED_SUFFIXES = (".jfif", ".jpe", ".mpo", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp")
+"""Names and formats that Pillow and pi-heif read; they are renamed or converted, because later steps read PNG and JPEG alone."""
 UNREADABLE_SUFFIXES = (".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".raw")
 LOSSLESS_SUFFIXES = (".png", ".bmp")
 MAX_SIDE_PX = 3072  # finer photos do not make a finer surface, which is estimated from images of 1000 px, and hardly a finer texture
@@ -89,26 +91,37 @@ def read_photo(path: Path, max_side_px: int) -> PhotoPixels:
     Raises:
         StepError: the file is empty, damaged, cut off, no image, or larger than `MOST_PIXELS`.
     """
+    with open_picture(path) as image:
+        stored_px, stored_as = image.size, str(image.format)
+        check_size(path, stored_px)
+        orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
+        if max(stored_px) > max_side_px:
+            image.draft("RGB", (max_side_px, max_side_px))
+            image.thumbnail((max_side_px, max_side_px), Image.Resampling.LANCZOS, reducing_gap=2.0)
+        upright = ImageOps.exif_transpose(image)
+        exif = upright.getexif()
+        _scale_pixel_tags(exif, max(upright.size) / max(stored_px))
+        return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif)
+
+
+@contextlib.contextmanager
+def open_picture(path: Path) -> Iterator[Image.Image]:
+    """Open a picture of any format that is read, of at most `MOST_PIXELS`.
+
+    Raises:
+        StepError: as `read_photo`, also for what is decoded within.
+    """
     check_kind(path)
     register_heif_opener()
     # Pillow takes more than 89 megapixels for an attack; the size is checked here instead, before anything is decoded.
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path) as image:
-            stored_px, stored_as = image.size, str(image.format)
-            check_size(path, stored_px)
-            if stored_px[0] * stored_px[1] > MOST_PIXELS:
+            if image.width * image.height > MOST_PIXELS:
                 raise StepError(
-                    f"image {path} has {stored_px[0]} x {stored_px[1]} px, more than {MOST_PIXELS // 10**6} megapixels; reduce it first"
+                    f"image {path} has {image.width} x {image.height} px, more than {MOST_PIXELS // 10**6} megapixels; reduce it first"
                 )
-            orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
-            if max(stored_px) > max_side_px:
-                image.draft("RGB", (max_side_px, max_side_px))
-                image.thumbnail((max_side_px, max_side_px), Image.Resampling.LANCZOS, reducing_gap=2.0)
-            upright = ImageOps.exif_transpose(image)
-            exif = upright.getexif()
-            _scale_pixel_tags(exif, max(upright.size) / max(stored_px))
-            return PhotoPixels(_to_rgb(upright), stored_px, stored_as, orientation, exif)
+            yield image
     except PermissionError as error:
         raise StepError(f"image {path} cannot be read: {error.strerror}. {remedy_for(error)}") from None
     except (OSError, SyntaxError, ValueError, EOFError) as error:
@@ -131,23 +144,25 @@ def write_upright(source: Path, target: Path, max_side_px: int) -> None:
         Image.fromarray(photo.pixels).save(target, quality=JPEG_QUALITY, exif=photo.exif)
 
 
-def read_cut_out(path: Path) -> np.ndarray | None:
-    """(H, W) bool, as stored: what is not transparent in a PNG whose background was removed; None where it has none."""
-    try:
-        with Image.open(path) as image:
-            if "A" not in image.getbands():
-                return None
-            opaque = np.asarray(image.getchannel("A")) >= OPAQUE
-    except (OSError, SyntaxError, ValueError):
-        return None  # what cannot be read is told where the photo is read
-    return None if opaque.all() else opaque
+def read_cut_out(image: Image.Image) -> np.ndarray | None:
+    """(H, W) bool, as stored: what is not transparent in a picture whose background was removed; None where nothing or all of it was."""
+    if image.mode == "RGBX":  # a TIFF whose fourth channel is not named, as some programs write transparency
+        opacity = image.getchannel("X")
+    elif image.has_transparency_data:
+        opacity = image.convert("RGBA").getchannel("A")
+    else:
+        return None
+    opaque: np.ndarray = np.asarray(opacity) >= OPAQUE
+    return None if opaque.all() or not opaque.any() else opaque
 
 
 def is_cut_out(folder: Path) -> bool:
-    """Whether the photos of a folder are PNGs whose background was removed, by a few of them."""
-    paths = list_photos(folder)[0]
-    few = paths[:: max(1, len(paths) // ASKED_PHOTOS)]
-    return all(path.suffix.lower() == ".png" and read_cut_out(path) is not None for path in few)
+    """Whether the background of a folder's photos was removed, so that it is transparent, by a few of them."""
+    paths, cut_outs = list_photos(folder)[0], []
+    for path in paths[:: max(1, len(paths) // ASKED_PHOTOS)]:
+        with contextlib.suppress(StepError), open_picture(path) as image:  # what cannot be read is told where the photo is read
+            cut_outs.append(read_cut_out(image) is not None)
+    return bool(cut_outs) and all(cut_outs)
 
 
 def turn_upright(mask: np.ndarray, orientation: int) -> np.ndarray:

@@ -1,18 +1,20 @@
 """Check the user's own photos and masks and copy them into a capture folder; the originals are never changed.
 
-Each photo has a mask with its name and .png, 255 on the object and 0 elsewhere, or a PNG in which all but the object is transparent, such
-as the photo itself. Or no photo has one, and a later step finds them.
+Each photo has a mask with its name and .png, 255 on the object and 0 elsewhere, or a picture in which all but the object is transparent,
+such as the photo itself. Other names and levels of other tools are taken, too, and told (`mask_names.py`, `mask_files.py`). Or no photo has
+one, and a later step finds them.
 Photos that cannot be used are left out and named, as long as enough are left; otherwise all problems are reported at once.
 """
 
 import argparse
+import math
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from zeroshop_steps.capture.frames import (
     collect_image_warnings,
@@ -21,22 +23,15 @@ from zeroshop_steps.capture.frames import (
     look_alike,
     make_thumbnail,
     measure_edge_blur_px,
+    measure_level,
     measure_sharpness,
     write_capture_record,
 )
-from zeroshop_steps.capture.photo_files import (
-    MAX_SIDE_PX,
-    TRANSPOSED,
-    PhotoPixels,
-    choose_suffix,
-    list_photos,
-    read_cut_out,
-    read_photo,
-    turn_upright,
-    write_upright,
-)
+from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
+from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
+from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, list_photos, read_photo, write_upright
 from zeroshop_steps.capture.selection import find_blurred, thin_out
-from zeroshop_steps.geometry.images import list_images, read_image, read_mask, write_image, write_mask
+from zeroshop_steps.geometry.images import list_images, read_image, write_image, write_mask
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
@@ -44,6 +39,7 @@ from zeroshop_steps.runtime.files import atomic_directory
 MIN_IMAGES = 8  # fewer show too little of an object from all sides
 MOST_IMAGES = 60  # more show hardly anything new, and each costs seconds in every later step
 SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98  # of the image that a mask may cover; others are empty or full
+INVERTED_BORDER = 0.75  # of the image's circumference that a mask marks, and of the photos in which it does, where masks are inverted
 MOST_LISTED = 12  # names or problems in a message
 BORDER_SHARE, BORDER_PX = 0.005, 3  # of the image's circumference, and at least so many pixels, that a mask must touch to be cut off
 
@@ -55,7 +51,7 @@ class Photo:
     Attributes:
         path: the user's file.
         size_px: (width, height) as it is used: upright and reduced.
-        mask: (height, width) bool; None where the capture has no masks.
+        mask: of its size; None where the capture has no masks.
         thumbnail: small float32 grey picture, for comparing photos.
         descriptors: of a few features, for choosing among many photos; None where all are taken.
         sharpness, level, blur_px: as `frames.collect_image_warnings` wants them.
@@ -63,7 +59,7 @@ class Photo:
 
     path: Path
     size_px: tuple[int, int]
-    mask: np.ndarray | None
+    mask: UserMask | None
     thumbnail: np.ndarray
     descriptors: np.ndarray | None
     sharpness: float
@@ -77,7 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--masks",
         type=Path,
-        help="folder of masks, each named like its photo, but .png, or of photos with a transparent background; none when left out",
+        help="folder of masks, each named like its photo, such as x.png, x.jpg.png or x_mask.png, or of photos with a transparent"
+        " background; none when left out",
     )
     parser.add_argument("--min-images", type=int, default=MIN_IMAGES, help="fewest photos that are accepted (default: %(default)s)")
     parser.add_argument("--most-images", type=int, default=MOST_IMAGES, help="most photos that are used (default: %(default)s)")
@@ -105,21 +102,28 @@ def import_photos(
         StepError: with a line for every problem found.
     """
     start_s = time.monotonic()
-    if masks is not None and not Path(masks).is_dir():
-        raise StepError(f"mask folder {masks} does not exist; give one mask a photo, named like it but .png")
     paths, odd = list_photos(images)
+    paths, beside = split_masks(paths)
     problems = [f"photos in a format that cannot be read: {_join_names([path.name for path in odd])}; export them as JPEG"] if odd else []
+    names = None if masks is None else find_masks(paths, Path(masks))
+    warnings = _tell_masks(names, beside, images)
     photos = []
     for path in paths:
         try:
-            photos.append(_read(path, None if masks is None else Path(masks), max_side_px, len(paths) > most_images))
+            photos.append(_read(path, names, Path(masks or images), max_side_px, len(paths) > most_images))
         except StepError as error:
             problems.append(str(error))
+    _check_polarity(photos, Path(masks or images))
+    kinds = Counter(photo.mask.kind for photo in photos if photo.mask and photo.mask.kind)
+    warnings += [f"{count} of {len(photos)} masks are taken as {kind}" for kind, count in kinds.most_common(MOST_LISTED)]
+    faults = {photo.path: fault for photo in photos if photo.mask and (fault := _find_mask_fault(photo.mask))}
+    problems += faults.values()
+    photos = [photo for photo in photos if photo.path not in faults]
     if len(photos) < min_images:
         usable = f", {len(photos)} of them usable" if len(photos) < len(paths) else ""
         problems.append(f"{images} holds {len(paths)} image(s){usable}, at least {min_images} are needed: take more, all around the object")
         raise StepError(_join_problems(problems))
-    warnings = [f"left out: {problem}" for problem in problems]
+    warnings += [f"left out: {problem}" for problem in problems]
     photos, more = _leave_out(photos, min_images, most_images)
     warnings += more
     view_problems, more = _find_view_problems(photos, min_images)
@@ -137,7 +141,7 @@ def _write(photos: list[Photo], max_side_px: int, out: Path, facts: dict, start_
         for index, photo in enumerate(photos):
             write_upright(photo.path, folder / "images" / f"{index:06d}{choose_suffix(photo.path)}", max_side_px)
             if photo.mask is not None:
-                write_mask(folder / "masks" / f"{index:06d}.png", photo.mask)
+                write_mask(folder / "masks" / f"{index:06d}.png", photo.mask.pixels)
         sheet = draw_contact_sheet(map(read_image, list_images(folder / "images")), [photo.path.stem for photo in photos])
         write_image(folder / "contact_sheet.png", sheet)
         facts = {"source_names": [photo.path.name for photo in photos], **facts, "seconds": round(time.monotonic() - start_s, 2)}
@@ -146,46 +150,55 @@ def _write(photos: list[Photo], max_side_px: int, out: Path, facts: dict, start_
         write_capture_record(folder, sizes, sharpnesses, levels, [photo.blur_px for photo in photos], facts)
 
 
-def _read(path: Path, masks: Path | None, max_side_px: int, describe: bool) -> Photo:
+def _read(path: Path, names: MaskNames | None, masks: Path, max_side_px: int, describe: bool) -> Photo:
     photo = read_photo(path, max_side_px)
     image = photo.pixels
-    mask = None if masks is None else _read_mask(path, masks, photo)
+    mask = None
+    if names is not None:
+        if path not in names.found:
+            raise StepError(f"image {path} has no mask: {names.expect(path, masks)}; draw one, 255 on the object and 0 elsewhere")
+        mask = read_user_mask(names.found[path], path, photo)
     descriptors = describe_view(image) if describe else None
-    facts = (measure_sharpness(image), float(image.mean()), measure_edge_blur_px(image))
+    facts = (measure_sharpness(image), measure_level(image), measure_edge_blur_px(image))
     return Photo(path, photo.size_px, mask, make_thumbnail(image), descriptors, *facts)
 
 
-def _read_mask(path: Path, masks: Path, photo: PhotoPixels) -> np.ndarray:
-    """The mask of a photo, upright and of its size; drawn on the photo as it is stored or as it is shown."""
-    candidates = [masks / f"{path.stem}.png", masks / f"{path.name}.png"]
-    mask_path = next((candidate for candidate in candidates if candidate.is_file()), None)
-    if mask_path is None:
-        raise StepError(f"image {path} has no mask: {candidates[0]} does not exist; draw one, 255 on the object and 0 elsewhere")
-    cut_out = read_cut_out(mask_path)
-    mask = read_mask(mask_path) if cut_out is None else cut_out
-    stored_px, drawn_px = photo.stored_px, mask.shape[::-1]
-    if drawn_px == stored_px:
-        mask = turn_upright(mask, photo.orientation)
-    elif not (photo.orientation in TRANSPOSED and drawn_px == stored_px[::-1]):
-        hint = " (the photo is stored turned: export both again)" if drawn_px == stored_px[::-1] else ""
-        raise StepError(
-            f"mask {mask_path} is {drawn_px[0]} x {drawn_px[1]} px, its image {path.name} is {stored_px[0]} x {stored_px[1]} px;"
-            f" they must be equal{hint}"
+def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> list[str]:
+    """What is taken as masks, where it is not the usual."""
+    if names is None:
+        hint = (
+            f"left out, masks among the photos: {_join_names([path.name for path in beside])}; to use them, name {images} as their folder"
         )
-    share = float(mask.mean())
+        return [hint] if beside else []
+    return ["masks are taken by their names: {1} for {0}, and all others alike".format(*names.example)] if names.example else []
+
+
+def _check_polarity(photos: list[Photo], masks: Path) -> None:
+    """Raise StepError where masks mark the border nearly all around in nearly all photos: they mark the background."""
+    marked = [photo for photo in photos if photo.mask and measure_border(photo.mask.pixels) > INVERTED_BORDER]
+    if photos and len(marked) > INVERTED_BORDER * len(photos):
+        raise StepError(
+            f"the masks in {masks} mark the border of the photos nearly all around in {len(marked)} of {len(photos)} photos, such as"
+            f" {marked[0].path.name}: they seem inverted. Masks are white (255) on the object and black (0) elsewhere; invert them. If"
+            " the object is that close, step back: it must fit into the photos"
+        )
+
+
+def _find_mask_fault(mask: UserMask) -> str:
+    """What is wrong with a mask, in words; nothing for a good one."""
+    share = float(mask.pixels.mean())
     if share < SMALLEST_SHARE:
-        raise StepError(f"mask {mask_path} is {'empty' if share == 0 else 'almost empty'}: mark the object with 255, or take the photo out")
+        how = "empty" if share == 0 else "almost empty"
+        return f"mask {mask.path} is {how}: mark the object, brighter than the rest, or take the photo out"
     if share > LARGEST_SHARE:
-        raise StepError(f"mask {mask_path} is full: {share:.0%} of the image is marked. Mark only the object; it must fit into the photo.")
-    if mask.shape[::-1] == photo.size_px:
-        return mask
-    return np.asarray(Image.fromarray(mask.astype(np.uint8) * 255).resize(photo.size_px, Image.Resampling.BOX)) >= 128
+        return f"mask {mask.path} is full: {share:.0%} of the image is marked. Mark only the object; it must fit into the photo."
+    return ""
 
 
 def _leave_out(photos: list[Photo], min_images: int, most_images: int) -> tuple[list[Photo], list[str]]:
     """Without copies of photos and those that are much more blurred than the others, and at most `most_images`; warnings name these."""
     warnings = []
-    copies = _find_twins(photos, is_copy)
+    copies = _find_worse_copies(photos)
     if copies and len(photos) - len(copies) >= min_images:
         # Matches between copies do not move, as those of a background that stands still while the object turns.
         warnings.append(f"left out, copies of other photos: {_name_twins(photos, copies)}")
@@ -221,7 +234,7 @@ def _find_view_problems(photos: list[Photo], min_images: int) -> tuple[list[str]
         warnings.append(f"images that add nothing: {_name_twins(photos, alike)}")
     names, sharpnesses = [photo.path.name for photo in photos], [photo.sharpness for photo in photos]
     warnings += collect_image_warnings(names, sharpnesses, [photo.level for photo in photos], [photo.blur_px for photo in photos])
-    cut = [photo.path.name for photo in photos if photo.mask is not None and _touches_border(photo.mask)]
+    cut = [photo.path.name for photo in photos if photo.mask and _is_cut_off(photo.mask.pixels)]
     if cut:
         missing = "; a part that no photo shows will be missing, step back to have all of it" if len(photos) - len(cut) < min_images else ""
         warnings.append(f"the object is cut off at the border in {len(cut)} of {len(photos)} images: {_join_names(cut)}{missing}")
@@ -238,14 +251,28 @@ def _find_twins(photos: list[Photo], alike: Callable[[np.ndarray, np.ndarray], b
     return twins
 
 
+def _find_worse_copies(photos: list[Photo]) -> dict[int, int]:
+    """The numbers of the photos of which another encoding is better, and that of the best: it has more pixels, or else more detail."""
+    groups: dict[int, list[int]] = {}
+    for number, twin in _find_twins(photos, is_copy).items():
+        groups.setdefault(twin, [twin]).append(number)
+    best = [max(group, key=lambda number: (math.prod(photos[number].size_px), photos[number].sharpness)) for group in groups.values()]
+    return {number: kept for kept, group in zip(best, groups.values(), strict=True) for number in group if number != kept}
+
+
 def _name_twins(photos: list[Photo], twins: dict[int, int]) -> str:
     return _join_names([f"{photos[number].path.name} (like {photos[twin].path.name})" for number, twin in twins.items()])
 
 
-def _touches_border(mask: np.ndarray) -> bool:
-    """Whether a mask touches so much of the image's border that the object is cut off there."""
+def measure_border(mask: np.ndarray) -> float:
+    """The share of the image's circumference that a mask marks."""
     touching = int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum())
-    return touching > max(BORDER_PX, BORDER_SHARE * 2 * sum(mask.shape))
+    return touching / (2 * sum(mask.shape))
+
+
+def _is_cut_off(mask: np.ndarray) -> bool:
+    """Whether a mask touches so much of the image's border that the object is cut off there."""
+    return measure_border(mask) > max(BORDER_PX / (2 * sum(mask.shape)), BORDER_SHARE)
 
 
 def _join_names(names: list[str]) -> str:

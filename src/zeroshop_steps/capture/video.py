@@ -20,6 +20,7 @@ from zeroshop_steps.capture.frames import (
     look_alike,
     make_thumbnail,
     measure_edge_blur_px,
+    measure_level,
     measure_sharpness,
     shrink_to_grey,
     write_capture_record,
@@ -29,7 +30,7 @@ from zeroshop_steps.geometry.registered_views import space_evenly
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".m4v", ".webm", ".3gp", ".3g2", ".mts", ".m2ts", ".ts", ".mpg", ".mpeg")
 FRAMES, MIN_FRAMES, MOST_FRAMES = 20, 8, 60
 MAX_SIDE_PX = 1920
 SPACINGS = ("view", "time")
@@ -37,6 +38,7 @@ SPACINGS = ("view", "time")
 FLICKER_BLUR_PX = 1.5  # standard deviation of the blur that removes noise before frames are compared
 WINDOW_SHARE = 0.35  # of a stretch, to either side of its middle: where its sharpest frame is looked for
 READABLE_SHARE = 0.9  # of the frames that the file promises; with fewer, it is damaged
+SPARE_FRAMES, SPARE_SHARE = 3, 0.01  # that players miss in silence, too: containers count frames that are cut off, or shown by none
 STILL_CHANGE = 0.012  # of the image from one frame to the next, by noise alone
 CUT_RATIO, CUT_CHANGE = 4.0, 0.25
 """A film goes on elsewhere where the image changes so many times as much as between frames of a moving camera, in the median, and by so
@@ -163,7 +165,7 @@ def scan_video(video: Path) -> VideoScan:
     for frame in read_frames(video):
         small = cv2.GaussianBlur(shrink_to_grey(frame), (0, 0), FLICKER_BLUR_PX)
         sharpnesses.append(measure_sharpness(frame))
-        levels.append(float(small.mean()))
+        levels.append(measure_level(small))
         # A change of exposure is no motion of the camera.
         even = small - small.mean()
         changes.append(0.0 if before is None else float(np.abs(even - before).mean() / (even.std() + 1.0)))
@@ -174,7 +176,8 @@ def scan_video(video: Path) -> VideoScan:
     if len(sharpnesses) == 1:
         raise StepError(f"{video} holds a single frame; film the object from all around")
     promised = _count_promised_frames(video)
-    readable = _measure_readable_share(video) if len(sharpnesses) < promised else 1.0
+    spare = max(SPARE_FRAMES, SPARE_SHARE * promised)
+    readable = _measure_readable_share(video) if len(sharpnesses) < promised - spare else 1.0
     if readable < READABLE_SHARE:
         raise StepError(
             f"{video} is cut off or damaged: {len(sharpnesses)} of its {promised} frames can be read; copy it from the camera again"

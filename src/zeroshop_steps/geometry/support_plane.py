@@ -7,6 +7,7 @@ import numpy as np
 
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import View
+from zeroshop_steps.geometry.viewpoints import spread_over_sphere
 
 # Lengths are shares of the object's diagonal.
 # All were set by hand, and checked on all virtual objects and on tilted cameras (tests/finish/test_frame.py).
@@ -22,6 +23,11 @@ MAX_ROLL_ANGLE_DEG = 60.0  # between the plane's normal and the cameras' up, whe
 MIN_CERTAINTY = 0.2  # of the up from roll; below, the cameras' x axes nearly agree and leave it open
 MOST_TILT = 0.03  # mean square of the sine of the angle by which photos that are held level lean to a side: 10 degrees
 LEAST_TURN = 0.1  # mean square of their horizontal axes along the second direction, where the cameras go around the object
+CANDIDATES_OF_UP = 4000  # directions, 3 degrees apart
+LEAST_SQUARE, BETTER_SQUARE = 0.7, 0.1  # of 1, where all photos are rolled by quarter turns; and how much better than without such turns
+LEAST_LEVEL = 0.15  # sine of the angle to straight down from which on a camera's roll is known
+LEAST_HELD = 0.1  # of the photos are not sideways
+QUARTER_TURNS = np.array([[[c, s, 0], [-s, c, 0], [0, 0, 1]] for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))], float)
 UPRIGHT_RATIO = 1.5  # of the lengths of the means of the upright axes and the others, at least
 MIN_INLIERS = 30  # fewer points are a plane by chance
 FEW_INLIERS, LEVEL_DEG = 200, 10.0
@@ -158,7 +164,8 @@ def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     """Estimate up from how the photos were held: as the axis most orthogonal to all cameras' x axes, on the side of their mean -y axis.
 
     Where photos are portrait and landscape mixed, the more frequent of the two counts: the others may be stored on their side, without
-    a word of it in EXIF. All may be: then up is most orthogonal to their y axes, on the side from which they look.
+    a word of it in EXIF. All may be: then up is most orthogonal to their y axes, on the side from which they look. Or some of one size
+    are: where another direction explains the rolls as quarter turns much better, they are turned back by these first.
 
     Returns:
         up: (3,) unit vector in the registration's frame.
@@ -166,7 +173,35 @@ def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     """
     upright = np.array([view.camera.height_px > view.camera.width_px for view in views])
     usual = upright == (upright.mean() > 0.5)
-    rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])[usual]
+    rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])
+    up, certainty = _estimate_up(rotations[usual])
+    polar, azimuth = spread_over_sphere(CANDIDATES_OF_UP)
+    candidates = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+    square = _measure_squareness(rotations, candidates)
+    if square.max() <= max(LEAST_SQUARE, float(_measure_squareness(rotations, up[None])[0]) + BETTER_SQUARE):
+        return up, certainty
+    axes = rotations @ candidates[square.argmax()]
+    held = np.abs(axes[:, 1]) > np.abs(axes[:, 0])
+    # Most photos that are not sideways are upright; where nearly all are sideways, they look down.
+    if (axes[held, 1].sum() if held.mean() > LEAST_HELD else axes[:, 2].sum()) > 0:
+        axes = -axes
+    quarters = np.rint(np.arctan2(axes[:, 0], -axes[:, 1]) / (np.pi / 2)).astype(int) % 4
+    return _estimate_up(QUARTER_TURNS[quarters] @ rotations)
+
+
+def _measure_squareness(rotations: np.ndarray, ups: np.ndarray) -> np.ndarray:
+    """(U,) how well cameras with (N, 3, 3) rotations are rolled by quarter turns, if (U, 3) are up: 1 for all, 0 for any angles.
+
+    Cameras that look straight down have no roll, and count as any angle.
+    """
+    across, down = ups @ rotations[:, 0].T, ups @ rotations[:, 1].T
+    rolled = np.hypot(across, down) > LEAST_LEVEL
+    found: np.ndarray = np.where(rolled, np.cos(4.0 * np.arctan2(across, down)), 0.0).mean(1)
+    return found
+
+
+def _estimate_up(rotations: np.ndarray) -> tuple[np.ndarray, float]:
+    """Up and its certainty from the (N, 3, 3) rotations of cameras that are all rolled alike."""
     values, up, certainty = _find_most_orthogonal(rotations[:, 0])
     mean_up = -rotations[:, 1].mean(0)
     agreeing = [float(np.linalg.norm(rotations[:, row].mean(0))) for row in (0, 1)]  # upright axes agree, but others may on short arcs

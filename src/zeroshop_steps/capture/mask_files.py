@@ -1,0 +1,142 @@
+"""Read a mask of the user whatever its values: a cut-out, a palette, two levels of any brightness, or a soft edge between them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import ExifTags, Image
+
+from zeroshop_steps.capture.photo_files import TRANSPOSED, UPRIGHT, PhotoPixels, open_picture, read_cut_out, turn_upright
+from zeroshop_steps.runtime.errors import StepError
+
+SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98  # of the image that a mask may cover; others are empty or full
+BLACK, WHITE = 64, 191  # the usual two levels, of 255, and what compression makes of them; half way between, they are parted
+MIDDLE = 127.5  # parts black and white
+FEW_LEVELS, OBJECT_SHARE = 32, 0.1
+"""A mask of so few levels has one for each object, or softened edges: a level counts if it has such a share of what is not background."""
+LOSSLESS = ("PNG", "TIFF", "BMP", "GIF")  # as Pillow calls them; others have levels that only compression made
+PARTED = 0.9  # share of the variance that two levels explain where they are not black and white: most photos have 0.4 to 0.9
+ASPECT_PX = 1.5  # by which the sides of a mask of another size may differ from its photo's aspect: both are rounded
+
+
+@dataclass(frozen=True)
+class UserMask:
+    """A mask as it is used.
+
+    Attributes:
+        path: the user's file.
+        pixels: (height, width) bool, of the photo's size as it is used, upright.
+        kind: how it differed from 255 on the object and 0 elsewhere, in words; empty where it did not.
+    """
+
+    path: Path
+    pixels: np.ndarray
+    kind: str = ""
+
+
+def read_user_mask(path: Path, photo_path: Path, photo: PhotoPixels) -> UserMask:
+    """The mask of a photo; drawn on the photo as it is stored or as it is shown, of its size or of another one of its aspect.
+
+    Raises:
+        StepError: it cannot be read, has the wrong size, or shows nothing or neither of two levels.
+    """
+    with open_picture(path) as image:
+        mask, kind = _find_object(image, path, photo_path)
+        own_orientation = int(image.getexif().get(ExifTags.Base.Orientation, UPRIGHT))
+    mask, scaled = _fit(mask, own_orientation, path, photo_path, photo)
+    return UserMask(path, mask, ", ".join(filter(None, (kind, scaled))))
+
+
+def _find_object(image: Image.Image, path: Path, photo_path: Path) -> tuple[np.ndarray, str]:
+    """(H, W) bool as stored, and the kind of mask in words."""
+    if (opaque := read_cut_out(image)) is not None:
+        return opaque, "" if path == photo_path else "cut-outs, all but the object transparent"
+    if path == photo_path:
+        raise StepError(f"photo {path} is given as its own mask, but nothing in it is transparent; remove its background, or take it out")
+    if image.mode == "P":
+        levels = np.array(image.getpalette("RGB"), np.int32).reshape(-1, 3)
+        indices = np.asarray(image)
+        used = np.unique(indices)
+        colors = levels[np.minimum(used, len(levels) - 1)]
+        if (np.ptp(colors, axis=1) > 0).any() or len(np.unique(colors[:, 0])) < len(used):
+            black = used[~colors.any(1)]  # programs that choose a palette for each picture may put it anywhere
+            background = int(black[0]) if len(black) == 1 else 0
+            return indices != background, f"palettes, index {background} the background"
+        return _part(levels[np.minimum(indices, len(levels) - 1), 0], path, lossless=True)
+    pixels = np.asarray(image.convert("RGB") if image.mode in ("CMYK", "YCbCr", "LAB", "HSV") else image)
+    if pixels.ndim == 3:
+        # A colour is bright in one channel; that of an alpha channel, which says nothing here, does not count.
+        pixels = pixels[..., : 1 if pixels.shape[2] == 2 else 3].max(2)
+    return _part(pixels, path, image.format in LOSSLESS)
+
+
+def _part(levels: np.ndarray, path: Path, lossless: bool) -> tuple[np.ndarray, str]:
+    """The brighter of the two levels of an (H, W) picture, and which ones they are."""
+    values, counts = np.unique(levels, return_counts=True)
+    low, high = float(values[0]), float(values[-1])
+    if low == high:
+        return np.full(levels.shape, high > 0), ""
+    objects = values[1:][counts[1:] > OBJECT_SHARE * counts[1:].sum()] if lossless and len(values) <= FEW_LEVELS else values[2:2]
+    if len(values) == 2:
+        limit = (low + high) / 2
+    elif len(objects):
+        limit = _halve(low, float(objects[0]))
+    else:
+        limit = _find_limit(levels.astype(np.float64), path)
+    marked: np.ndarray = levels > limit
+    if levels.dtype == bool or limit == MIDDLE:
+        return marked, ""
+    return marked, f"level {high:g} on the object" if len(values) == 2 else f"levels above {limit:g} on the object"
+
+
+def _find_limit(levels: np.ndarray, path: Path) -> float:
+    """The level half way between the two that part a picture best (Ridler and Calvard, 1978)."""
+    limit = float(levels.min() + levels.max()) / 2
+    for _ in range(20):
+        above = levels > limit
+        dark, bright = float(levels[~above].mean()), float(levels[above].mean())
+        if abs((dark + bright) / 2 - limit) < 0.25:
+            break
+        limit = (dark + bright) / 2
+    share = float(above.mean())
+    if _halve(dark, bright) != MIDDLE and share * (1 - share) * (bright - dark) ** 2 < PARTED * levels.var():
+        raise StepError(
+            f"mask {path} has levels from {levels.min():g} to {levels.max():g} and is neither black nor white: it must have two levels,"
+            " the brighter one on the object; is it the photo itself?"
+        )
+    return _halve(dark, bright)
+
+
+def _halve(dark: float, bright: float) -> float:
+    """The level that parts two: the usual one where they are black and white."""
+    return MIDDLE if dark < BLACK and WHITE < bright <= 255 else (dark + bright) / 2
+
+
+def _fit(mask: np.ndarray, own_orientation: int, path: Path, photo_path: Path, photo: PhotoPixels) -> tuple[np.ndarray, str]:
+    """A mask as stored, upright and of its photo's size as it is used, and whether it was scaled, in words."""
+    stored_px, drawn_px = photo.stored_px, mask.shape[::-1]
+    shown_px = stored_px[::-1] if photo.orientation in TRANSPOSED else stored_px
+    shown = None
+    if own_orientation != UPRIGHT:
+        upright = turn_upright(mask, own_orientation)
+        shown = upright if _agree(upright.shape[::-1], shown_px) else None
+    elif drawn_px == stored_px or (drawn_px != shown_px and _agree(drawn_px, stored_px)):
+        shown = turn_upright(mask, photo.orientation)
+    elif _agree(drawn_px, shown_px):
+        shown = mask
+    if shown is None:
+        hint = " (the photo is stored turned: export both again)" if _agree(drawn_px, stored_px[::-1]) else ""
+        raise StepError(
+            f"mask {path} is {drawn_px[0]} x {drawn_px[1]} px, its image {photo_path.name} is {stored_px[0]} x {stored_px[1]} px;"
+            f" they must be equal, or have one aspect{hint}"
+        )
+    scaled = "" if sorted(drawn_px) == sorted(stored_px) else f"scaled from {drawn_px[0]} x {drawn_px[1]} px to the photo's size"
+    if shown.shape[::-1] == photo.size_px:
+        return shown, scaled
+    how = Image.Resampling.BOX if shown.shape[1] > photo.size_px[0] else Image.Resampling.BILINEAR
+    return np.asarray(Image.fromarray(shown.astype(np.uint8) * 255).resize(photo.size_px, how)) > MIDDLE, scaled
+
+
+def _agree(one_px: tuple[int, ...], other_px: tuple[int, ...]) -> bool:
+    """Whether two sizes have one aspect."""
+    return abs(one_px[0] * other_px[1] - one_px[1] * other_px[0]) <= ASPECT_PX * max(*one_px, *other_px)

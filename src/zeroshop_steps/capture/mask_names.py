@@ -1,0 +1,108 @@
+"""Find the mask of each photo by its name: one scheme for the whole folder, such as x.png, x.jpg.png, x_mask.png or mask_x.png."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os.path import commonprefix
+from pathlib import Path
+
+from zeroshop_steps.capture.photo_files import CONVERTED_SUFFIXES
+from zeroshop_steps.geometry.image_files import list_folder
+from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
+from zeroshop_steps.runtime.errors import StepError
+
+MASK_SUFFIXES = (*IMAGE_SUFFIXES, *CONVERTED_SUFFIXES)
+EXAMPLES = ("{stem}.png", "{name}.png", "{stem}_mask.png", "{stem}.mask.png", "mask_{stem}.png")
+WORD = "mask"
+LEAST_ALIKE = 2  # masks that a scheme other than x.png must name; a single name may look like a photo's by chance
+DIGITS = "0123456789"
+
+
+@dataclass(frozen=True)
+class MaskNames:
+    """The masks of a folder.
+
+    Attributes:
+        found: the mask of each photo that has one.
+        example: (photo, mask) names of the first, by which the others are named; empty where each is called as its photo, but .png.
+    """
+
+    found: dict[Path, Path]
+    example: tuple[str, str] | tuple[()]
+
+    def expect(self, photo: Path, folder: Path) -> str:
+        """What a photo without a mask lacks, in words."""
+        if not self.example:
+            return f"{folder / photo.stem}.png does not exist"
+        return f"{folder} has none that is named for it as {self.example[1]} is for {self.example[0]}"
+
+
+def find_masks(photos: Sequence[Path], folder: Path) -> MaskNames:
+    """The masks of photos, by the scheme that names most of them; of several, one with the word `mask`, or the shortest.
+
+    Raises:
+        StepError: the folder is missing, or none of its files is named like a photo.
+    """
+    if not folder.is_dir():
+        raise StepError(f"mask folder {folder} does not exist; give one mask a photo, named like it but .png")
+    files = [path for path in list_folder(folder) if path.suffix.lower() in MASK_SUFFIXES]
+    schemes = _find_schemes(photos, files)
+    if not schemes:
+        names = ", ".join(example.format(stem=photos[0].stem, name=photos[0].name) for example in EXAMPLES)
+        there = (
+            f"it holds {', '.join(path.name for path in files[:3])}" + (" ..." if len(files) > 3 else "") if files else "it holds no images"
+        )
+        raise StepError(f"no mask in {folder} is named like a photo: {there}; expected for {photos[0].name} one of {names}, for all alike")
+    found = max(schemes.items(), key=_rank)[1]
+    if all(
+        mask == photo or mask == mask.with_name(f"{photo.stem}{mask.suffix}") and mask.suffix.lower() == ".png"
+        for photo, mask in found.items()
+    ):
+        return MaskNames(found, ())
+    photo = next(photo for photo in photos if photo in found)
+    return MaskNames(found, (photo.name, found[photo].name))
+
+
+def split_masks(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Photos, and the masks that lie among them: files that are named like others of the folder, and `mask` besides."""
+    schemes = {affixes: found for affixes, found in _find_schemes(paths, paths).items() if WORD in "".join(affixes)}
+    masks = {mask for found in schemes.values() for photo, mask in found.items() if mask != photo}
+    return [path for path in paths if path not in masks], sorted(masks)
+
+
+def _find_schemes(photos: Sequence[Path], files: Sequence[Path]) -> dict[tuple[str, str], dict[Path, Path]]:
+    """The mask of each photo, by what a scheme writes before and behind the photo's name, its stem, or the part that differs."""
+    schemes: dict[tuple[str, str], dict[Path, Path]] = defaultdict(dict)
+    # A PNG goes before a JPEG of the same name.
+    ordered = sorted(files, key=lambda path: path.suffix.lower() != ".png")
+    stems = [photo.stem.casefold() for photo in photos]
+    for keys in ([photo.name.casefold() for photo in photos], stems, _cut_common(stems)):
+        # Two photos of one key, such as x.jpg and x.heic, may have one mask.
+        for photo, key in zip(photos, keys, strict=True):
+            for path in ordered:
+                stem = path.stem.casefold()
+                before, there, behind = stem.partition(key)
+                if key and there and not _goes_on(before, key, behind):
+                    schemes[before, behind].setdefault(photo, path)
+        kept = {affixes: found for affixes, found in schemes.items() if affixes == ("", "") or len(found) >= min(LEAST_ALIKE, len(photos))}
+        if kept:
+            return kept
+    return {}
+
+
+def _goes_on(before: str, key: str, behind: str) -> bool:
+    """Whether a number goes on beyond a photo's name: IMG_10 is not named after IMG_1."""
+    return (before[-1:] in DIGITS and before != "" and key[0] in DIGITS) or (behind[:1] in DIGITS and behind != "" and key[-1] in DIGITS)
+
+
+def _cut_common(stems: Sequence[str]) -> list[str]:
+    """What differs between stems, with whole numbers: 0001 of frame_0001, where others are frame_0002 and so on."""
+    before = commonprefix(list(stems)).rstrip(DIGITS)
+    behind = commonprefix([stem[len(before) :][::-1] for stem in stems]).rstrip(DIGITS)
+    cut = [stem[len(before) : len(stem) - len(behind)] for stem in stems]
+    return cut if len(set(cut)) == len(cut) > 1 else list(stems)
+
+
+def _rank(scheme: tuple[tuple[str, str], dict[Path, Path]]) -> tuple[int, bool, int]:
+    affixes, found = scheme
+    return len(found), WORD in "".join(affixes), -sum(map(len, affixes))

@@ -1,0 +1,204 @@
+"""Masks as other tools write them: their names, levels, palettes and sizes; and cut-outs of every format."""
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from helpers.shoot import HEIGHT, WIDTH, Shoot
+from zeroshop_steps.capture.frames import collect_image_warnings, measure_level
+from zeroshop_steps.capture.mask_names import find_masks, split_masks
+from zeroshop_steps.capture.photo_files import is_cut_out
+from zeroshop_steps.capture.photos import import_photos
+from zeroshop_steps.geometry.images import compute_overlap, read_mask, write_mask
+
+DAVIS = [0, 0, 0, 128, 0, 0, 0, 128, 0, 128, 128, 0]
+
+
+def taken(shoot: Shoot) -> float:
+    """The least overlap of the masks that were taken with the disk."""
+    shoot.take(min_images=9)
+    return min(compute_overlap(read_mask(path), shoot.disk()) for path in sorted((shoot.out / "masks").iterdir()))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["{stem}.PNG", "{stem}_mask.png", "{stem}.mask.png", "{name}", "mask_{stem}.png", "{name}.png", "{stem}.tif", "{name}_seg.webp",
+     "{lower}-Mask.png", "mask_{number}.png", "{number}.bmp", "object-{name}.mask.PNG"],
+)  # fmt: skip
+def test_masks_are_found_by_one_scheme_of_names(tmp_path, name):
+    shoot = Shoot(tmp_path, 9)
+    for index in range(9):
+        path = shoot.image(index)
+        new = name.format(stem=path.stem, name=path.name, lower=path.stem.lower(), number=path.stem[4:])
+        Image.fromarray(shoot.disk().astype(np.uint8) * 255).save(shoot.masks / f"next_{new}")
+        shoot.mask(index).unlink()
+        (shoot.masks / f"next_{new}").rename(shoot.masks / new)
+    assert taken(shoot) > 0.99
+
+
+def test_a_number_in_a_name_is_not_cut(tmp_path):
+    photos = [tmp_path / f"IMG_{number}.jpg" for number in (1, 2, 10, 21)]
+    for photo in photos[1:]:
+        write_mask(tmp_path / "masks" / f"{photo.stem}_mask.png", np.ones((4, 4), bool))
+    names = find_masks(photos, tmp_path / "masks")
+    assert {photo.stem: mask.name for photo, mask in names.found.items()} == {
+        stem: f"{stem}_mask.png" for stem in ("IMG_2", "IMG_10", "IMG_21")
+    }
+    assert "named for it as IMG_2_mask.png is for IMG_2.jpg" in names.expect(photos[0], tmp_path / "masks")
+
+
+def test_masks_among_the_photos_are_no_photos(shoot, tmp_path, capsys):
+    for index in range(9):
+        shoot.mask(index).rename(shoot.images / f"IMG_{index:04d}_mask.png")
+    paths = sorted(shoot.images.iterdir())
+    assert [len(part) for part in split_masks(paths)] == [9, 9]
+    import_photos(shoot.images, None, 9, tmp_path / "without")
+    assert "left out, masks among the photos: IMG_0000_mask.png" in capsys.readouterr().err
+    shoot.masks = shoot.images
+    assert taken(shoot) > 0.99
+    worn = [tmp_path / f"mask_{number}.jpg" for number in range(12)]
+    assert split_masks(worn) == (worn, [])
+
+
+def as_palette(colors):
+    """A palette picture with the disk as index 1."""
+
+    def make(disk):
+        image = Image.fromarray(disk.astype(np.uint8), "P")
+        image.putpalette(colors)
+        return image
+
+    return make
+
+
+def as_levels(off, on, kind=np.uint8):
+    return lambda disk: Image.fromarray(np.where(disk, on, off).astype(kind))
+
+
+def as_two_objects(disk):
+    image = Image.fromarray(np.where(disk, 1 + (np.arange(WIDTH) > 80), 0).astype(np.uint8), "P")
+    image.putpalette(DAVIS)
+    return image
+
+
+def as_colors(off, on):
+    return lambda disk: Image.fromarray(np.where(disk[..., None], on, off).astype(np.uint8))
+
+
+def as_labels(disk):
+    """Two objects as levels 1 and 2, and 255 around them, as some data sets mark what is not sure."""
+    edge = cv2.dilate(disk.astype(np.uint8), np.ones((3, 3))) > disk
+    return Image.fromarray(np.where(edge, 255, np.where(disk, 1 + (np.arange(WIDTH) > 80), 0)).astype(np.uint8))
+
+
+def as_soft(disk):
+    return Image.fromarray(np.clip(np.rint(cv2.GaussianBlur(disk.astype(np.float32), (0, 0), 2) * 235 + 10), 0, 255).astype(np.uint8))
+
+
+MASKS = {
+    "levels 0 and 1": (as_levels(0, 1), "level 1 on the object"),
+    "grey 100": (as_levels(0, 100), "level 100 on the object"),
+    "two bright levels": (as_levels(150, 255), "level 255 on the object"),
+    "one bit": (lambda disk: Image.fromarray(disk), ""),
+    "16 bits": (as_levels(0, 65535, np.uint16), "level 65535 on the object"),
+    "floats": (as_levels(0, 1, np.float32), "level 1 on the object"),
+    "DAVIS": (as_palette(DAVIS), "palettes, index 0 the background"),
+    "two objects of a video": (as_two_objects, "palettes, index 0 the background"),
+    "a grey palette": (as_palette([0, 0, 0, 255, 255, 255]), ""),
+    "a coloured background": (as_palette([0, 90, 0, 90, 0, 90]), "palettes, index 0 the background"),
+    "red on black": (as_colors((0, 0, 0), (255, 0, 0)), ""),
+    "two colours": (as_colors((68, 1, 84), (253, 231, 36)), "level 253 on the object"),
+    "labels": (as_labels, "levels above 0.5 on the object"),
+    "a soft edge": (as_soft, ""),
+}
+
+
+@pytest.mark.parametrize("kind", MASKS)
+def test_masks_of_any_two_levels_are_taken(shoot, kind, capsys):
+    make, said = MASKS[kind]
+    for index in range(9):
+        make(shoot.disk()).save(shoot.mask(index).with_suffix(".tif" if kind == "floats" else ".png"))
+        if kind == "floats":
+            shoot.mask(index).unlink()
+    assert taken(shoot) > 0.92
+    told = capsys.readouterr().err
+    assert (f"9 of 9 masks are taken as {said}" in told) if said else ("masks are taken as" not in told)
+
+
+def test_dim_masks_that_were_compressed_are_taken(shoot):
+    for index in range(9):
+        shoot.mask(index).unlink()
+        as_levels(0, 100)(shoot.disk()).save(shoot.masks / f"{shoot.image(index).stem}.jpg", quality=80)
+    assert taken(shoot) > 0.97
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.6])
+def test_masks_of_another_size_and_the_same_aspect_are_scaled(shoot, scale, capsys):
+    for index in range(9):
+        small = cv2.resize(shoot.disk().astype(np.uint8) * 255, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        write_mask(shoot.mask(index), small >= 128)
+    assert taken(shoot) > 0.97
+    assert f"scaled from {WIDTH * scale:g} x {HEIGHT * scale:g} px to the photo's size" in capsys.readouterr().err
+
+
+def test_a_turned_photo_takes_a_mask_of_another_size_as_stored_or_as_shown(shoot):
+    """Orientation 6, with a mask drawn on the shown photo at half its size."""
+    for index in range(9):
+        with Image.open(shoot.image(index)) as image:
+            exif = image.getexif()
+            exif[0x0112] = 6
+            image.save(shoot.image(index), exif=exif)
+        mask = shoot.disk(x=50)
+        write_mask(shoot.mask(index), (np.rot90(mask, -1) if index % 2 else mask)[::2, ::2])
+    shoot.take()
+    for index in range(9):
+        assert compute_overlap(read_mask(shoot.out / f"masks/{index:06d}.png"), np.rot90(shoot.disk(x=50), -1)) > 0.95
+
+
+@pytest.mark.parametrize("spoil", [lambda disk: ~disk, lambda disk: ~disk & (np.arange(WIDTH) < WIDTH - 1)])
+def test_inverted_masks_are_refused_at_once(shoot, spoil):
+    for index in range(9):
+        write_mask(shoot.mask(index), spoil(shoot.disk()))
+    message = shoot.refused()
+    assert "9 of 9 photos" in message and "white (255) on the object and black (0) elsewhere" in message and "invert" in message
+
+
+def test_objects_that_are_cut_off_in_all_photos_are_no_inverted_masks(shoot, capsys):
+    for index in range(9):
+        write_mask(shoot.mask(index), shoot.disk(x=130, y=100) | (np.mgrid[:HEIGHT, :WIDTH][0] > 100))
+    shoot.take()
+    assert "cut off at the border in 9 of 9 images" in capsys.readouterr().err
+
+
+def cut_out(shoot, index, suffix, **options):
+    """Save a photo anew with a transparent background."""
+    photo = Image.open(shoot.image(index)).convert("RGB")
+    if suffix == ".palette.png":
+        photo = photo.quantize(255)
+        pixels = np.where(shoot.disk(), np.asarray(photo), 255).astype(np.uint8)
+        made = Image.fromarray(pixels, "P")
+        made.putpalette(photo.getpalette()[: 255 * 3] + [0, 0, 0])
+        photo, options = made, {"transparency": 255}
+    else:
+        photo.putalpha(Image.fromarray(shoot.disk().astype(np.uint8) * 255))
+    shoot.image(index).unlink()
+    photo.save(shoot.images / f"IMG_{index:04d}{suffix}", **options)
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".tif", ".palette.png", ".avif"])
+def test_cut_outs_of_every_format_bring_their_masks(shoot, suffix):
+    for index in range(9):
+        cut_out(shoot, index, suffix)
+    assert is_cut_out(shoot.images)
+    shoot.masks = shoot.images
+    assert taken(shoot) > 0.97
+
+
+@pytest.mark.parametrize(("light", "dark"), [(1.0, False), (0.2, True)])
+def test_a_black_background_is_no_lack_of_light(shoot, light, dark):
+    levels = [measure_level((cv2.imread(str(shoot.image(index))) * shoot.disk()[..., None] * light).astype(np.uint8)) for index in range(9)]
+    flash = np.where(Shoot.disk()[..., None], int(200 * light), 22).astype(np.uint8).repeat(3, 2)
+    levels.append(measure_level(flash))
+    told = collect_image_warnings(list("abcdefghij"), [1.0] * 10, levels, [1.0] * 10)
+    assert bool(told) == dark
