@@ -18,7 +18,7 @@ def measure_turn_deg(pictures: Sequence[Features]) -> float | None:
 
     Rotations come from essential matrices (Nister, 2004) along the spanning tree of the most matches. The x axes of cameras that are held
     upright lie in a plane; the largest gap between their directions is what was not seen. A camera that is rolled seems to have turned
-    further. 7 real captures: 2 to 12 degrees off bundle adjustment.
+    further. Against bundle adjustment: 2 to 12 degrees off for 6 real captures, 52 too few for one (73 of 125).
     """
     count = len(pictures)
     matches, rotations = np.zeros((count, count)), {}
