@@ -24,7 +24,7 @@ from zeroshop_steps.segment.voxels import VoxelGrid, count_votes, render_silhoue
 from zeroshop_steps.segment.windows import CLOSER, choose_windows, lay_back, scale_windows
 
 WIDTH_PX = 480  # masks are cut at this width at most; time grows with its square
-SURE, LEAST = 0.85, 0.65
+SURE, LEAST = 0.85, 0.66
 """The probability from which on no other hypothesis is tried, and below which masks are refused: the least that refuses all masks of the
 tune half which overlap with the truth by less than 0.8, their object left out of the fit."""
 EQUAL, RIVAL = 0.9, 0.6  # how likely another object is meant: either may be, and it is tried, too

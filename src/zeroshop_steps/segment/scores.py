@@ -41,6 +41,7 @@ class Measures:
         network_difference: 1 less the overlap with what a salient-object network sees, of the median photo; 0 without a network.
         points_missed: of the sparse points that are connected with those of the object, the share outside its hull.
         points_contradicted: of the sparse points that masks show, the share that lies elsewhere in space.
+        cut_off: how much of the photo's border the mask covers, of the square root of its area, in the median photo.
     """
 
     rival: float
@@ -50,6 +51,7 @@ class Measures:
     network_difference: float
     points_missed: float
     points_contradicted: float
+    cut_off: float
 
 
 REASONS = {
@@ -60,6 +62,7 @@ REASONS = {
     "network_difference": "the network sees something else than what stands on the ground",
     "points_missed": "sparse points of the object lie outside the masks",
     "points_contradicted": "the masks show points of other things",
+    "cut_off": "the object is cut off at the border of most photos",
 }
 
 
@@ -80,7 +83,12 @@ def measure(scene: MaskScene, solution: Solution, qualities: Sequence[MaskQualit
         network_difference=difference,
         points_missed=_measure_missed(scene, solution),
         points_contradicted=_measure_contradicted(scene, solution, masks),
+        cut_off=float(np.median([_measure_cut_off(mask, quality) for mask, quality in zip(masks, qualities, strict=True)])),
     )
+
+
+def _measure_cut_off(mask: np.ndarray, quality: MaskQuality) -> float:
+    return min(2 * sum(mask.shape) * quality.border_share / float(np.sqrt(max(mask.sum(), 1))), 1.0)
 
 
 def _measure_missed(scene: MaskScene, solution: Solution) -> float:

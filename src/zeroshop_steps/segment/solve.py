@@ -60,18 +60,19 @@ def solve(scene: MaskScene, support: SceneSupport | None, block: ObjectBlock, vo
     Raises:
         NothingFound: the masks share nothing.
     """
-    occupied = block.occupied
+    occupied, standing = _drop_flat(block.occupied, block.ground_voxel)
     rooms = render_silhouettes(block.grid, block.allowed, scene.cameras)
     others = map_in_threads(lambda camera: splat_voxels(block.other_points, block.other_side, camera), scene.cameras)
     for _ in range(ROUNDS):
         hulls = render_silhouettes(block.grid, occupied, scene.cameras)
-        shares = render_shares(block.grid, block.index, votes, scene.cameras)
+        upright = standing[tuple(block.index[:, :2].T)]
+        shares = render_shares(block.grid, block.index[upright], votes.take(upright), scene.cameras)
         guess = make_guess(scene, support, Hull(occupied, hulls, shares, others))
         odds = estimate_odds(scene, guess, without)
         masks = map_in_threads(_cut_within, rooms, odds, scene.images)
         votes = count_votes(block.grid, block.index, scene.cameras, [2 * mask - 1 for mask in masks])
-        occupied = carve(block.grid, block.index, votes)
-        occupied = _keep_connected(_drop_flat(occupied, block.ground_voxel))
+        occupied, standing = _drop_flat(carve(block.grid, block.index, votes), block.ground_voxel)
+        occupied = _keep_connected(occupied)
         if not occupied.any():
             raise NothingFound(
                 "the masks of the photos have nothing in common; put the object alone on a ground of other colours, do not move it, or draw"
@@ -105,15 +106,19 @@ def _cut_within(room: np.ndarray, odds: np.ndarray, image: np.ndarray) -> np.nda
     return mask
 
 
-def _drop_flat(occupied: np.ndarray, ground_voxel: float) -> np.ndarray:
-    """Drop columns that hardly rise above the ground: print and shadows agree between views, too, but are flat."""
+def _drop_flat(occupied: np.ndarray, ground_voxel: float) -> tuple[np.ndarray, np.ndarray]:
+    """Drop columns that hardly rise above the ground: print, paper and shadows agree between views, too, but are flat.
+
+    Returns:
+        The (X, Y, Z) bool voxels that are left, and (X, Y) bool: the columns without flat ones.
+    """
     layers = np.flatnonzero(occupied.any(axis=(0, 1)))
     if ground_voxel < 0 or not len(layers):
-        return occupied
-    top = occupied.shape[2] - occupied[:, :, ::-1].argmax(axis=2)
-    flat = max(FLAT_SHARE * (layers[-1] - ground_voxel), FLAT_VOXELS)
-    kept = occupied & (top - ground_voxel > flat)[:, :, None]
-    return kept if kept.any() else occupied
+        return occupied, np.ones(occupied.shape[:2], bool)
+    top = np.where(occupied.any(axis=2), occupied.shape[2] - occupied[:, :, ::-1].argmax(axis=2), np.inf)
+    standing = top - ground_voxel > max(FLAT_SHARE * (layers[-1] - ground_voxel), FLAT_VOXELS)
+    kept = occupied & standing[:, :, None]
+    return (kept, standing) if kept.any() else (occupied, np.ones(occupied.shape[:2], bool))
 
 
 def _keep_connected(occupied: np.ndarray) -> np.ndarray:

@@ -78,6 +78,10 @@ class Votes:
         """(P,) float32: how many views show something else there."""
         return np.asarray(-np.minimum(self.votes, 0).sum(0))
 
+    def take(self, chosen: np.ndarray) -> "Votes":
+        """Those on some of the voxels, (P,) bool."""
+        return Votes(self.inside[:, chosen], self.votes[:, chosen])
+
     def shares_without(self, view: int) -> np.ndarray:
         """(P,) float32 of 0 to 1: share of the other views that show each, of those that have it in the photo; 0 where these are few."""
         others = self.seen - self.inside[view]
