@@ -11,7 +11,7 @@ from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register import colmap
 from zeroshop_steps.register.colmap import ColmapOptions, match_images
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features
-from zeroshop_steps.register.features.static_marks import StaticMark, find_static_marks
+from zeroshop_steps.register.features.static_marks import StaticMark, describe_marks, find_static_marks
 from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
@@ -120,7 +120,7 @@ def test_what_is_no_mark_stays(tmp_path, pictures, stamped):
 
 
 def test_a_mark_is_found_where_some_frames_stand_still(tmp_path):
-    images = capture(tmp_path, moving() + at_rest()[:3], stamped=True)
+    images = capture(tmp_path, moving()[1:] + at_rest()[:2], stamped=True)
     extract_features(tmp_path / "d.db", images, SIFT)
     assert [mark.where for mark in find_static_marks(tmp_path / "d.db", images).found] == ["lower right corner"]
 
@@ -134,6 +134,7 @@ def test_photos_that_share_a_timestamp_alone_have_no_ties(tmp_path):
     assert not any(on_mark(points).any() for points, _ in read_features(tmp_path / "d.db"))
     evidence = graph.evidence()
     assert evidence.entries["static_marks"] == [{"where": "lower right corner", "images": COUNT, "compared": COUNT}]
+    assert describe_marks([StaticMark("lower edge", 5, 6)])[0].startswith("a mark at the lower edge stands still in 5 of 6 photos")
     assert len(evidence.warnings) == 1 and "a mark in the lower right corner stands still in 6 of 6 photos" in evidence.warnings[0]
 
 

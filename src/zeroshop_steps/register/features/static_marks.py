@@ -113,7 +113,8 @@ def find_static_marks(database: Path, image_set: ImageSet) -> StaticMarks:
 def describe_marks(marks: Sequence[StaticMark]) -> list[str]:
     """The marks in words, for the user."""
     return [
-        f"a mark in the {mark.where} stands still in {mark.images} of {mark.compared} photos that were compared"
+        f"a mark {'at' if mark.where.endswith('edge') else 'in'} the {mark.where} stands still"
+        f" in {mark.images} of {mark.compared} photos that were compared"
         " (a timestamp, a watermark or dirt on the lens): features on it are left out"
         for mark in marks
     ]
