@@ -15,6 +15,7 @@ from zeroshop_steps.networks.aliked import FeatureMatcher
 from zeroshop_steps.networks.object_finder import cut_main_things
 from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register import aliked, colmap
+from zeroshop_steps.register.features.static_marks import StaticMark
 from zeroshop_steps.register.matching.turntable import StationaryMatches
 from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
 from zeroshop_steps.register.matching.view_graph import ViewGraph
@@ -127,7 +128,8 @@ class StoredCapture:
             database.unlink(missing_ok=True)
             write_json(record, asdict(colmap.match_images(database, self.images, options, Stopwatch())))
         stored = read_json(record)
-        return database, ViewGraph(**stored | {"stationary": StationaryMatches(**stored["stationary"])})
+        marks = tuple(StaticMark(**mark) for mark in stored.get("marks", []))
+        return database, ViewGraph(**stored | {"stationary": StationaryMatches(**stored["stationary"]), "marks": marks})
 
     def save(self) -> None:
         """Keep what was matched."""

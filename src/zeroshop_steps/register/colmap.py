@@ -15,6 +15,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.register.features.sift import SiftOptions, extract_features, find_focal_source, fit_to_count, refine
+from zeroshop_steps.register.features.static_marks import StaticMarks, find_static_marks
 from zeroshop_steps.register.features.tilted_features import VERTICAL, add_tilted_features, find_foreshortened, find_weak_images
 from zeroshop_steps.register.matching.match_coverage import delete_pairs_of_low_coverage
 from zeroshop_steps.register.matching.pair_selection import choose_name_pairs
@@ -210,6 +211,9 @@ def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, st
     mask_folder = database.parent / "masks" if structure.object_only else None
     median_features, first_octave = extract_features(database, image_set, options.sift, mask_folder)
     focal_source = "given" if options.sift.focal_px is not None else find_focal_source(database)
+    # On an object alone, what stands still in all pictures is rather a can that turns, whose outline stays where it is.
+    marks = StaticMarks() if structure.object_only else find_static_marks(database, image_set)
+    marks.leave_out(database, image_set)
     stopwatch.lap("extract")
     pairs = choose_name_pairs(image_set, options.sift, structure.object_only)
     stopwatch.lap("choose")
@@ -225,10 +229,13 @@ def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, st
         # Only oblique views benefit. On plain rendered grounds that was not measured: all weak ones are tilted there.
         flattened = {name: flattened.get(name, VERTICAL) for name in weak}
     if flattened:
-        match_features(database, options.sift, add_tilted_features(database, image_set, flattened, options.tilt, options.sift, pairs))
+        again = add_tilted_features(database, image_set, flattened, options.tilt, options.sift, pairs)
+        marks.leave_out(database, image_set)
+        match_features(database, options.sift, again)
         if on_turntable:
             verify_without_stationary(database, image_set, options.sift.seed)
     stopwatch.lap("stretch")
     matched = count * (count - 1) // 2 if pairs is None else len(pairs)
     every = None if pairs is None else tuple(pairs)
-    return ViewGraph(median_features, first_octave, focal_source, matched, stationary, on_turntable, tuple(sorted(flattened)), every)
+    tilted = tuple(sorted(flattened))
+    return ViewGraph(median_features, first_octave, focal_source, matched, stationary, on_turntable, tilted, every, marks.found)

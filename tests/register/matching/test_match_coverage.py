@@ -9,11 +9,12 @@ import pytest
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register import colmap
 from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
-from zeroshop_steps.register.matching.match_coverage import CELLS, LEAST_CELLS, delete_pairs_of_low_coverage
+from zeroshop_steps.register.matching.match_coverage import LEAST_CELLS, delete_pairs_of_low_coverage
 from zeroshop_steps.register.matching.turntable import StationaryMatches
 from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.pipeline import StructureOptions
 from zeroshop_steps.register.scene.image_set import read_image_set
+from zeroshop_steps.register.scene.picture_cells import CELLS
 from zeroshop_steps.register.scene.record import DuplicateStructure, Inconsistent, Record, RegistrationFailed, Stopwatch, TooFewRegistered
 
 WIDTH, HEIGHT = 320, 240

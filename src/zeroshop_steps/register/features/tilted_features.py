@@ -15,7 +15,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.register.features.sift import SiftOptions, make_extraction_options
-from zeroshop_steps.register.scene.database import create_database, delete_pair
+from zeroshop_steps.register.scene.database import create_database, delete_pair, replace_features
 from zeroshop_steps.register.scene.image_set import ImageSet
 
 LEAST_FORESHORTENING = 0.3
@@ -95,7 +95,7 @@ def add_tilted_features(
     pycolmap.extract_features(stretched_database, folder, stretched_names, pycolmap.CameraMode.PER_IMAGE, extraction_options=extraction)
     with pycolmap.Database.open(database) as opened, pycolmap.Database.open(stretched_database) as stretched:
         images = {image.name: image.image_id for image in opened.read_all_images()}
-        descriptors = {image_id: opened.read_descriptors(image_id) for image_id in images.values()}
+        features = {}
         for name in names:
             source_id = stretched.read_image_with_name(f"{name}.png").image_id
             keypoints = stretched.read_keypoints(source_id)
@@ -103,12 +103,11 @@ def add_tilted_features(
             keypoints[:, :2] /= scale
             keypoints[:, 2:] /= scale[[0, 0, 1, 1]]  # rows of the affine shape [a11, a12; a21, a22]
             image_id = images[name]
-            opened.update_keypoints(image_id, np.concatenate([opened.read_keypoints(image_id), keypoints]))
-            both = np.concatenate([descriptors[image_id].data, stretched.read_descriptors(source_id).data])
-            descriptors[image_id] = pycolmap.FeatureDescriptors(descriptors[image_id].type, both)
-        opened.clear_descriptors()
-        for image_id, data in sorted(descriptors.items()):
-            opened.write_descriptors(image_id, data)
+            descriptors = opened.read_descriptors(image_id)
+            both = np.concatenate([descriptors.data, stretched.read_descriptors(source_id).data])
+            keypoints = np.concatenate([opened.read_keypoints(image_id), keypoints])
+            features[image_id] = keypoints, pycolmap.FeatureDescriptors(descriptors.type, both)
+        replace_features(opened, features)
         pairs = sorted({(min(name, other), max(name, other)) for name in names for other in images if other != name})
         if among is not None:
             pairs = sorted(set(pairs) & {(min(pair), max(pair)) for pair in among})

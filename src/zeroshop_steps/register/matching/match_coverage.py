@@ -13,10 +13,10 @@ import numpy as np
 import pycolmap
 
 from zeroshop_steps.register.scene.database import delete_pair
+from zeroshop_steps.register.scene.picture_cells import find_cells
 
 # Set on frames of a chewing gum bottle with two equal labels (docs/results.md).
-CELLS = 8  # along each side of a picture
-LEAST_CELLS = 12  # of all, with a match, in both pictures
+LEAST_CELLS = 12  # of 64, with a match, in both pictures
 
 
 def delete_pairs_of_low_coverage(database: Path) -> int:
@@ -28,7 +28,8 @@ def delete_pairs_of_low_coverage(database: Path) -> int:
     with pycolmap.Database.open(database) as opened:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
         images = {image.image_id: cameras[image.camera_id] for image in opened.read_all_images()}
-        cells = {image_id: _find_cells(opened.read_keypoints(image_id)[:, :2], camera) for image_id, camera in images.items()}
+        points = {image_id: opened.read_keypoints(image_id)[:, :2] for image_id in images}
+        cells = {image_id: find_cells(points[image_id], (camera.width, camera.height)) for image_id, camera in images.items()}
         narrow = []
         for pair_id, geometry in zip(*opened.read_two_view_geometries(), strict=True):
             pair = pycolmap.pair_id_to_image_pair(pair_id)
@@ -38,9 +39,3 @@ def delete_pairs_of_low_coverage(database: Path) -> int:
         for first, second in narrow:
             delete_pair(opened, first, second)
     return len(narrow)
-
-
-def _find_cells(keypoints: np.ndarray, camera: pycolmap.Camera) -> np.ndarray:
-    """(K,) numbers of the cells of a picture in which (K, 2) keypoints lie."""
-    columns, rows = np.clip(np.floor(keypoints / [camera.width, camera.height] * CELLS).astype(int), 0, CELLS - 1).T
-    return np.asarray(rows * CELLS + columns)

@@ -12,6 +12,7 @@ import pycolmap
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from zeroshop_steps.register.features.static_marks import StaticMark, describe_marks
 from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, StationaryMatches
 from zeroshop_steps.register.scene.record import Evidence
 
@@ -32,6 +33,7 @@ class ViewGraph:
         on_turntable: whether the background stood still while the object turned: matches of what stands still were left out.
         tilted: names of the images that got features of a tilted copy.
         pairs: names of the images of each pair that was matched; None for all pairs.
+        marks: that stand still in the photos, whose features were left out.
     """
 
     median_features: float
@@ -42,6 +44,7 @@ class ViewGraph:
     on_turntable: bool
     tilted: tuple[str, ...] = ()
     pairs: tuple[tuple[str, str], ...] | None = None
+    marks: tuple[StaticMark, ...] = ()
 
     def evidence(self) -> Evidence:
         """As written to registration.json."""
@@ -53,9 +56,10 @@ class ViewGraph:
             **{f"still_{name}": share for name, share in asdict(self.stationary).items()},
             "still_background": self.on_turntable,
             "stretched": list(self.tilted),
+            "static_marks": [asdict(mark) for mark in self.marks],
         }
         found = f"{self.stationary.describe()}: the cameras are found from what turns; {TURNTABLE_REMEDY}"
-        return Evidence(entries, warnings=(found,) if self.on_turntable else ())
+        return Evidence(entries, warnings=(*describe_marks(self.marks), *([found] if self.on_turntable else [])))
 
     def may_match(self) -> Callable[[str, str], bool] | None:
         """Whether two images, by the stems of their names, were not matched, so that they may show the same; None where all were."""

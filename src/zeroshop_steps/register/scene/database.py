@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from zeroshop_steps.runtime.machine import require_memory, require_room
@@ -29,3 +30,14 @@ def delete_pair(opened: pycolmap.Database, first: int, second: int) -> None:
     """Delete all matches, and what was verified of them, of two images by their ids."""
     opened.delete_matches(first, second)
     opened.delete_two_view_geometry(first, second)
+
+
+def replace_features(opened: pycolmap.Database, features: dict[int, tuple[np.ndarray, pycolmap.FeatureDescriptors]]) -> None:
+    """Replace keypoints and descriptors of some images, by their ids."""
+    descriptors = {image.image_id: opened.read_descriptors(image.image_id) for image in opened.read_all_images()}
+    for image_id, (keypoints, described) in features.items():
+        opened.update_keypoints(image_id, keypoints)
+        descriptors[image_id] = described
+    opened.clear_descriptors()  # those of single images cannot be replaced
+    for image_id, data in sorted(descriptors.items()):
+        opened.write_descriptors(image_id, data)
