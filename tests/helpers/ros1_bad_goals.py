@@ -37,7 +37,7 @@ def main(scene: Path) -> None:
     changes = {
         "no depth": {"depth": Image()},
         "no colours": {"rgb": Image()},
-        "wrong encoding": {"rgb": write_image(Image, np.zeros((240, 320, 2), np.uint8), "yuv422", header)},
+        "wrong encoding": {"rgb": write_image(Image, np.zeros((240, 320, 2), np.uint8), "8UC2", header)},
         "short data": {"rgb": Image(height=240, width=320, encoding="rgb8", step=960, data=b"0123456789")},
         "other size": {"depth": write_image(Image, np.ones((3, 4), np.float32), "32FC1", header)},
         "all NaN": {"depth": write_image(Image, no_depth, "32FC1", header)},

@@ -73,7 +73,7 @@ def test_bad_goals_are_answered_and_the_server_lives(servers, roscore, dataset, 
     reasons = {
         "no depth": "there is no depth image",
         "no colours": "the colour image is empty",
-        "wrong encoding": "has the encoding 'yuv422'",
+        "wrong encoding": "has the encoding '8UC2'",
         "short data": "has 10 bytes in rows of 960",
         "other size": "the depth image is 4 x 3 px",
         "all NaN": "no measured pixel",

@@ -25,6 +25,7 @@ MOST_TILT = 0.03  # mean square of the sine of the angle by which photos that ar
 LEAST_TURN = 0.1  # mean square of their horizontal axes along the second direction, where the cameras go around the object
 CANDIDATES_OF_UP = 4000  # directions, 3 degrees apart
 LEAST_SQUARE, BETTER_SQUARE = 0.7, 0.1  # of 1, where all photos are rolled by quarter turns; and how much better than without such turns
+LEAST_ROLLED = 8  # photos; of fewer, one of so many candidates explains any rolls by chance
 LEAST_LEVEL = 0.15  # sine of the angle to straight down from which on a camera's roll is known
 LEAST_HELD = 0.1  # of the photos are not sideways
 QUARTER_TURNS = np.array([[[c, s, 0], [-s, c, 0], [0, 0, 1]] for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))], float)
@@ -178,7 +179,8 @@ def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     polar, azimuth = spread_over_sphere(CANDIDATES_OF_UP)
     candidates = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
     square = _measure_squareness(rotations, candidates)
-    if square.max() <= max(LEAST_SQUARE, float(_measure_squareness(rotations, up[None])[0]) + BETTER_SQUARE):
+    as_it_is = float(_measure_squareness(rotations, up[None])[0])
+    if len(views) < LEAST_ROLLED or square.max() <= max(LEAST_SQUARE, as_it_is + BETTER_SQUARE):
         return up, certainty
     axes = rotations @ candidates[square.argmax()]
     held = np.abs(axes[:, 1]) > np.abs(axes[:, 0])
