@@ -20,7 +20,7 @@ from capture_benchmark.table import Capture
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.images import compute_overlap, list_images, write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.transforms import transform_camera
 from zeroshop_steps.register.scene.record import read_registration

@@ -13,7 +13,8 @@ from zeroshop_steps.bop.align import align, describe_scale
 from zeroshop_steps.bop.models import list_objects, read_models
 from zeroshop_steps.bop.symmetry import list_symmetry_transforms
 from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.failures import Failure, write_failure

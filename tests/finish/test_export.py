@@ -12,7 +12,8 @@ from zeroshop_steps.finish.preview import draw_preview
 from zeroshop_steps.finish.publish import publish_product
 from zeroshop_steps.geometry.images import read_image, write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer, sample_texture
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import ASSUMED, MEASURED
 from zeroshop_steps.height.object_pose import measure_above_plane

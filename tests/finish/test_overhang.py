@@ -10,7 +10,8 @@ from zeroshop_steps.finish import close
 from zeroshop_steps.finish.overhang import lift_underside
 from zeroshop_steps.finish.underside import close_underside, find_open_borders
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.files import read_json, write_json
 

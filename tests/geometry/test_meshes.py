@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.runtime.errors import StepError
 
 

@@ -25,7 +25,8 @@ from zeroshop_steps.evaluate.grading import MEASURES
 from zeroshop_steps.geometry.cameras import Camera, read_sparse_model
 from zeroshop_steps.geometry.images import read_image, read_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.visual_hull import VisualHull

@@ -22,7 +22,8 @@ from zeroshop_steps.evaluate.quality import LARGEST
 from zeroshop_steps.evaluate.surface_measures import measure_guessed_share
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.meshes import Mesh, diameter_of, read_ply
+from zeroshop_steps.geometry.meshes import Mesh, diameter_of
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import MEASURED, compute_area_shares
 from zeroshop_steps.geometry.surface_distance import measure_surface_error, sample_surface

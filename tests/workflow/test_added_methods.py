@@ -6,7 +6,7 @@ import pytest
 
 from helpers.checkout import copy_checkout
 from helpers.planner import call_snakemake
-from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.runtime.files import read_json
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -26,8 +26,9 @@ from zeroshop_steps.capture.frames import (
 )
 from zeroshop_steps.capture.mask_names import split_masks
 from zeroshop_steps.capture.photo_files import list_photos, read_photo
-from zeroshop_steps.capture.photos import MIN_IMAGES, MOST_IMAGES, measure_border
+from zeroshop_steps.capture.photos import MIN_IMAGES, MOST_IMAGES
 from zeroshop_steps.capture.video import choose_frames, read_frames, read_numbers, scan_video
+from zeroshop_steps.geometry.images import measure_border_share
 from zeroshop_steps.geometry.registered_views import space_evenly
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
@@ -67,7 +68,7 @@ def check_capture(source: Path) -> tuple[list[str], list[str]]:
     descriptors: list[np.ndarray] = []
     views: list[np.ndarray] = []
     try:
-        count, pictures = _open_folder(source) if source.is_dir() else _open_film(source)
+        count, pictures, pieces = _open_folder(source) if source.is_dir() else _open_film(source)
         every = math.ceil(count / MOST_IMAGES)
         shown = set(space_evenly(count, VIEWS))
         for number, (name, image) in enumerate(pictures):
@@ -102,7 +103,7 @@ def check_capture(source: Path) -> tuple[list[str], list[str]]:
     warnings += _warn_of_one_side(features)
     if len(names) > MOST_IMAGES and source.is_dir():
         warnings.append(f"{len(names)} pictures; the {MOST_IMAGES} most useful ones are taken (photos.most_images)")
-    problems, more = judge_motion(_follow(source))
+    problems, more = judge_motion(pieces)
     return problems + _find_cut_off(views), warnings + more
 
 
@@ -123,7 +124,7 @@ def _find_cut_off(views: list[np.ndarray]) -> list[str]:
     if not weights.is_file():
         return []
     maps = SalientObjectNetwork(weights).predict_all(views, [MAP_PX] * len(views))
-    cut = [measure_border(found > 0.5) > CUT_BORDER for found in maps]
+    cut = [measure_border_share(found > 0.5) > CUT_BORDER for found in maps]
     if sum(cut) < CUT_SHARE * len(cut):
         return []
     return [
@@ -148,8 +149,9 @@ def _warn_of_lonely(features: list[Features], descriptors: list[np.ndarray]) -> 
     ]
 
 
-def _open_folder(folder: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | None]]]:
-    """How many pictures a folder holds, and their names and pixels, one at a time, reduced; None for one that cannot be read."""
+def _open_folder(folder: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | None]], Iterator[Piece]]:
+    """How many pictures a folder holds; their names and pixels, one at a time, reduced, None for one that cannot be read; and points that
+    are followed through them, as they may be frames of a film."""
     found, odd = list_photos(folder)
     paths = split_masks(found)[0]
 
@@ -161,22 +163,16 @@ def _open_folder(folder: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | No
                 yield path.name, None
         yield from ((path.name, None) for path in odd)
 
-    return len(paths), read()
+    return len(paths), read(), follow_points(_read_small(paths), space_evenly(len(paths), PIECES))
 
 
-def _open_film(video: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | None]]]:
-    """How many frames of a film are judged, and their names and pixels."""
-    chosen = choose_frames(scan_video(video), FRAMES)
-    return len(chosen), ((f"frame {number}", frame) for number, frame in read_numbers(video, chosen))
-
-
-def _follow(source: Path) -> Iterator[Piece]:
-    """Points that are followed through pieces of a film, or through photos that are frames of one."""
-    if not source.is_dir():
-        count = sum(1 for _ in read_frames(source))
-        return follow_points(read_frames(source), space_evenly(max(1, count - MOST_STEPS), PIECES))
-    paths = split_masks(list_photos(source)[0])[0]
-    return follow_points(_read_small(paths), space_evenly(len(paths), PIECES))
+def _open_film(video: Path) -> tuple[int, Iterator[tuple[str, np.ndarray | None]], Iterator[Piece]]:
+    """How many frames of a film are judged, their names and pixels, and points that are followed through pieces of it."""
+    scan = scan_video(video)
+    chosen = choose_frames(scan, FRAMES)
+    starts = space_evenly(max(1, len(scan.changes) - MOST_STEPS), PIECES)
+    frames = ((f"frame {number}", frame) for number, frame in read_numbers(video, chosen))
+    return len(chosen), frames, follow_points(read_frames(video), starts)
 
 
 def _read_small(paths: list[Path]) -> Iterator[np.ndarray]:

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from zeroshop_steps.capture.frames import bound_to_grey
+
 SIDE_PX = 640  # longer side of the copies in which points are followed
 POINTS, QUALITY, APART_PX = 1500, 0.003, 6  # of the corners that are followed
 WINDOW_PX = (15, 15)  # of the tracker (Lucas and Kanade, 1981; pyramids: Bouguet, 2000)
@@ -107,7 +109,8 @@ def follow_points(frames: Iterable[np.ndarray], starts: Iterable[int]) -> Iterat
     for number, frame in numbered:
         if waiting and number >= waiting[-1]:
             waiting.pop()
-            if piece := _follow_piece(_shrink(frame), (_shrink(later) for _, later in islice(numbered, MOST_STEPS))):
+            later = (bound_to_grey(one, SIDE_PX) for _, one in islice(numbered, MOST_STEPS))
+            if piece := _follow_piece(bound_to_grey(frame, SIDE_PX), later):
                 yield piece
 
 
@@ -129,8 +132,3 @@ def _follow_piece(before: np.ndarray, later: Iterable[np.ndarray]) -> Piece | No
         if piece.flow_px > ENOUGH_FLOW_PX:
             break
     return piece
-
-
-def _shrink(frame: np.ndarray) -> np.ndarray:
-    scale = min(1.0, SIDE_PX / max(frame.shape[:2]))
-    return cv2.resize(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, with_texture
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.surface_parts import with_texture
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import Record, read_json
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from zeroshop_steps.bop.models import describe_model, model_path
 from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.support_classes import with_surface_support
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError, warn

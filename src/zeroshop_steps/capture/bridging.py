@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from zeroshop_steps.capture.frames import bound_to_grey
 from zeroshop_steps.geometry.view_similarity import RATIO, find_root_sift
 
 SHARED_FEATURES = 60
@@ -71,9 +72,7 @@ def bridge_gaps(frames: Frames, chosen: list[int], between: Callable[[int, int],
 
 def find_features(image: np.ndarray) -> Features:
     """Features of a small copy of an (H, W, 3) uint8 RGB image."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = min(1.0, SIDE_PX / max(grey.shape))
-    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    small = bound_to_grey(image, SIDE_PX)
     return Features(*find_root_sift(small, cv2.SIFT.create(nfeatures=FEATURES, contrastThreshold=CONTRAST)), small.shape[1::-1])
 
 

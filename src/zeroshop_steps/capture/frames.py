@@ -32,6 +32,13 @@ def shrink_to_grey(image: np.ndarray) -> np.ndarray:
     return _resize_to_grey(image, SMALL_WIDTH_PX)
 
 
+def bound_to_grey(image: np.ndarray, longer_px: int) -> np.ndarray:
+    """(h, w) uint8 grey picture of an (H, W, 3) uint8 RGB image, reduced to a longer side of at most `longer_px`."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    scale = min(1.0, longer_px / max(grey.shape))
+    return cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+
 def measure_sharpness(image: np.ndarray) -> float:
     """Mean absolute Laplacian over mean level of an RGB image: lower where it is blurred, whatever its brightness."""
     grey = _resize_to_grey(image, min(SHARPNESS_WIDTH_PX, image.shape[1]))

@@ -9,7 +9,6 @@ from PIL import ExifTags, Image
 from zeroshop_steps.capture.photo_files import TRANSPOSED, UPRIGHT, PhotoPixels, open_picture, read_cut_out, turn_upright
 from zeroshop_steps.runtime.errors import StepError
 
-SMALLEST_SHARE, LARGEST_SHARE = 5e-4, 0.98  # of the image that a mask may cover; others are empty or full
 BLACK, WHITE = 64, 191  # the usual two levels, of 255, and what compression makes of them; half way between, they are parted
 MIDDLE = 127.5  # parts black and white
 FEW_LEVELS, OBJECT_SHARE = 32, 0.1

@@ -31,7 +31,7 @@ from zeroshop_steps.capture.mask_files import UserMask, read_user_mask
 from zeroshop_steps.capture.mask_names import MaskNames, find_masks, split_masks
 from zeroshop_steps.capture.photo_files import MAX_SIDE_PX, choose_suffix, list_photos, read_photo, write_upright
 from zeroshop_steps.capture.selection import find_blurred, thin_out
-from zeroshop_steps.geometry.images import list_images, read_image, write_image, write_mask
+from zeroshop_steps.geometry.images import list_images, measure_border_share, read_image, write_image, write_mask
 from zeroshop_steps.geometry.view_similarity import count_common_features, describe_view
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory
@@ -175,7 +175,7 @@ def _tell_masks(names: MaskNames | None, beside: list[Path], images: Path) -> li
 
 def _check_polarity(photos: list[Photo], masks: Path) -> None:
     """Raise StepError where masks mark the border nearly all around in nearly all photos: they mark the background."""
-    marked = [photo for photo in photos if photo.mask and measure_border(photo.mask.pixels) > INVERTED_BORDER]
+    marked = [photo for photo in photos if photo.mask and measure_border_share(photo.mask.pixels) > INVERTED_BORDER]
     if photos and len(marked) > INVERTED_BORDER * len(photos):
         raise StepError(
             f"the masks in {masks} mark the border of the photos nearly all around in {len(marked)} of {len(photos)} photos, such as"
@@ -264,15 +264,9 @@ def _name_twins(photos: list[Photo], twins: dict[int, int]) -> str:
     return _join_names([f"{photos[number].path.name} (like {photos[twin].path.name})" for number, twin in twins.items()])
 
 
-def measure_border(mask: np.ndarray) -> float:
-    """The share of the image's circumference that a mask marks."""
-    touching = int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum())
-    return touching / (2 * sum(mask.shape))
-
-
 def _is_cut_off(mask: np.ndarray) -> bool:
     """Whether a mask touches so much of the image's border that the object is cut off there."""
-    return measure_border(mask) > max(BORDER_PX / (2 * sum(mask.shape)), BORDER_SHARE)
+    return measure_border_share(mask) > max(BORDER_PX / (2 * sum(mask.shape)), BORDER_SHARE)
 
 
 def _join_names(names: list[str]) -> str:

@@ -28,7 +28,8 @@ from zeroshop_steps.evaluate.surface_measures import (
     measure_roughness_deg,
 )
 from zeroshop_steps.finish.underside import drop_underside
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.support_classes import compute_area_shares, with_surface_support
 from zeroshop_steps.geometry.transforms import transform_camera

@@ -19,7 +19,8 @@ import numpy as np
 from zeroshop_steps.finish.underside import drop_underside
 from zeroshop_steps.geometry.cameras import Camera, align_to_truth, pair_with_truth, read_sparse_model
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_first_cameras, read_views
 from zeroshop_steps.geometry.surface_distance import measure_surface_error
 from zeroshop_steps.geometry.transforms import compute_scale, transform_camera, transform_points

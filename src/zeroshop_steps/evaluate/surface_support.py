@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.geometry.support_classes import MEASURED, UNSEEN, compute_area_shares
 from zeroshop_steps.geometry.surface_support import classify_surface_support

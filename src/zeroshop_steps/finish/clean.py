@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.mesh_repair import drop_repeated_faces, find_triangles
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View, find_possible, read_views
 from zeroshop_steps.geometry.transforms import shrink_camera
 from zeroshop_steps.runtime.errors import StepError

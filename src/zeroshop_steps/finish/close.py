@@ -22,7 +22,8 @@ import numpy as np
 
 from zeroshop_steps.finish.clean import simplify
 from zeroshop_steps.finish.underside import STATES, Underside, close_underside, find_open_borders, leave_open, make_plane_axes
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.geometry.surface_distance import SEEN_BY, count_seeing_views, measure_distances
 from zeroshop_steps.runtime.files import read_json, write_json

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.images import IMAGE_SUFFIXES
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views
 from zeroshop_steps.runtime.errors import warn
 from zeroshop_steps.runtime.files import read_json, write_json

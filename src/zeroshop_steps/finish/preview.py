@@ -9,7 +9,8 @@ import numpy as np
 from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View, read_views, space_evenly
 from zeroshop_steps.geometry.transforms import crop_to_mask, transform_camera
 from zeroshop_steps.geometry.viewpoints import direction_at, look_at, make_intrinsics

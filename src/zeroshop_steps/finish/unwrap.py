@@ -10,7 +10,8 @@ import numpy as np
 import xatlas
 
 from zeroshop_steps.finish.charts import cut_into_charts
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.surface_fields import weld
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import write_json

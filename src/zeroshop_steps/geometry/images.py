@@ -108,6 +108,11 @@ def require_one_size(sizes_px: Sequence[tuple[int, int]], what: str, reason: str
     return sizes_px[0]
 
 
+def measure_border_share(mask: np.ndarray) -> float:
+    """Share of the image's circumference that an (H, W) bool mask touches."""
+    return int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()) / (2 * sum(mask.shape))
+
+
 def compute_overlap(one: np.ndarray, other: np.ndarray) -> float:
     """Intersection over union of two (H, W) bool masks."""
     return float((one & other).sum() / max((one | other).sum(), 1))

@@ -2,15 +2,18 @@
 
 import json
 import logging
+import shutil
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
-from zeroshop_steps.geometry.ply_surface import find_beside, find_textures
-from zeroshop_steps.geometry.surface_parts import Surface, SurfacePart, join_parts
+from zeroshop_steps.geometry.images import write_image
+from zeroshop_steps.geometry.meshes import Mesh, write_ply
+from zeroshop_steps.geometry.ply_surface import find_beside, find_textures, read_ply
+from zeroshop_steps.geometry.surface_parts import SurfacePart, join_parts, with_texture
 from zeroshop_steps.runtime.errors import StepError, warn
 
 GLTF = (".glb", ".gltf")
@@ -39,16 +42,16 @@ def read_mesh(path: Path) -> Mesh:
     if suffix in GLTF:
         _check_gltf(path)
     try:
-        surface = join_parts(_read_parts(path))
+        mesh = join_parts(_read_parts(path))
     except StepError:
         raise
     except Exception as error:
         raise StepError(f"mesh {path} cannot be read as {suffix[1:].upper()} ({error}); export it again, or as PLY") from None
-    diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     if suffix in (".obj", *GLTF) and diagonal < LARGEST_M:
         warn(f"mesh {path} measures {diagonal:.3g} across, which is taken for metres; a PLY is taken for millimetres")
-        surface = surface._replace(vertices=surface.vertices * MM_PER_METRE)
-    return Mesh(*surface)
+        mesh = replace(mesh, vertices=mesh.vertices * MM_PER_METRE)
+    return mesh
 
 
 def find_mesh(stem: Path) -> Path | None:
@@ -61,6 +64,18 @@ def list_mesh_files(path: Path) -> list[Path]:
     if path.suffix.lower() == ".ply":
         return [path, *find_textures(path)]
     return [path, *(beside for beside in [path.with_suffix(".mtl")] if beside.is_file())]
+
+
+def write_copy(source: Path, mesh: Mesh, folder: Path) -> None:
+    """Write a mesh that was read from a file, and perhaps moved, as model.ply with a texture: a PLY's only image as it is, else a PNG."""
+    images = find_textures(source) if source.suffix.lower() == ".ply" and mesh.is_textured else []
+    mesh = with_texture(mesh)
+    target = folder / f"model{images[0].suffix.lower() if len(images) == 1 else '.png'}"
+    if len(images) == 1:
+        shutil.copyfile(images[0], target)
+    else:
+        write_image(target, mesh.texture_image)
+    write_ply(folder / "model.ply", mesh, target.name)
 
 
 def _read_parts(path: Path) -> list[SurfacePart]:
@@ -113,12 +128,12 @@ class _FolderFiles(Mapping):
 
 def _to_part(loaded: Any) -> SurfacePart:
     """A trimesh with its texture, or with the colours of its material, vertices or faces."""
-    surface = Surface(np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64))
+    surface = Mesh(np.asarray(loaded.vertices, float), np.asarray(loaded.faces, np.int64))
     visual = loaded.visual
     if visual.kind == "face":
         return SurfacePart(surface, face_colors=np.asarray(visual.face_colors)[:, :3])
     if visual.kind == "vertex":
-        return SurfacePart(surface._replace(colors=np.asarray(visual.vertex_colors)[:, :3]))
+        return SurfacePart(replace(surface, colors=np.asarray(visual.vertex_colors)[:, :3]))
     if visual.kind != "texture":
         return SurfacePart(surface)
     material = visual.material
@@ -130,11 +145,11 @@ def _to_part(loaded: Any) -> SurfacePart:
         # The diffuse colour of MTL is often left black beside a texture; glTF's factor multiplies it.
         if hasattr(material, "baseColorTexture") and (tint < 1).any():
             texture = np.rint(texture * tint).astype(np.uint8)
-        return SurfacePart(surface._replace(uv=np.asarray(visual.uv, float)[:, :2], texture=texture))
+        return SurfacePart(replace(surface, uv=np.asarray(visual.uv, float)[:, :2], texture=texture))
     colors = visual.vertex_attributes.get("color") if hasattr(visual, "vertex_attributes") else None
     if colors is None:
         colors = np.tile(np.rint(255 * tint), (len(surface.vertices), 1))
-    return SurfacePart(surface._replace(colors=np.asarray(colors)[:, :3].astype(np.uint8)))
+    return SurfacePart(replace(surface, colors=np.asarray(colors)[:, :3].astype(np.uint8)))
 
 
 def _check_gltf(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Triangle meshes, plain or textured, and how they are read from and written to PLY (BOP's layout)."""
+"""Triangle meshes, plain or textured, and how they are written to PLY (BOP's layout)."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -10,8 +10,6 @@ import numpy as np
 if TYPE_CHECKING:
     import trimesh  # takes a second to import, so steps import it only where they need it
 
-from zeroshop_steps.geometry.ply_surface import read_ply_surface
-from zeroshop_steps.geometry.surface_parts import Surface, paint_texture
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_write
 
@@ -94,9 +92,13 @@ class Mesh:
     def without_loose_vertices(self) -> "Mesh":
         """The same mesh without vertices that belong to no face."""
         used, index = np.unique(self.faces, return_inverse=True)
-        properties = (self.normals, self.uv, self.quality, self.colors)
-        normals, uv, quality, colors = (None if values is None else values[used] for values in properties)
-        return Mesh(self.vertices[used], index.reshape(self.faces.shape), normals, uv, self.texture, quality, colors)
+        return replace(self.take_vertices(used), faces=index.reshape(self.faces.shape))
+
+    def take_vertices(self, index: np.ndarray) -> "Mesh":
+        """The mesh with the vertices of these numbers, (N,); the faces still hold the old numbers."""
+        values = (None if one is None else one[index] for one in (self.normals, self.uv, self.quality, self.colors))
+        normals, uv, quality, colors = values
+        return replace(self, vertices=self.vertices[index], normals=normals, uv=uv, quality=quality, colors=colors)
 
     def seen_faces(self) -> np.ndarray:
         """(F,) bool, faces that photos saw; all without quality."""
@@ -132,28 +134,6 @@ class Mesh:
         import trimesh
 
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
-
-
-def read_ply(path: Path) -> Mesh:
-    """Read a PLY mesh of any program, and from beside it the textures that its `TextureFile` comments name.
-
-    Polygons become triangles. Vertices are split where corners differ in texture coordinates or faces in colour; several textures become
-    one.
-
-    Raises:
-        StepError: the mesh is missing, damaged or without faces, or its texture is missing.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
-    return Mesh(*read_ply_surface(path))
-
-
-def with_texture(mesh: Mesh) -> Mesh:
-    """The mesh with a texture: its own, or else one of its vertices' colours or of plain grey."""
-    if mesh.is_textured:
-        return mesh
-    return Mesh(*paint_texture(Surface(mesh.vertices, mesh.faces, mesh.normals, mesh.uv, mesh.texture, mesh.quality, mesh.colors)))
 
 
 def _header(vertices: int, types: Mapping[str, str], faces: int, comments: Iterable[str] = ()) -> list[str]:

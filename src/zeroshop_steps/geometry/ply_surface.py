@@ -2,13 +2,15 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
 
 from zeroshop_steps.geometry.images import read_image
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.ply_tables import Element, Lists, PlyTables, read_ply_tables, read_remarks
-from zeroshop_steps.geometry.surface_parts import Surface, SurfacePart, join_parts
+from zeroshop_steps.geometry.surface_parts import SurfacePart, join_parts
 from zeroshop_steps.runtime.errors import StepError
 
 CORNERS = ("vertex_indices", "vertex_index")
@@ -21,12 +23,18 @@ FULL_SCALE = {"B": 1.0, "H": 255 / 65535, "b": 1.0, "h": 1.0, "i": 1.0, "I": 1.0
 """Factor from the whole numbers of a colour to 0..255, by the code of their type."""
 
 
-def read_ply_surface(path: Path) -> Surface:
-    """Read what `Mesh` holds from a PLY file and from the textures that it names.
+def read_ply(path: Path) -> Mesh:
+    """Read a PLY mesh of any program, and from beside it the textures that its `TextureFile` comments name.
+
+    Polygons become triangles. Vertices are split where corners differ in texture coordinates or faces in colour; several textures become
+    one.
 
     Raises:
-        StepError: the file is damaged or has no faces, or a texture is missing or outside the file's folder.
+        StepError: the mesh is missing, damaged or without faces, or a texture is missing or outside the mesh's folder.
     """
+    path = Path(path)
+    if not path.is_file():
+        raise StepError(f"mesh {path} does not exist; check the path, or run the step that writes it")
     tables = read_ply_tables(path)
     vertex, face = tables.elements.get("vertex"), tables.elements.get("face")
     if vertex is None or not {"x", "y", "z"} <= set(vertex.columns):
@@ -51,7 +59,7 @@ def read_ply_surface(path: Path) -> Surface:
     # Other programs call any scalar quality.
     known = quality is not None and len(quality) and quality.min() >= 0 and quality.max() <= 1
     normals = _stack(vertex.columns, ("nx", "ny", "nz"))
-    surface = Surface(
+    surface = Mesh(
         vertices,
         faces,
         normals if normals is None or np.isfinite(normals).all() else None,
@@ -93,13 +101,13 @@ def _by_texture(whole: SurfacePart, numbers: np.ndarray | None, textures: list[P
     for number in np.unique(np.maximum(numbers, -1)):
         faces = np.maximum(numbers, -1) == number
         corner_uv, colors = (None if values is None else values[faces] for values in (whole.corner_uv, whole.face_colors))
-        part = SurfacePart(whole.surface._replace(faces=whole.surface.faces[faces]), corner_uv, colors)
+        part = SurfacePart(replace(whole.surface, faces=whole.surface.faces[faces]), corner_uv, colors)
         parts.append(_textured(part, read_image(textures[number])) if number >= 0 else part)
     return parts
 
 
 def _textured(part: SurfacePart, texture: np.ndarray) -> SurfacePart:
-    return SurfacePart(part.surface._replace(texture=texture), part.corner_uv, part.face_colors)
+    return SurfacePart(replace(part.surface, texture=texture), part.corner_uv, part.face_colors)
 
 
 def find_textures(path: Path, remarks: tuple[str, ...] | None = None) -> list[Path]:

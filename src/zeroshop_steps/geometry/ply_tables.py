@@ -76,7 +76,7 @@ def read_ply_tables(path: Path) -> PlyTables:
     try:
         if not content.startswith(b"ply") or end is None:
             raise ValueError("its header does not end" if content.startswith(b"ply") else "it does not start with ply")
-        lines = [line.decode("utf-8", "replace").strip() for line in LINE_END.split(content[: end.start()])]
+        lines = _split_lines(content[: end.start()])
         form, elements = _parse_header(lines)
         body, order = content[end.end() :], BYTE_ORDERS[form]
         if form == "ascii":
@@ -89,15 +89,21 @@ def read_ply_tables(path: Path) -> PlyTables:
             elements[name] = replace(element, columns=columns, lists=lists)
     except (ArithmeticError, IndexError, KeyError, ValueError) as error:
         raise StepError(f"mesh {path} cannot be read as PLY ({error}); export it again") from None
-    remarks = tuple(line.split(None, 1)[1] for line in lines if re.match(r"(comment|obj_info)\s+\S", line))
-    return PlyTables(elements, remarks)
+    return PlyTables(elements, _list_remarks(lines))
 
 
 def read_remarks(path: Path) -> tuple[str, ...]:
     """The texts of the `comment` and `obj_info` lines of a PLY file, read from its header alone."""
     with open(path, "rb") as file:
         header = HEADER_END.split(file.read(1 << 16), maxsplit=1)[0]
-    lines = [line.decode("utf-8", "replace").strip() for line in LINE_END.split(header)]
+    return _list_remarks(_split_lines(header))
+
+
+def _split_lines(header: bytes) -> list[str]:
+    return [line.decode("utf-8", "replace").strip() for line in LINE_END.split(header)]
+
+
+def _list_remarks(lines: list[str]) -> tuple[str, ...]:
     return tuple(line.split(None, 1)[1] for line in lines if re.match(r"(comment|obj_info)\s+\S", line))
 
 

@@ -176,11 +176,13 @@ def estimate_up_from_roll(views: list[View]) -> tuple[np.ndarray, float]:
     usual = upright == (upright.mean() > 0.5)
     rotations = np.array([view.camera.camera_from_world[:3, :3] for view in views])
     up, certainty = _estimate_up(rotations[usual])
+    if len(views) < LEAST_ROLLED:
+        return up, certainty
     polar, azimuth = spread_over_sphere(CANDIDATES_OF_UP)
     candidates = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
     square = _measure_squareness(rotations, candidates)
     as_it_is = float(_measure_squareness(rotations, up[None])[0])
-    if len(views) < LEAST_ROLLED or square.max() <= max(LEAST_SQUARE, as_it_is + BETTER_SQUARE):
+    if square.max() <= max(LEAST_SQUARE, as_it_is + BETTER_SQUARE):
         return up, certainty
     axes = rotations @ candidates[square.argmax()]
     held = np.abs(axes[:, 1]) > np.abs(axes[:, 0])

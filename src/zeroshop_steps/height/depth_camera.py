@@ -14,7 +14,7 @@ import numpy as np
 from zeroshop_steps.geometry.image_files import check_kind
 from zeroshop_steps.geometry.images import decode_image
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
-from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import DEVIATION_OF_MEDIAN
 from zeroshop_steps.height.record import RegisteredObject, Scale, add_common_arguments, write_height

@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from zeroshop_steps.geometry.images import measure_border_share
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.thread_pool import map_in_threads
 
@@ -52,7 +53,7 @@ def compare_with_hull(masks: list[np.ndarray], hulls: list[np.ndarray]) -> list[
             fault = f"{disagreement:.0%} of the mask contradicts the masks of the other views"
         elif abs(ratio - 1) > MOST_AREA_JUMP:
             fault = f"the mask is {ratio:.2f} times as large as the other views predict"
-        found.append(MaskQuality(disagreement, float(ratio), _measure_border_share(mask), fault))
+        found.append(MaskQuality(disagreement, float(ratio), measure_border_share(mask), fault))
     return found
 
 
@@ -67,7 +68,7 @@ def compare_sizes(masks: list[np.ndarray]) -> list[MaskQuality]:
             fault = "the mask is empty"
         elif not 1 / MOST_SIZE_RATIO < ratio < MOST_SIZE_RATIO:
             fault = f"the mask is {ratio:.2f} times as large as the usual one"
-        found.append(MaskQuality(None, float(ratio), _measure_border_share(mask), fault))
+        found.append(MaskQuality(None, float(ratio), measure_border_share(mask), fault))
     return found
 
 
@@ -120,10 +121,6 @@ def describe_quality(qualities: list[MaskQuality], names: list[str]) -> dict[str
 
 def _round(value: float | None) -> float | None:
     return None if value is None else round(value, 4)
-
-
-def _measure_border_share(mask: np.ndarray) -> float:
-    return int(mask[0].sum() + mask[-1].sum() + mask[:, 0].sum() + mask[:, -1].sum()) / (2 * sum(mask.shape))
 
 
 def _measure_disagreement(mask: np.ndarray, hull: np.ndarray) -> float:

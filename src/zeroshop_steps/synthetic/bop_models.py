@@ -10,9 +10,8 @@ from pathlib import Path
 
 from zeroshop_steps.bop.models import describe_model, read_models_info
 from zeroshop_steps.bop.symmetry import check_symmetries
-from zeroshop_steps.geometry.images import write_image
-from zeroshop_steps.geometry.mesh_files import SUFFIXES, find_mesh, list_mesh_files, read_mesh
-from zeroshop_steps.geometry.meshes import Mesh, with_texture, write_ply
+from zeroshop_steps.geometry.mesh_files import SUFFIXES, find_mesh, read_mesh, write_copy
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_directory, locked, write_json
@@ -94,15 +93,8 @@ def copy_model(models: Path, dataset: str, name: str, out: Path, source: dict[st
     if not mesh.is_textured:
         found = "colours at vertices or faces" if mesh.colors is not None else "no colour at all"
         warn(f"model {path} has {found} instead of a texture; it is rendered {'with them' if mesh.colors is not None else 'in grey'}")
-    textures = list_mesh_files(path)[1:] if path.suffix.lower() == ".ply" and mesh.is_textured else []
-    mesh = with_texture(mesh)
     with atomic_directory(out) as folder:
-        target = folder / f"model{textures[0].suffix.lower() if len(textures) == 1 else '.png'}"
-        if len(textures) == 1:
-            shutil.copyfile(textures[0], target)
-        else:
-            write_image(target, mesh.texture_image)
-        write_ply(folder / "model.ply", mesh, target.name)
+        write_copy(path, mesh, folder)
         write_json(folder / "model_info.json", info)
 
 

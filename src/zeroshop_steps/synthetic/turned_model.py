@@ -4,15 +4,15 @@ Writes a model folder whose model stands in its new way, z up, and `turned.json`
 """
 
 import argparse
-import shutil
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
-from zeroshop_steps.geometry.meshes import Mesh, read_ply, write_ply
+from zeroshop_steps.geometry.mesh_files import write_copy
+from zeroshop_steps.geometry.meshes import Mesh
 from zeroshop_steps.geometry.placements import Placement, placements_of_hull
-from zeroshop_steps.geometry.ply_surface import find_textures
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.transforms import transform_points
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import atomic_directory, read_json, write_json
@@ -35,11 +35,8 @@ def run(args: argparse.Namespace) -> None:
     turned_from_model = placement.plane_from_object
     vertices = transform_points(mesh.vertices, turned_from_model)
     normals = None if mesh.normals is None else mesh.normals @ turned_from_model[:3, :3].T
-    texture = next(iter(find_textures(path)), None)
     with atomic_directory(args.out) as folder:
-        write_ply(folder / "model.ply", Mesh(vertices, mesh.faces, normals, mesh.uv), texture.name if texture else None)
-        if texture:
-            shutil.copy(texture, folder / texture.name)
+        write_copy(path, replace(mesh, vertices=vertices, normals=normals), folder)
         write_json(folder / "model_info.json", describe(read_json(args.model / "model_info.json"), vertices))
         facts = {"placement": placement.kind, "turned_from_model": turned_from_model.tolist()}
         write_json(folder / "turned.json", facts | {name: asdict(placement)[name] for name in ("probability", "stability_deg")})

@@ -9,7 +9,7 @@ import torch
 from helpers.small_trellis import write_encoder, write_networks
 from helpers.stand_in_generator import Deformation, StandInGenerator
 from zeroshop_steps.geometry.images import list_images, read_mask, write_mask
-from zeroshop_steps.geometry.meshes import read_ply
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.networks.trellis.conditioning import frame_object
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from zeroshop_steps.geometry.cameras import align_to_truth, pair_with_truth, read_sparse_model
-from zeroshop_steps.geometry.meshes import Mesh, read_ply
+from zeroshop_steps.geometry.meshes import Mesh
+from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_first_cameras
 from zeroshop_steps.geometry.surface_distance import count_seeing_views, measure_distances
 from zeroshop_steps.geometry.transforms import compute_scale, transform_points
