@@ -59,7 +59,7 @@ def test_refused_masks_are_shown(tmp_path):
     for path in paths:
         write_image(path, np.full((100, 120, 3), 128, np.uint8))
     picture = tmp_path / "logs" / "segment.log.png"
-    with pytest.raises(StepError, match="All masks are shown in .*segment.log.png"), show_rejected_masks(paths, picture):
+    with pytest.raises(StepError, match="all masks are shown in .*segment.log.png"), show_rejected_masks(paths, picture):
         check_enough_good(compare_with_hull(masks, [disk()] * 10), NAMES, masks)
     sheet = read_image(picture)
     bad, good = sheet[: len(sheet) // 2], sheet[len(sheet) // 2 :]

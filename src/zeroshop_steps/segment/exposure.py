@@ -98,9 +98,9 @@ def _warn(record: dict[str, Any]) -> None:
     extreme = [photo["name"] for photo in photos if max(max(photo["gains"]), 1 / min(photo["gains"])) > EXTREME_GAIN]
     if extreme:
         warn(
-            f"exposure or white balance is far from that of the other photos in {', '.join(extreme)}; they are corrected, but what was"
-            " too bright or too dark is lost. Lock exposure and white balance when you photograph"
+            f"exposure or white balance is far from that of the other photos in {', '.join(extreme)}; it is corrected, but overexposed and"
+            " underexposed parts stay without detail. Lock exposure and white balance when you photograph"
         )
     clipped = [photo["name"] for photo in photos if photo["clipped_share"] > CLIPPED_SHARE]
     if clipped:
-        warn(f"much is too bright to be told from white in {', '.join(clipped)}; expose these photos less")
+        warn(f"overexposed: {', '.join(clipped)}; expose these photos less")

@@ -13,13 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from zeroshop_steps.runtime.thread_pool import map_in_threads
-from zeroshop_steps.segment.cues import ground, hull, network, own_colors
+from zeroshop_steps.segment.cues import MOST_ODDS, ground, hull, network, own_colors
 from zeroshop_steps.segment.scene import Guess, MaskScene
 
 CUES = {cue.__name__.rpartition(".")[2]: cue for cue in (network, ground, own_colors, hull)}
 CHANNELS = tuple(name for cue in CUES.values() for name in cue.CHANNELS)
 WEIGHTS = Path(__file__).with_name("cue_weights.json")
-MOST_ODDS = 3.0  # log odds of a pixel at most: neighbours repeat each other's errors
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.geometry.registered_views import space_evenly
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.segment.ground_picture import MOST_VIEWS
 from zeroshop_steps.segment.voxels import VoxelGrid, carve, count_votes, render_silhouettes
 
 # Lengths are shares of the cameras' distance from the focus.
 COARSE_VOXELS, REACH = 96, 0.6  # along each edge of the searched block, and half its side
 BELOW_VOXELS = 2  # of the block's lower face below the plane, which is not exact
-MOST_VIEWS = 24  # that are asked where things are, evenly spread
 LEAST_VOXELS = 40  # of an object; smaller clusters are noise
 VOTE_ODDS = 1.5  # log odds that count as a full vote
 BRIDGE_VOXELS = 1  # a bridge no wider than twice this does not join two objects

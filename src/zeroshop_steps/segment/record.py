@@ -59,7 +59,7 @@ def show_rejected_masks(paths: list[Path], picture: Path | None) -> Iterator[Non
         if picture is None:
             raise
         write_image(picture, draw_mask_sheet(paths, error.masks, error.dropped))
-        raise MasksRejected(f"{error} All masks are shown in {picture}", error.masks, error.dropped) from None
+        raise MasksRejected(f"{error}; all masks are shown in {picture}", error.masks, error.dropped) from None
 
 
 def write_segmented(

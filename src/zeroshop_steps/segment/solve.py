@@ -13,7 +13,8 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.scene_support import SceneSupport
 from zeroshop_steps.runtime.thread_pool import map_in_threads
-from zeroshop_steps.segment.fusion import MOST_ODDS, estimate_odds
+from zeroshop_steps.segment.cues import MOST_ODDS
+from zeroshop_steps.segment.fusion import estimate_odds
 from zeroshop_steps.segment.graph_cut import cut_image
 from zeroshop_steps.segment.ground_picture import build_ground_picture
 from zeroshop_steps.segment.objects import NothingFound, ObjectBlock

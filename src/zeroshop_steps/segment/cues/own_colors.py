@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.segment.color_model import ColorModel
+from zeroshop_steps.segment.cues import MOST_ODDS
 from zeroshop_steps.segment.scene import Guess, MaskScene
 
 CHANNELS = ("colors",)
-RING, MARGIN = (
-    0.6,
-    0.03,
-)  # width of the surroundings whose colours are learned, and of the rim that is not, in square roots of the hull's area
-MOST_ODDS = 3.0
+RING, MARGIN = 0.6, 0.03
+"""Width of the surroundings whose colours are learned, and of the rim that is not, in square roots of the hull's area."""
 
 
 def prepare(scene: MaskScene, guess: Guess) -> Callable[[int], list[np.ndarray]] | None:
