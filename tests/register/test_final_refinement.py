@@ -7,7 +7,7 @@ import pytest
 
 from zeroshop_steps.register import final_refinement
 from zeroshop_steps.register.final_refinement import ROUGH_MISS_PX, Hypothesis, Improver
-from zeroshop_steps.register.scene.record import Fault, Inconsistent
+from zeroshop_steps.register.scene.record import Finding
 from zeroshop_steps.register.silhouettes.model_adjustment import AdjustedModel
 from zeroshop_steps.register.silhouettes.state import TrackKind
 from zeroshop_steps.register.verification.consistency import ConsistencyReport
@@ -24,8 +24,8 @@ class Model:
         return len(self.images)
 
 
-def report(reason=None, culprits=()):
-    return ConsistencyReport(None, None, {}, Fault(reason, Inconsistent) if reason else None, culprits)
+def report(culprits=()):
+    return ConsistencyReport(None, None, {}, (Finding("error", 3.0, "wrong", culprits),) if culprits else ())
 
 
 def passed(model):
@@ -47,7 +47,7 @@ def improver(monkeypatch):
     def check(model):
         bad = {"sharpened": {"d"}, "outlines": {"c", "d"}}
         culprits = tuple(sorted(set(model.images) & set().union(*(bad[change] for change in model.changes))))
-        return report("wrong" if culprits else None, culprits)
+        return report(culprits)
 
     monkeypatch.setattr(final_refinement, "refine_keypoints", lambda model, *_: (changed(model, "sharpened"), {"points": 100}))
     monkeypatch.setattr(final_refinement, "adjust_model_by_silhouettes", lambda model, *_: adjusted(changed(model, "outlines")))
@@ -61,7 +61,7 @@ def improver(monkeypatch):
 
 def test_a_photo_that_contradicts_the_sharpened_model_is_left_out(improver):
     found, entries = improver(3).refine_keypoints(passed(Model()))
-    assert found.model == Model(("a", "b", "c"), ("sharpened",)) and found.report.reason is None
+    assert found.model == Model(("a", "b", "c"), ("sharpened",)) and not found.report.is_doubtful
     assert found.left_out == ("e", "d") and entries == {"sharpened": {"points": 100}}
 
 

@@ -99,7 +99,7 @@ class Improver:
         changed, entries = change(hypothesis.model)
         again, left_out = self.check(changed), hypothesis.left_out
         culprits = again.culprits
-        if again.fault and culprits and hypothesis.registered - len(culprits) >= self.needed:
+        if culprits and hypothesis.registered - len(culprits) >= self.needed:
             changed, more = change(remove_images(hypothesis.model, list(culprits)))
             again, left_out, entries = self.check(changed), (*left_out, *culprits), entries | more
-        return hypothesis if again.fault else replace(hypothesis, model=changed, report=again, left_out=left_out), entries
+        return hypothesis if again.is_doubtful else replace(hypothesis, model=changed, report=again, left_out=left_out), entries

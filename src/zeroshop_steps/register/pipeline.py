@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +32,8 @@ from zeroshop_steps.register.submodels.merge import LEAST_IMAGES, merge_submodel
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency, find_unsure
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch, check_duplicate_structure
 from zeroshop_steps.register.verification.loop_gap import check_loop_gap
-from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency, check_wide_baseline
+from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
+from zeroshop_steps.register.verification.verdict import verify
 
 MANY_IMAGES = 30  # beyond them, adjusting all cameras together after each few images takes most of the time
 LOOSE_OBSERVATIONS = 650
@@ -163,7 +165,7 @@ def reconstruct(
             f" with more overlap, or {way_out}",
             kind=TooFewRegistered,
         )
-    if hypothesis.report.fault is None:
+    if not hypothesis.report.is_doubtful:
         check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
         improver = Improver(image_set, check, needed if by_object else count)
         hypothesis, record = _improve(improver, hypothesis, by_object, record, stopwatch)
@@ -207,20 +209,18 @@ def _write(
         )
     pinhole_model = undistort(model, image_set, out)
     stopwatch.lap("undistort")
-    record = record.add(**describe_lenses(model), **describe_model(pinhole_model), consistency=report.figures())
+    record = record.add(**describe_lenses(model), **describe_model(pinhole_model))
     stopwatch.stop()
-    record = record.judge(Evidence(fault=report.fault), pinhole_model)
+    checks: list[Callable[[], Evidence]] = [report.gather]
     if not hypothesis.merged:
         images = None if by_object else out / "images"
-        record = record.judge(check_loop_gap(model, pinhole_model, every_match, options.seed), pinhole_model)
-        sides = check_duplicate_structure(pinhole_model, may_match, by_object, images, options.compare_pictures)
-        record = record.judge(sides, pinhole_model)
+        checks += [
+            lambda: check_loop_gap(model, pinhole_model, every_match, options.seed),
+            lambda: check_duplicate_structure(pinhole_model, may_match, by_object, images, options.compare_pictures),
+        ]
     if by_object:
-        views = read_views(out)[0]
-        near = check_photometric_consistency(views)
-        record = record.judge(near, pinhole_model)
-        record = record.judge(check_wide_baseline(views, near.entries["compared_neighbours"]), pinhole_model)
-    return record
+        checks.append(lambda: check_photometric_consistency(read_views(out)[0]))
+    return verify(record, checks, pinhole_model)
 
 
 def _map_submodels(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:
@@ -266,7 +266,7 @@ def _refine_and_verify(
     report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
     dropped: list[str] = []
     for _ in range(options.max_dropped):
-        if report.fault is None or not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
+        if not report.is_doubtful or not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
             break
         names = list(report.culprits)
         if set(names) <= set(again):
@@ -277,7 +277,7 @@ def _refine_and_verify(
             model = register_again(model, names, database, images, scratch, options.seed)
         refine_robustly(model)
         report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
-    if report.fault is None and image_set.masks is None and (unsure := find_unsure(model, report.evidence)):
+    if not report.is_doubtful and image_set.masks is None and (unsure := find_unsure(model, report.evidence)):
         dropped += unsure
         model = remove_images(model, unsure)
         refine_robustly(model)

@@ -44,6 +44,7 @@ from zeroshop_steps.register.silhouettes.pose_search import (
 )
 from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
 from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
+from zeroshop_steps.register.verification.verdict import verify
 from zeroshop_steps.runtime.files import scratch_directory
 
 ATTEMPTS = (ABOVE_DEG, ABOVE_DEG, ANYWHERE_DEG, ANYWHERE_DEG)
@@ -123,7 +124,7 @@ def register(image_set: ImageSet, out: Path, options: SilhouetteOptions) -> dict
     if contradicting > max(FEW_MATCHES, MOST_CONTRADICTING * (supporting + contradicting)):
         reason = f"the outlines fit, but {contradicting} of {supporting + contradicting} matches of the pictures contradict the cameras"
         raise record.fail(f"{reason}; {SURFACE}", pinhole_model)
-    return dict(record.judge(check_photometric_consistency(read_views(out)[0]), pinhole_model).entries)
+    return dict(verify(record, [lambda: check_photometric_consistency(read_views(out)[0], wide=False)], pinhole_model).entries)
 
 
 def _find_cameras(

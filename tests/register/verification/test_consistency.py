@@ -10,13 +10,13 @@ import pytest
 from zeroshop_steps.register.mapping.reregistration import measure_reprojection_errors_px
 from zeroshop_steps.register.scene.record import Inconsistent
 from zeroshop_steps.register.silhouettes.coherence import SilhouetteCoherence
-from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, find_first_fault, find_unsure
+from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, find_contradictions, find_unsure
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
 
 NAMES = tuple("abcdefgh")
 
 
-def fault(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
+def doubt(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
     """The verdict on eight images that agree, but for what is said about image `c`."""
     count = len(NAMES)
     disagreement_px = np.zeros((count, count))
@@ -30,37 +30,41 @@ def fault(unexplained_px=0.0, contradicting=0, error_px=0.3, link=100):
     errors_px = dict.fromkeys(NAMES, 0.3) | {"c": error_px}
     ones, limits = dict.fromkeys(NAMES, 1.0), ConsistencyLimits()
     mask_limits_px = dict.fromkeys(NAMES, limits.unexplained_px)
-    found, culprits = find_first_fault(coherence, EpipolarSupport(NAMES, supporting, against), errors_px, limits, ones, mask_limits_px)
-    assert found is None or issubclass(found.kind, Inconsistent) == (link == 100)
-    return found and found.reason, culprits
+    evidence = EpipolarSupport(NAMES, supporting, against)
+    found = find_contradictions(coherence, evidence, errors_px, limits, ones, mask_limits_px)
+    report = ConsistencyReport(coherence, evidence, errors_px, found)
+    if not report.is_doubtful:
+        return None, report.culprits
+    assert issubclass(report.verdict.kind, Inconsistent) == (link == 100)
+    return report.verdict.reason, report.culprits
 
 
 def test_a_model_that_everything_bears_out_passes():
-    assert fault() == (None, ())
+    assert doubt() == (None, ())
 
 
 def test_masks_find_a_wrong_camera():
-    reason, culprits = fault(unexplained_px=40.0)
+    reason, culprits = doubt(unexplained_px=40.0)
     assert "mask of c miss the other masks by 40.0 px" in reason and culprits == ("c",)
 
 
 def test_contradicting_matches_find_a_wrong_camera():
-    reason, culprits = fault(contradicting=300)
+    reason, culprits = doubt(contradicting=300)
     assert "matches of c contradict it" in reason and culprits == ("c",)
 
 
 def test_a_poor_fit_finds_a_wrong_camera():
-    reason, culprits = fault(error_px=1.2)
+    reason, culprits = doubt(error_px=1.2)
     assert "c fits with 1.20 px" in reason and culprits == ("c",)
 
 
 def test_a_loose_link_is_found():
-    reason, culprits = fault(link=5)
+    reason, culprits = doubt(link=5)
     assert "only 35 matches hold c" in reason and culprits == ("c",)
 
 
 def test_an_error_without_bounds_is_a_fault_wherever_it_stands():
-    reason, culprits = fault(error_px=np.inf)
+    reason, culprits = doubt(error_px=np.inf)
     assert "c sees no points of the model, or most of them lie behind it" in reason and culprits == ("c",)
 
 
@@ -84,7 +88,7 @@ def test_points_behind_a_camera_do_not_hide_its_error(behind, finite):
     errors_px = measure_reprojection_errors_px(model)
     assert all(np.isfinite(error) == finite for error in errors_px.values())
     evidence = EpipolarSupport(("1.png", "2.png"), np.array([[0, 9], [9, 0]]), np.zeros((2, 2), int))
-    figures = ConsistencyReport(None, evidence, errors_px, None, ()).figures()
+    figures = ConsistencyReport(None, evidence, errors_px).figures()
     assert json.loads(json.dumps(figures, allow_nan=False))["error_px"]["1.png"] == (0.25 if finite else None)
 
 

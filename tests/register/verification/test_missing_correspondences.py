@@ -10,6 +10,7 @@ from helpers.side_points import add_side_points
 from zeroshop_steps.geometry.images import write_image
 from zeroshop_steps.register.verification.duplicate_structure import check_duplicate_structure
 from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
+from zeroshop_steps.register.verification.verdict import judge
 
 WIDTH, HEIGHT, FOCAL, HIGH = 320, 240, 300.0, 4.0
 
@@ -47,9 +48,9 @@ def test_images_of_one_place_show_the_same_though_few_points_match(tmp_path):
     model = make_scene(tmp_path, [0] * 8, 0.15)
     judged, unlike = find_mismatched_pairs(model, tmp_path)
     assert judged == 28 and unlike == []
-    assert "share almost nothing" in check_duplicate_structure(model).fault.reason
+    assert "share almost nothing" in judge(check_duplicate_structure(model).findings).reason
     found = check_duplicate_structure(model, images=tmp_path)
-    assert found.fault is None and found.entries["compared_pictures"] == 28
+    assert found.findings[0].strength == 0 and found.entries["compared_pictures"] == 28
     assert found.entries["unlike"] == [] and len(found.entries["strangers"]) >= 10
 
 
@@ -59,5 +60,5 @@ def test_sides_that_lie_on_each_other_show_different_things(tmp_path):
     judged, unlike = find_mismatched_pairs(model, tmp_path)
     assert judged == 28
     assert {(one, other) for one, other in unlike} == {(f"{a}", f"{b}") for a in range(8) for b in range(a + 1, 8) if sides[a] != sides[b]}
-    fault = check_duplicate_structure(model, images=tmp_path).fault
-    assert "16 of 28 pairs" in fault.reason and "show different things" in fault.reason
+    (finding,) = check_duplicate_structure(model, images=tmp_path).findings
+    assert finding.strength > 2 and "16 of 28 pairs" in finding.found and "show different things" in finding.found

@@ -11,15 +11,16 @@ from zeroshop_steps.geometry.cameras import write_cameras
 from zeroshop_steps.geometry.images import write_image, write_mask
 from zeroshop_steps.geometry.mesh_rendering import MeshRenderer
 from zeroshop_steps.geometry.registered_views import read_views
-from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Record
+from zeroshop_steps.register.scene.record import DuplicateStructure, Record
 from zeroshop_steps.register.submodels.appearance import compare_groups
 from zeroshop_steps.register.verification import photometric_consistency
 from zeroshop_steps.register.verification.photometric_consistency import (
     FEW_COMPARED,
     check_photometric_consistency,
-    check_wide_baseline,
     find_inconsistent,
+    find_inconsistent_wide,
 )
+from zeroshop_steps.register.verification.verdict import MOST_DOUBT, judge
 
 VIEWS = 24
 SEEN = [*range(6), *range(12, 18)]  # of them, a part of the front and of the back
@@ -52,13 +53,14 @@ def fold(views, beside_deg=7.5):
 
 @pytest.mark.slow
 def test_right_cameras_agree(views):
-    assert check_photometric_consistency(read_views(views)[0]) == Evidence({"compared_neighbours": len(SEEN) - 2, "disagreeing": []})
+    found = check_photometric_consistency(read_views(views)[0])
+    assert found.entries == {"compared_neighbours": len(SEEN) - 2, "disagreeing": []} and found.findings[0].strength == 0
 
 
 @pytest.mark.slow
 def test_sides_that_look_alike_are_refused(views):
     found = check_photometric_consistency(fold(read_views(views)[0]))
-    assert found.fault.kind is DuplicateStructure and "differ in detail" in found.fault.reason
+    assert found.findings[0].strength > 1.4 and "differ in detail" in found.findings[0].found
     figures = found.entries
     false = [pair for pair in figures["disagreeing"] if len({int(name) < VIEWS // 2 for name in pair}) == 2]
     assert len(false) == len(figures["disagreeing"]) > 0.35 * figures["compared_neighbours"], "neighbours of one side still agree"
@@ -70,32 +72,29 @@ def test_views_that_are_far_apart_are_not_judged(views):
 
 @pytest.mark.slow
 def test_views_some_way_apart_agree_in_right_cameras(views):
-    found = check_wide_baseline(read_views(views)[0], 0)
-    assert found.entries["compared_far_neighbours"] >= len(SEEN) - 2 and found.entries["differing"] == [] and not found.fault, found
+    judged, differing = find_inconsistent_wide(read_views(views)[0])
+    assert judged >= len(SEEN) - 2 and not differing
 
 
 def test_sides_that_look_alike_are_refused_where_no_views_are_near(views):
     folded = fold(read_views(views)[0][::3], 22.5)
-    assert check_photometric_consistency(folded).entries["compared_neighbours"] == 0, "views 22.5 degrees apart are not near"
-    fault = check_wide_baseline(folded, 0).fault
-    assert fault.kind is DuplicateStructure and "sides that look alike lie on each other" in fault.reason
-
-
-@pytest.mark.parametrize("judged, scores, refused", [(8, [0.7], False), (8, [0.59], True), (8, [0.7] * 3, True), (3, [0.65], True)])
-def test_far_neighbours_are_excused_where_few_differ_a_little(monkeypatch, judged, scores, refused):
-    found = {(f"{number}", f"{number + 1}"): score for number, score in enumerate(scores)}
-    monkeypatch.setattr(photometric_consistency, "find_inconsistent_wide", lambda views: (judged, found))
-    assert bool(check_wide_baseline([], 0).fault) == refused
+    assert check_photometric_consistency(folded, wide=False).entries == {"compared_neighbours": 0, "disagreeing": []}, "not near"
+    verdict = judge(check_photometric_consistency(folded).findings)
+    assert verdict.wrong > MOST_DOUBT and verdict.kind is DuplicateStructure and "sides that look alike lie on each other" in verdict.reason
 
 
 def test_where_nothing_can_be_compared_a_warning_says_so(views):
-    record = Record().warn("other").judge(check_wide_baseline(read_views(views)[0][::3][:2], 0))  # 45 degrees apart
+    record = Record().warn("other").judge(check_photometric_consistency(read_views(views)[0][::3][:2]))  # 45 degrees apart
     assert record.entries["compared_far_neighbours"] == 0 and record.entries["warnings"][0] == "other"
     assert "no two neighbouring photos show enough of the same print" in record.entries["warnings"][1]
 
 
-def test_views_some_way_apart_are_not_asked_where_near_ones_were():
-    assert check_wide_baseline([], FEW_COMPARED) == Evidence()
+@pytest.mark.parametrize("near, far, differing, strength", [(FEW_COMPARED, 9, 9, 0.0), (2, 6, 2, 1.0), (0, 8, 1, 0.5), (0, 0, 0, 0.0)])
+def test_views_some_way_apart_count_only_where_few_near_ones_were_compared(monkeypatch, near, far, differing, strength):
+    found = {(f"{number}", f"{number + 1}"): 0.5 for number in range(differing)}
+    monkeypatch.setattr(photometric_consistency, "find_inconsistent", lambda views: (near, []))
+    monkeypatch.setattr(photometric_consistency, "find_inconsistent_wide", lambda views: (far, found))
+    assert check_photometric_consistency([]).findings[0].strength == strength
 
 
 def test_groups_that_lie_rightly_show_the_same(views):
@@ -114,10 +113,3 @@ def test_groups_laid_onto_the_wrong_side_do_not(views):
 def test_groups_without_common_sides_are_not_called_the_same(views):
     right = read_views(views)[0]
     assert not compare_groups(right, {view.camera.name for view in right[len(SEEN) // 2 :]}).same
-
-
-@pytest.mark.parametrize("judged, disagreeing, refused", [(2, 2, True), (1, 1, True), (8, 2, False), (20, 6, True), (0, 0, False)])
-def test_where_few_are_judged_none_is_excused(monkeypatch, judged, disagreeing, refused):
-    pairs = [(f"{number}", f"{number + 1}") for number in range(disagreeing)]
-    monkeypatch.setattr(photometric_consistency, "find_inconsistent", lambda views: (judged, pairs))
-    assert bool(check_photometric_consistency([]).fault) == refused

@@ -72,16 +72,35 @@ class Fault:
 
 
 @dataclass(frozen=True)
+class Finding:
+    """What a check measured that speaks against a model. What all findings mean together is judged by verification/verdict.py.
+
+    Attributes:
+        measure: which of the verdict's measures it is.
+        strength: 0 for cameras that nothing speaks against; at 1, this alone makes them about as likely wrong as right.
+        found: the figures, in words for the user.
+        images: names of those to blame, if single ones are.
+    """
+
+    measure: str
+    strength: float
+    found: str
+    images: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Evidence:
     """What a check found.
 
     Attributes:
         entries: for registration.json.
-        fault: why the model is refused; None where it passes.
+        findings: what speaks against the model.
+        fault: why the model is refused, whatever else is found; None where nothing does by itself.
         warnings: for the user.
     """
 
     entries: Mapping[str, Any] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
     fault: Fault | None = None
     warnings: tuple[str, ...] = ()
 

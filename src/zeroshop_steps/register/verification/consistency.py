@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from zeroshop_steps.geometry.cameras import Camera
 from zeroshop_steps.register.mapping.reregistration import measure_reprojection_errors_px
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.lenses import folds
-from zeroshop_steps.register.scene.record import Fault, Inconsistent
+from zeroshop_steps.register.scene.record import Evidence, Fault, Finding, Inconsistent
 from zeroshop_steps.register.scene.undistortion import undistort_masks
 from zeroshop_steps.register.silhouettes.coherence import (
     UNEXPLAINED_PX,
@@ -24,11 +25,7 @@ from zeroshop_steps.register.silhouettes.coherence import (
 )
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport, count_epipolar_support
 from zeroshop_steps.register.verification.film_path import find_jump
-
-WRONG = "the reconstruction hangs together but is wrong"
-FOLDED = f"{WRONG}: sides that look alike lie on each other"
-REMEDY = "add pictures in between, or put the object on a strongly textured surface"
-
+from zeroshop_steps.register.verification.verdict import MOST_DOUBT, SURFACE, WRONG, Verdict, judge
 
 UNSURE_SHARE, UNSURE_POINTS = 0.3, 1 / 3
 """An image is held unsurely where this share of its matches contradicts the model, and it sees less than this share of the points that the
@@ -38,10 +35,10 @@ median image sees: four of twenty photos of a box that stood before a plain grou
 
 @dataclass(frozen=True)
 class ConsistencyLimits:
-    """Limits beyond which a model is wrong.
+    """What the figures of a model are measured by: where one is as large as its limit, its finding has the strength 1.
 
-    Set on virtual captures of 32 objects: with these limits, all models on textured ground are kept (centres within 0.1 mm), and five
-    models on other grounds that are consistent in themselves but wrong by 4 to 500 mm are refused.
+    Set on virtual captures of 32 objects: models on textured ground stay below (centres within 0.1 mm), and five models on other grounds
+    that are consistent in themselves but wrong by 4 to 500 mm are above.
 
     Attributes:
         unexplained_px: mask rays of one view may miss the other masks by this much (95th percentile), per 1000 px of the longer side.
@@ -66,28 +63,42 @@ class ConsistencyLimits:
 
 @dataclass(frozen=True)
 class ConsistencyReport:
-    """The figures of all checks, and the first that fails.
+    """The figures of all checks, and what speaks against the model.
 
     Attributes:
         coherence: of the masks; None where there are none.
         evidence: of the image pairs.
         errors_px: {image name: median reprojection error}.
-        fault: why the model is wrong; None if all checks pass.
-        culprits: the images to blame, if single ones are.
+        findings: what speaks against the model.
+        fault: what no right model has, whatever else was found.
         wrong_masks: images whose masks contradict most of the others, and were left out of the check.
     """
 
     coherence: SilhouetteCoherence | None
     evidence: EpipolarSupport
     errors_px: dict[str, float]
-    fault: Fault | None
-    culprits: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+    fault: Fault | None = None
     wrong_masks: tuple[str, ...] = ()
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """How likely the model is wrong, by these figures alone."""
+        return judge(self.findings)
+
     @property
-    def reason(self) -> str | None:
-        """Why the model is wrong, for the user."""
-        return self.fault.reason if self.fault else None
+    def is_doubtful(self) -> bool:
+        """Whether the model is rather wrong."""
+        return self.fault is not None or self.verdict.wrong >= MOST_DOUBT
+
+    @property
+    def culprits(self) -> tuple[str, ...]:
+        """The images to blame for a doubtful model, if single ones are."""
+        return self.verdict.findings[0].images if self.is_doubtful and self.verdict.findings else ()
+
+    def gather(self) -> Evidence:
+        """What the checks found, for the verdict."""
+        return Evidence({"consistency": self.figures()}, self.findings, self.fault)
 
     def figures(self) -> dict[str, Any]:
         """The figures as written to registration.json; an error without bounds is None there."""
@@ -136,13 +147,13 @@ def check_consistency(
         coherence = coherence.enlarged(factors)
     evidence = count_epipolar_support(model, database)
     errors_px = measure_reprojection_errors_px(model)
-    fault, culprits = find_first_fault(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
-    if fault is None and any(folds(lens) for lens in model.cameras.values()):
-        fault = _contradict("its lens would fold the picture, as no lens does, so the points say too little")
-    if fault is None and image_set.film:
-        reason, culprits = find_jump(model, image_set.cuts)
-        fault = Fault(reason, Inconsistent) if reason else None
-    return ConsistencyReport(coherence, evidence, errors_px, fault, culprits, tuple(wrong_masks))
+    findings = find_contradictions(coherence, evidence, errors_px, limits, image_set.scales, mask_limits)
+    if image_set.film and (jump := find_jump(model, image_set.cuts)):
+        findings = (*findings, jump)
+    fault = None
+    if any(folds(lens) for lens in model.cameras.values()):
+        fault = Fault(f"{WRONG}: its lens would fold the picture, as no lens does, so the points say too little; {SURFACE}", Inconsistent)
+    return ConsistencyReport(coherence, evidence, errors_px, findings, fault, tuple(wrong_masks))
 
 
 def find_unsure(model: pycolmap.Reconstruction, evidence: EpipolarSupport) -> list[str]:
@@ -176,40 +187,36 @@ def _exceeds(coherence: SilhouetteCoherence, limits_px: Mapping[str, float]) -> 
     return coherence.unexplained_px / [limits_px[name] for name in coherence.names]
 
 
-def find_first_fault(
+def find_contradictions(
     coherence: SilhouetteCoherence | None,
     evidence: EpipolarSupport,
-    errors_px: dict[str, float],
+    errors_px: Mapping[str, float],
     limits: ConsistencyLimits,
     scales: Mapping[str, float],
     mask_limits_px: Mapping[str, float],
-) -> tuple[Fault | None, tuple[str, ...]]:
-    """The first check that fails, and the images to blame.
+) -> tuple[Finding, ...]:
+    """What silhouettes, matches and reprojection errors say against a model, each by its worst image.
 
     `scales` are those of `ImageSet`, `mask_limits_px` by how much the rays of each view may miss the other masks.
     """
+    findings = []
     if coherence:
         excess = _exceeds(coherence, mask_limits_px)
         name, worst_px = coherence.names[int(excess.argmax())], float(coherence.unexplained_px[excess.argmax()])
-    if coherence and excess.max() > 1:
         found = f"rays through the mask of {name} miss the other masks by {worst_px:.1f} px"
-        return Fault(f"{WRONG}, or masks are: {found}; check the masks, {REMEDY}", Inconsistent), (coherence.culprit(),)
+        findings.append(Finding("silhouettes", float(excess.max()), found, (coherence.culprit(),)))
     share = evidence.contradicted_share
-    if share.max() > limits.contradicted_share:
-        name = evidence.names[int(share.argmax())]
-        return _contradict(f"{share.max():.0%} of the matches of {name} contradict it (sides that look alike?)"), (name,)
+    name = evidence.names[int(share.argmax())]
+    found = f"{share.max():.0%} of the matches of {name} contradict it (sides that look alike?)"
+    findings.append(Finding("contradicted", float(share.max()) / limits.contradicted_share, found, (name,)))
     errors = {name: error_px / scales[name] for name, error_px in errors_px.items()}
     name = max(errors, key=errors.__getitem__)
+    largest_px = max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values()))))
+    found = f"{name} fits with {errors_px[name]:.2f} px, the others much better"
     if not np.isfinite(errors[name]):
-        return _contradict(f"{name} sees no points of the model, or most of them lie behind it"), (name,)
-    if errors[name] > max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values())))):
-        return _contradict(f"{name} fits with {errors_px[name]:.2f} px, the others much better"), (name,)
+        found = f"{name} sees no points of the model, or most of them lie behind it"
+    findings.append(Finding("error", min(errors[name] / largest_px, 10.0) if np.isfinite(errors[name]) else 10.0, found, (name,)))
     matches, group = evidence.weakest_cut()
-    if matches < limits.cut_matches:
-        few = f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed"
-        return Fault(f"{few}; {REMEDY}"), group
-    return None, ()
-
-
-def _contradict(found: str) -> Fault:
-    return Fault(f"{WRONG}: {found}; {REMEDY}", Inconsistent)
+    found = f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed"
+    findings.append(Finding("cut", limits.cut_matches / max(matches, 1), found, group))
+    return tuple(findings)

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Fault
-from zeroshop_steps.register.verification.consistency import FOLDED, REMEDY
+from zeroshop_steps.register.scene.record import Evidence, Fault, Finding
 from zeroshop_steps.register.verification.covisibility import CovisiblePoints, count_covisible_points
 from zeroshop_steps.register.verification.missing_correspondences import find_mismatched_pairs
 
@@ -16,11 +15,7 @@ SHARED_POINTS = 0.22
 """Neighbours are not covisible where they share less than this share of what both should see: up to 0.21 where one of two images belongs to
 another side of the object, nearly always 0.23 to 0.9 in right models."""
 NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE = 2, 0.35
-"""So many pairs of neighbours may share so little, or this share of all."""
-FEW_NEIGHBOURS = 5
-"""Of fewer pairs, none may be where the object alone gave the matches: three folded models of a tube in ten views had one of three or four,
-and 1 of 44 right ones."""
-
+"""So many pairs of neighbours may share so little, or this share of all. Where the object alone gave the matches, the first counts not."""
 DOUBTFUL_SHARE = 0.1
 """From this share of such neighbours on, the pictures of a whole scene are asked: below, print holds the photos to each other."""
 UNLIKE_SHARE, LEAST_COMPARED = 0.26, 5
@@ -53,19 +48,20 @@ def check_duplicate_structure(
         compared, unlike = find_mismatched_pairs(model, images)
         entries |= {"compared_pictures": compared, "unlike": [list(pair) for pair in unlike]}
         if compared >= LEAST_COMPARED:
-            differ = "show different things where they should show the same"
-            return Evidence(entries, make_fault(unlike, compared, differ) if len(unlike) > UNLIKE_SHARE * compared else None)
+            differ = describe_pairs(unlike, compared, "show different things where they should show the same")
+            return Evidence(entries, (Finding("correspondences", len(unlike) / (UNLIKE_SHARE * compared), differ),))
         if compare:
             few = f"only {compared} pairs of neighbouring images can be compared, {LEAST_COMPARED} are needed to tell sides that look alike"
-            return Evidence(entries, Fault(few))
-    excused = 0.0 if by_object and neighbours < FEW_NEIGHBOURS else max(NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE * neighbours)
-    return Evidence(entries, make_fault(strangers, neighbours, "share almost nothing") if len(strangers) > excused else None)
+            return Evidence(entries, fault=Fault(few))
+    excused = max(0 if by_object else NONCOVISIBLE_PAIRS, NONCOVISIBLE_SHARE * neighbours) + 0.5
+    found = describe_pairs(strangers, neighbours, "share almost nothing")
+    return Evidence(entries, (Finding("covisibility", len(strangers) / excused, found),))
 
 
-def make_fault(pairs: Sequence[tuple[str, str]], neighbours: int, what: str) -> Fault:
-    """What is wrong with so many pairs of neighbours, and how to tell sides apart."""
-    told = f"{len(pairs)} of {neighbours} pairs of neighbouring images, such as {' and '.join(pairs[0])}, {what}"
-    return Fault(f"{FOLDED}. {told}; {REMEDY}", DuplicateStructure)
+def describe_pairs(pairs: Sequence[tuple[str, str]], neighbours: int, what: str) -> str:
+    """How many pairs of neighbours are wrong, and in what."""
+    example = f", such as {' and '.join(pairs[0])}," if pairs else ""
+    return f"{len(pairs)} of {neighbours} pairs of neighbouring images{example} {what}"
 
 
 def find_noncovisible(missed: CovisiblePoints, may_match: MayMatch | None = None) -> tuple[int, list[tuple[str, str]]]:

@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.register.scene.record import Finding
+
 JUMP_DEG = 75.0
 JUMP_RATIO = 3.0
 """Between neighbours, the camera turns by less than this angle, or less than this many times what it turns in the median: up to 61 degrees
 in right models of 20 frames in two rounds, 94 and more in wrong ones."""
 
 
-def find_jump(model: pycolmap.Reconstruction, cuts: Sequence[int] = ()) -> tuple[str | None, tuple[str, ...]]:
-    """Where the camera turns too far between two neighbours: the reason for the user, and the image to blame, if it is one.
+def find_jump(model: pycolmap.Reconstruction, cuts: Sequence[int] = ()) -> Finding | None:
+    """Where the camera turns most between two neighbours; None where no two frames follow each other.
 
     Args:
         model: the cameras; its images are named by their place in the film, 000000.png and so on.
@@ -29,19 +31,14 @@ def find_jump(model: pycolmap.Reconstruction, cuts: Sequence[int] = ()) -> tuple
     places = np.array([int(Path(name).stem) for name in names])
     next_to = (np.diff(places) == 1) & ~np.isin(places[1:], cuts)
     if not next_to.any():
-        return None, ()
+        return None
     limit_deg = max(JUMP_DEG, JUMP_RATIO * float(np.median(turns[next_to])))
     jumps = np.flatnonzero(next_to & (turns > limit_deg))
-    if not len(jumps):
-        return None, ()
-    first = int(jumps[0])
-    reason = (
-        f"the reconstruction hangs together but is wrong: between {names[first]} and {names[first + 1]}, which follow each other in the"
-        f" film, the camera would turn by {turns[first]:.0f} degrees; put the object on a surface with more print, film more"
-        " slowly, or take more of the film's frames (picture_count in the table of objects)"
-    )
+    worst = int(np.where(next_to, turns, 0.0).argmax())
+    pair = f"{names[worst]} and {names[worst + 1]}, which follow each other in the film"
+    found = f"between {pair}, the camera would turn by {turns[worst]:.0f} degrees"
     alone = [index + 1 for index in jumps[:-1] if index + 1 in jumps]
-    return reason, (names[alone[0]],) if alone else ()
+    return Finding("jump", float(turns[worst] / limit_deg), found, (names[alone[0]],) if alone else ())
 
 
 def measure_turn_deg(one: np.ndarray, other: np.ndarray) -> float:

@@ -18,8 +18,7 @@ from zeroshop_steps.geometry.cameras import take_cameras
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.geometry.support_plane import estimate_up_from_roll
 from zeroshop_steps.register.matching.rotation_consistency import estimate_turn
-from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Fault
-from zeroshop_steps.register.verification.consistency import FOLDED, REMEDY
+from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.verification.epipolar_support import count_epipolar_support
 from zeroshop_steps.register.verification.film_path import measure_turn_deg
 from zeroshop_steps.register.verification.view_coverage import measure_directions, measure_view_coverage
@@ -56,9 +55,14 @@ class LoopGap:
     beyond: tuple[Pair, ...]
 
     @property
+    def strength(self) -> float:
+        """Of the finding that the gap is no gap."""
+        return len(self.beyond) / max(LEAST_PAIRS, LEAST_SHARE * self.judged)
+
+    @property
     def is_folded(self) -> bool:
-        """Whether the gap is no gap."""
-        return len(self.beyond) >= max(LEAST_PAIRS, LEAST_SHARE * self.judged)
+        """Whether the gap is rather none."""
+        return self.strength >= 1
 
     def figures(self) -> dict[str, Any]:
         """As written to registration.json."""
@@ -71,14 +75,14 @@ def check_loop_gap(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Recon
     found = measure_loop_gap(model, pinhole_model, database, seed)
     if found.gap_deg < GAP_DEG:
         return Evidence()
-    fault = None
-    if found.is_folded:
-        reason = (
-            f"{FOLDED}. No camera is within {found.gap_deg:.0f} degrees around the object, but"
-            f" {len(found.beyond)} pairs of images, such as {' and '.join(found.beyond[0])}, match as if there were some; {REMEDY}"
+    findings: tuple[Finding, ...] = ()
+    if found.beyond:
+        said = (
+            f"no camera is within {found.gap_deg:.0f} degrees around the object, but {len(found.beyond)} pairs of images, such as"
+            f" {' and '.join(found.beyond[0])}, match as if there were some"
         )
-        fault = Fault(reason, DuplicateStructure)
-    return Evidence({"gap_evidence": found.figures()}, fault)
+        findings = (Finding("loop_gap", found.strength, said),)
+    return Evidence({"gap_evidence": found.figures()}, findings)
 
 
 def measure_loop_gap(model: pycolmap.Reconstruction, pinhole_model: pycolmap.Reconstruction, database: Path, seed: int) -> LoopGap:

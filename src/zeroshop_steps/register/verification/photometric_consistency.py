@@ -12,16 +12,17 @@ elsewhere: so a pair must differ at other depths, too.
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from zeroshop_steps.geometry.registered_views import View
 from zeroshop_steps.register.photometry.hull_views import make_small_views
 from zeroshop_steps.register.photometry.view_similarity import LEAST_PATCHES, UNLIKE_SCORE, Chances, compare, compare_distinctive
-from zeroshop_steps.register.scene.record import Evidence
+from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.submodels.appearance import LARGEST_DEG
 from zeroshop_steps.register.submodels.appearance import WRONG_SHARE as WRONG_PATCHES
-from zeroshop_steps.register.verification.duplicate_structure import make_fault
+from zeroshop_steps.register.verification.duplicate_structure import describe_pairs
 
 NEAR_DEG = 18.0  # views are neighbours where their directions to the object differ by at most so much
 LEAST_SCORE, SCORE_PER_DEG = 0.92, 0.007
@@ -34,11 +35,27 @@ FEW_COMPARED = 3
 """Pairs of near neighbours: where fewer could be compared in detail, views farther apart are asked."""
 
 
-def check_photometric_consistency(views: Sequence[View]) -> Evidence:
-    """Whether neighbouring views of the object, with masks, show the same; a fault where too many do not."""
-    judged, disagreeing = find_inconsistent(views)
-    entries = {"compared_neighbours": judged, "disagreeing": [list(pair) for pair in disagreeing]}
-    return Evidence(entries, make_fault(disagreeing, judged, "differ in detail") if len(disagreeing) > WRONG_SHARE * judged else None)
+def check_photometric_consistency(views: Sequence[View], wide: bool = True) -> Evidence:
+    """Whether neighbouring views of the object, with masks, show the same.
+
+    Args:
+        views: the registered views, with masks.
+        wide: whether views farther apart are asked where near neighbours give almost nothing to compare.
+    """
+    judged, differing = find_inconsistent(views)
+    entries: dict[str, Any] = {"compared_neighbours": judged, "disagreeing": [list(pair) for pair in differing]}
+    warnings: tuple[str, ...] = ()
+    if wide and judged < FEW_COMPARED:
+        far, scores = find_inconsistent_wide(views)
+        entries |= {"compared_far_neighbours": far, "differing": [list(pair) for pair in sorted(scores)]}
+        judged, differing = judged + far, [*differing, *sorted(scores)]
+        if not judged:
+            warnings = (
+                "no two neighbouring photos show enough of the same print to be compared: were sides that look alike laid onto each other,"
+                " only matches and outlines would tell; look at the mesh, or add pictures in between",
+            )
+    strength = len(differing) / (WRONG_SHARE * judged) if judged else 0.0
+    return Evidence(entries, (Finding("photometry", strength, describe_pairs(differing, judged, "differ in detail")),), warnings=warnings)
 
 
 def find_inconsistent(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]]:
@@ -57,31 +74,6 @@ def find_inconsistent(views: Sequence[View]) -> tuple[int, list[tuple[str, str]]
         if np.mean(scores) < LEAST_SCORE - SCORE_PER_DEG * angle_deg:
             disagreeing.append((Path(views[one].camera.name).stem, Path(views[other].camera.name).stem))
     return judged, disagreeing
-
-
-def check_wide_baseline(views: Sequence[View], compared_near: int) -> Evidence:
-    """Whether views differ that should show the same, where near neighbours gave almost nothing to compare.
-
-    A fault where too many pairs differ, or the median patch of one is not there (`UNLIKE_SCORE`): a wrong model of a can had one such pair
-    of eight.
-
-    Args:
-        views: the registered views, with masks.
-        compared_near: the pairs that `check_photometric_consistency` compared.
-    """
-    if compared_near >= FEW_COMPARED:
-        return Evidence()
-    judged, scores = find_inconsistent_wide(views)
-    differing = sorted(scores)
-    warnings: tuple[str, ...] = ()
-    if not judged and not compared_near:
-        warnings = (
-            "no two neighbouring photos show enough of the same print to be compared: were sides that look alike laid onto each other, only"
-            " matches and outlines would tell; look at the mesh, or add pictures in between",
-        )
-    wrong = len(differing) > WRONG_SHARE * judged or min(scores.values(), default=1.0) < UNLIKE_SCORE
-    entries = {"compared_far_neighbours": judged, "differing": [list(pair) for pair in differing]}
-    return Evidence(entries, make_fault(differing, judged, "differ in detail") if wrong else None, warnings)
 
 
 def find_inconsistent_wide(views: Sequence[View]) -> tuple[int, dict[tuple[str, str], float]]:

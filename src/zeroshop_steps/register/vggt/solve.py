@@ -29,6 +29,7 @@ from zeroshop_steps.register.scene.record import (
 )
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.verification.consistency import check_consistency
+from zeroshop_steps.register.verification.verdict import verify
 from zeroshop_steps.register.vggt.bundle import adjust_cameras, drop_weak_images, write_database
 from zeroshop_steps.register.vggt.dense_points import decode_cameras, find_confirmed_points
 from zeroshop_steps.register.vggt.feed_forward import build_feed_forward_model, check_feed_forward
@@ -52,10 +53,10 @@ class CameraPredictor(Protocol):
 
 @dataclass(frozen=True)
 class Solution:
-    """Cameras before they are undistorted, why they are wrong if they are, and what is written of them."""
+    """Cameras before they are undistorted, what was found about them, and what is written of them."""
 
     model: pycolmap.Reconstruction
-    fault: Fault | None
+    evidence: Evidence
     entries: dict[str, Any]
 
 
@@ -137,7 +138,7 @@ def register(
     pinhole_model = undistort(solution.model, image_set, out)
     record = record.add(**describe_lenses(solution.model), **describe_model(pinhole_model))
     stopwatch.stop()
-    return dict(record.judge(Evidence(fault=solution.fault), pinhole_model).entries)
+    return dict(verify(record, [lambda: solution.evidence], pinhole_model).entries)
 
 
 def _solve_by_tracks(
@@ -164,17 +165,17 @@ def _solve_by_tracks(
     model = drop_weak_images(model, options.min_observations, options.max_error_px)
     entries = {"query_views": [frames.names[view] for view in views], "tracks": seen.seen.shape[1]}
     if model.num_reg_images() < 2 or not model.num_points3D():
-        return Solution(pycolmap.Reconstruction(), None, {**entries, "left_out": []})
+        return Solution(pycolmap.Reconstruction(), Evidence(), {**entries, "left_out": []})
     left_out: list[str] = []
     report = check_consistency(model, image_set, database, options.limits)
     for _ in range(options.max_dropped):
-        if report.fault is None or model.num_reg_images() - len(report.culprits) < max(options.min_images, 2):
+        if not report.culprits or model.num_reg_images() - len(report.culprits) < max(options.min_images, 2):
             break
         left_out += report.culprits
         model = remove_images(model, list(report.culprits))
         model = drop_weak_images(model, options.min_observations, options.max_error_px)
         report = check_consistency(model, image_set, database, options.limits)
-    return Solution(model, report.fault, {**entries, "left_out": left_out, "consistency": report.figures()})
+    return Solution(model, report.gather(), {**entries, "left_out": left_out})
 
 
 def _solve_feed_forward(
@@ -184,4 +185,4 @@ def _solve_feed_forward(
     points = find_confirmed_points(cameras, frames, predicted.depth, usable & (predicted.confidence >= options.min_confidence))
     model = build_feed_forward_model(cameras, points)
     reason, consistency = check_feed_forward(cameras, points, image_set, options.unrefined_px, options.min_agreement, REMEDY)
-    return Solution(model, Fault(reason) if reason else None, {"consistency": consistency})
+    return Solution(model, Evidence({"consistency": consistency}, fault=Fault(reason) if reason else None), {})

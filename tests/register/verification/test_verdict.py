@@ -1,0 +1,59 @@
+"""All that was found, weighed together."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Fault, Finding, Inconsistent, Record, RegistrationFailed
+from zeroshop_steps.register.verification.verdict import MEASURES, MOST_DOUBT, MOST_STRENGTH, judge, verify
+
+NAMES = sorted(MEASURES)
+strengths = st.dictionaries(st.sampled_from(NAMES), st.floats(0, 5))
+
+
+def find(**strengths):
+    return tuple(Finding(name, value, f"{name} found", (f"{name}.png",)) for name, value in strengths.items())
+
+
+@given(strengths, st.sampled_from(NAMES), st.floats(0, 3))
+def test_what_more_speaks_against_cameras_never_makes_them_likelier(known, name, more):
+    worse = {**known, name: known.get(name, 0.0) + more}
+    assert judge(find(**worse)).wrong >= judge(find(**known)).wrong - 1e-12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_measure_convinces_alone_where_it_is_strong(name):
+    assert judge(find(**{name: 0.3})).wrong < 0.1
+    verdict = judge(find(**{name: MOST_STRENGTH}))
+    assert verdict.wrong > MOST_DOUBT and verdict.kind is MEASURES[name].kind
+    assert f"{name} found" in verdict.reason and MEASURES[name].remedy in verdict.reason
+
+
+def test_nothing_found_is_no_reason_to_doubt():
+    assert judge(()).wrong < 0.1 and judge(()).kind is RegistrationFailed
+
+
+def test_several_weak_findings_convince_together():
+    alone = max(judge(find(**{name: 0.9})).wrong for name in ("contradicted", "error", "photometry", "silhouettes"))
+    verdict = judge(find(contradicted=0.9, error=0.9, photometry=0.9, silhouettes=0.9))
+    assert verdict.wrong > MOST_DOUBT > alone
+
+
+def test_of_one_measure_the_strongest_counts():
+    twice = (*find(error=0.2), *find(error=0.8))
+    assert judge(twice) == judge(find(error=0.8))
+
+
+def test_checks_are_asked_until_one_convinces():
+    record = verify(Record(), [lambda: Evidence({"one": 1}, find(error=0.3)), lambda: Evidence({"two": 2}, find(cut=0.2))], None)
+    assert record.entries["one"] == 1 and record.entries["two"] == 2
+    assert record.entries["verdict"]["strengths"] == {"error": 0.3, "cut": 0.2} and record.entries["verdict"]["wrong_probability"] < 0.1
+    convincing = lambda: Evidence({"one": 1}, find(photometry=3.0))  # noqa: E731
+    with pytest.raises(DuplicateStructure, match="photometry found") as error:
+        verify(Record(), [convincing, lambda: pytest.fail("asked for nothing")], None)
+    assert error.value.figures["one"] == 1 and error.value.figures["verdict"]["wrong_probability"] > MOST_DOUBT
+
+
+def test_a_fault_needs_no_verdict():
+    with pytest.raises(Inconsistent, match="no lens does"):
+        verify(Record(), [lambda: Evidence(fault=Fault("no lens does", Inconsistent))], None)
