@@ -13,6 +13,11 @@ EXPECTED = ("object", "no_object", "moved", "refused")
 HALVES = ("tune", "judge")
 
 
+def choose_half(name: str) -> str:
+    """The half of the object of this name."""
+    return HALVES[hashlib.sha1(name.encode()).digest()[0] % 2]
+
+
 @dataclass(frozen=True)
 class Capture:
     """A row of the table.
@@ -44,7 +49,7 @@ class Capture:
     @property
     def half(self) -> str:
         """tune or judge, by a hash of the object's name: nobody chooses, and no object is in both."""
-        return HALVES[hashlib.sha1(self.object.encode()).digest()[0] % 2]
+        return choose_half(self.object)
 
     @property
     def wants_object(self) -> bool:

@@ -2,14 +2,13 @@
 
 import argparse
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import pycolmap
 
-from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.register.final_checks import FinalChecks
 from zeroshop_steps.register.final_refinement import Hypothesis, Improver
 from zeroshop_steps.register.mapping.mapper import make_mapping_options, map_incrementally, map_submodels
 from zeroshop_steps.register.mapping.reregistration import refine_robustly, register_again, remove_images, repair
@@ -19,7 +18,6 @@ from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import (
     OBJECT_ONLY,
     PHOTO_SCENES,
-    Evidence,
     Record,
     Stopwatch,
     TooFewRegistered,
@@ -30,9 +28,7 @@ from zeroshop_steps.register.scene.record import (
 from zeroshop_steps.register.scene.undistortion import undistort
 from zeroshop_steps.register.submodels.merge import LEAST_IMAGES, merge_submodels
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, check_consistency, find_unsure
-from zeroshop_steps.register.verification.duplicate_structure import MayMatch, check_duplicate_structure
-from zeroshop_steps.register.verification.loop_gap import check_loop_gap
-from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
+from zeroshop_steps.register.verification.duplicate_structure import MayMatch
 from zeroshop_steps.register.verification.verdict import verify
 
 MANY_IMAGES = 30  # beyond them, adjusting all cameras together after each few images takes most of the time
@@ -142,7 +138,7 @@ def reconstruct(
     stopwatch.lap("map")
     hypothesis = None
     if model is not None:
-        hypothesis = _refine_and_verify(model, image_set, database, scratch, options)
+        hypothesis = refine_and_repair(model, image_set, database, scratch, options)
         record = record.add(placed_again=list(hypothesis.placed_again), left_out=list(hypothesis.left_out))
         stopwatch.lap("repair")
     if by_object and (hypothesis.registered if hypothesis else 0) < max(needed, math.ceil(options.min_share * count)):
@@ -211,16 +207,8 @@ def _write(
     stopwatch.lap("undistort")
     record = record.add(**describe_lenses(model), **describe_model(pinhole_model))
     stopwatch.stop()
-    checks: list[Callable[[], Evidence]] = [report.gather]
-    if not hypothesis.merged:
-        images = None if by_object else out / "images"
-        checks += [
-            lambda: check_loop_gap(model, pinhole_model, every_match, options.seed),
-            lambda: check_duplicate_structure(pinhole_model, may_match, by_object, images, options.compare_pictures),
-        ]
-    if by_object:
-        checks.append(lambda: check_photometric_consistency(read_views(out)[0]))
-    return verify(record, checks, pinhole_model)
+    asked = FinalChecks(out, every_match, may_match, by_object, options.compare_pictures, options.seed)
+    return verify(record, asked.about(hypothesis, pinhole_model), pinhole_model)
 
 
 def _map_submodels(database: Path, image_set: ImageSet, options: StructureOptions) -> list[pycolmap.Reconstruction]:
@@ -257,7 +245,7 @@ def _find_connected(database: Path, image_set: ImageSet, options: StructureOptio
     return _Connected(max(common, math.ceil(LEAST_COMMON_SHARE * count)), foreign, apart)
 
 
-def _refine_and_verify(
+def refine_and_repair(
     model: pycolmap.Reconstruction, image_set: ImageSet, database: Path, scratch: Path, options: StructureOptions
 ) -> Hypothesis:
     """Refine, place suspicious images again, and leave out those that the pictures contradict even then, or hold unsurely."""

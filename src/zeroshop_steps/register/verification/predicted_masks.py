@@ -59,7 +59,7 @@ def register_by_predicted_masks(
         RegistrationFailed: it sees a thing in too few photos, or the registration fails.
     """
     with scratch_directory(folder, "masks") as scratch:
-        record = register(_mask_images(image_set, cut_main_things(maps, image_set.sizes_px), network, scratch))
+        record = register(mask_images(image_set, cut_main_things(maps, image_set.sizes_px), network, scratch))
     seen = {path.stem: (found, size_px) for path, found, size_px in zip(image_set.images, maps, image_set.sizes_px, strict=True)}
     stems = [Path(camera.name).stem for camera in read_sparse_model(folder / "sparse").cameras]
     write_maps(folder, network, {stem: _undistort_map(*seen[stem], find_lens(record, stem)) for stem in stems})
@@ -74,7 +74,7 @@ def _undistort_map(found: np.ndarray, size_px: tuple[int, int], lens: dict[str, 
     return np.asarray(cv2.resize(whole, found.shape[::-1], interpolation=cv2.INTER_AREA))
 
 
-def _mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientObjectNetwork, folder: Path) -> ImageSet:
+def mask_images(image_set: ImageSet, found: list[np.ndarray], network: SalientObjectNetwork, folder: Path) -> ImageSet:
     """The images in which the network sees a thing, with masks that are written to `folder`.
 
     Raises:

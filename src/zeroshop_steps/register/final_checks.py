@@ -1,0 +1,48 @@
+"""What is asked about cameras before they are taken."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pycolmap
+
+from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.register.final_refinement import Hypothesis
+from zeroshop_steps.register.scene.record import Evidence
+from zeroshop_steps.register.verification.duplicate_structure import MayMatch, check_duplicate_structure
+from zeroshop_steps.register.verification.loop_gap import check_loop_gap
+from zeroshop_steps.register.verification.photometric_consistency import check_photometric_consistency
+
+
+@dataclass(frozen=True)
+class FinalChecks:
+    """What the checks need beside a model.
+
+    Attributes:
+        folder: of the undistorted images and, where there are any, masks.
+        every_match: a database with all verified matches, also those that had no part in the model.
+        may_match: is asked about neighbours that share almost no points, see `check_duplicate_structure`.
+        by_object: whether the object's features alone gave the matches.
+        compare_pictures: whether the pictures of neighbours must show the same, however many points they share.
+        seed: of all RANSAC loops.
+    """
+
+    folder: Path
+    every_match: Path
+    may_match: MayMatch | None
+    by_object: bool
+    compare_pictures: bool = False
+    seed: int = 0
+
+    def about(self, hypothesis: Hypothesis, pinhole_model: pycolmap.Reconstruction) -> list[Callable[[], Evidence]]:
+        """The checks of a model in the order of their cost; `pinhole_model` is the same without distortion."""
+        checks: list[Callable[[], Evidence]] = [hypothesis.report.gather]
+        if not hypothesis.merged:  # no matches hold submodels to each other
+            images = None if self.by_object else self.folder / "images"
+            checks += [
+                lambda: check_loop_gap(hypothesis.model, pinhole_model, self.every_match, self.seed),
+                lambda: check_duplicate_structure(pinhole_model, self.may_match, self.by_object, images, self.compare_pictures),
+            ]
+        if self.by_object:
+            checks.append(lambda: check_photometric_consistency(read_views(self.folder)[0]))
+        return checks
