@@ -8,6 +8,7 @@ import pycolmap
 
 from zeroshop_steps.geometry.registered_views import read_views
 from zeroshop_steps.register.final_refinement import Hypothesis
+from zeroshop_steps.register.refinement.camera_deviation import check_deviations
 from zeroshop_steps.register.scene.record import Evidence
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch, check_duplicate_structure
 from zeroshop_steps.register.verification.loop_gap import check_loop_gap
@@ -36,7 +37,7 @@ class FinalChecks:
 
     def about(self, hypothesis: Hypothesis, pinhole_model: pycolmap.Reconstruction) -> list[Callable[[], Evidence]]:
         """The checks of a model in the order of their cost; `pinhole_model` is the same without distortion."""
-        checks: list[Callable[[], Evidence]] = [hypothesis.report.gather]
+        checks: list[Callable[[], Evidence]] = [hypothesis.report.gather, lambda: check_deviations(self.folder, self.by_object)]
         if not hypothesis.merged:  # no matches hold submodels to each other
             images = None if self.by_object else self.folder / "images"
             checks += [

@@ -10,6 +10,7 @@ from zeroshop_steps.geometry.registered_views import DEVIATIONS, View, read_view
 from zeroshop_steps.geometry.scene_support import find_focus
 from zeroshop_steps.geometry.sparse_files import read_reconstruction
 from zeroshop_steps.register.refinement.covariance import CameraDeviations, estimate_deviations
+from zeroshop_steps.register.scene.record import Evidence, Finding
 from zeroshop_steps.register.silhouettes.bundle_adjustment import SilhouetteAdjustment
 from zeroshop_steps.register.silhouettes.coherence import bound_object
 from zeroshop_steps.register.silhouettes.model_adjustment import read_tracks
@@ -17,6 +18,8 @@ from zeroshop_steps.register.silhouettes.state import NO_TRACKS, Tracks
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 
+LOOSE_SHARE = 0.003
+"""Mean deviation of the cameras' centres, of their distance, at strength 1: 1 % of the diameter of an object that fills a third of a photo."""
 USUAL_SHARE = 0.25  # of an image's shorter side that an object's radius has, where no mask shows it
 
 
@@ -41,6 +44,16 @@ def write_deviations(folder: Path, by_outlines: bool) -> dict[str, Any]:
     write_table(folder / DEVIATIONS, rows)
     usual, largest = np.median(found.object_px), found.object_px.max()
     return {"deviation_px": {"median": round(float(usual), 3), "largest": round(float(largest), 3)}}
+
+
+def check_deviations(folder: Path, by_outlines: bool) -> Evidence:
+    """How loosely the cameras of a folder are held; arguments as of `write_deviations`."""
+    try:
+        share = float(measure_deviations(read_views(folder)[0], folder / "sparse", by_outlines).centre_share.mean())
+    except StepError:
+        return Evidence()
+    found = f"the standard deviation of a camera's place is {share:.1%} of its distance in the mean"
+    return Evidence(findings=(Finding("deviation", share / LOOSE_SHARE, found),))
 
 
 def measure_deviations(views: list[View], sparse: Path, by_outlines: bool) -> CameraDeviations:

@@ -53,6 +53,7 @@ MEASURES = {
     "contradicted": Measure("epipolar contradictions", WRONG),
     "error": Measure("reprojection error", WRONG),
     "cut": Measure("weakest cut of the view graph", "the photos are held together loosely", kind=RegistrationFailed),
+    "deviation": Measure("camera deviation", "the photos hold the cameras loosely"),
     "jump": Measure("path of a film", WRONG, FILM),
     "loop_gap": Measure("loop gap", FOLDED, kind=DuplicateStructure),
     "covisibility": Measure("covisibility of neighbours", FOLDED, kind=DuplicateStructure),
