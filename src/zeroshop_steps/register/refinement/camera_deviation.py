@@ -19,7 +19,7 @@ from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.tables import write_table
 
 LOOSE_SHARE = 0.003
-"""Mean deviation of the cameras' centres, of their distance, at strength 1: 1 % of the diameter of an object that fills a third of a photo."""
+"""Mean deviation of the cameras' centres, of their distance, at strength 1: 1 % of the diameter of what is a third of a photo wide."""
 USUAL_SHARE = 0.25  # of an image's shorter side that an object's radius has, where no mask shows it
 
 
