@@ -89,7 +89,7 @@ def test_an_object_that_is_cut_off_throughout_is_a_problem(monkeypatch, tmp_path
             return [part] * cut + [whole] * (len(views) - cut)
 
     monkeypatch.setattr(check, "SalientObjectNetwork", Network)
-    monkeypatch.setattr(check, "find_project", lambda: tmp_path)
+    monkeypatch.setattr(check, "find_weights_home", lambda: tmp_path)
     assert check._find_cut_off([np.zeros((480, 640, 3), np.uint8)] * 8) == []
     weights = tmp_path / check.NETWORKS[check.DEFAULT].path
     weights.parent.mkdir(parents=True)

@@ -12,7 +12,9 @@ from zeroshop_steps.runtime.cache import check_cache
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.settings import check_config, name_error, read_config_schema, read_objects
 
-ROOT = Path(workflow.snakefile).parents[2]
+PROJECT = Path(workflow.snakefile).parents[2]
+# Paths that the config names count from the clone; where the workflow came with the package, from the working directory.
+ROOT = PROJECT if (PROJECT / "pyproject.toml").is_file() else Path.cwd()
 
 # Where results lie: of an object, of its pictures in a scene, of their cameras by a registration, of a cell; and of a whole dataset.
 RESULTS = config["results"]
@@ -32,7 +34,7 @@ WHOLE_SCENE, OBJECT_SCENE = PHOTO_SCENES = ["video", "video_segmented"]
 # Steps run with the Python that runs Snakemake, activated or not; that of a conda environment finds them, too.
 os.environ.update(
     PATH=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
-    PYTHONPATH=os.pathsep.join([str(ROOT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]),
+    PYTHONPATH=os.pathsep.join([str(PROJECT / "src"), *filter(None, [os.environ.get("PYTHONPATH")])]),
 )
 # Snakemake sets OMP_NUM_THREADS and its kin from the threads of a job; Numba and OpenCV read names of their own. NumPy's matrices are small:
 # further threads of OpenBLAS only wait, and keep cores busy with it.
@@ -45,8 +47,8 @@ shell.prefix(
 
 try:
     check_cache()
-    check_config(config, read_config_schema(ROOT / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS))
-    row_schema = ROOT / "workflow/schemas/objects.schema.yaml"
+    check_config(config, read_config_schema(PROJECT / "workflow/schemas/config.schema.yaml", methods.CHOICES, methods.SECTIONS))
+    row_schema = PROJECT / "workflow/schemas/objects.schema.yaml"
     PHOTOS = read_objects(ROOT / config["objects_table"], row_schema, methods.HEIGHTS, methods.GIVEN_HEIGHTS)
 except StepError as error:
     raise WorkflowError(str(error)) from None

@@ -57,7 +57,7 @@ def changes_option(
     wildcards,
 ):
     """The option that tells the page with which changes of the config its cells were made."""
-    changes = config_changes(config, ROOT / "config/config.yaml", ignored=("targets", "tables", "report", "chosen"))
+    changes = config_changes(config, PROJECT / "config/config.yaml", ignored=("targets", "tables", "report", "chosen"))
     return f"--config {' '.join(map(shlex.quote, changes))}" if changes else ""
 
 

@@ -9,7 +9,7 @@ BOARD_SCENE = "su_b"
 # The second pass of an object, turned over on a textured ground, and both passes joined (join.smk): in no table of meshes.
 TURNED_SCENE, JOINED_SCENE = "su_h_2", "su_f"
 # What BlenderProc's environment consists of.
-BLENDER_REQUIREMENTS = os.path.relpath(ROOT / "workflow/envs/blenderproc.txt")
+BLENDER_REQUIREMENTS = os.path.relpath(PROJECT / "workflow/envs/blenderproc.txt")
 
 
 def check_virtual_scene(

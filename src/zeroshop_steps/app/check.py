@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.app.moved_things import MOST_STEPS, PIECES, SIDE_PX, Piece, follow_points, judge_motion
+from zeroshop_steps.app.project import find_weights_home
 from zeroshop_steps.app.turning import measure_turn_deg
-from zeroshop_steps.app.workflow import find_project
 from zeroshop_steps.capture.bridging import SHARED_FEATURES, Features, count_shared, find_features
 from zeroshop_steps.capture.frames import (
     collect_image_warnings,
@@ -120,7 +120,7 @@ def _warn_of_one_side(features: list[Features]) -> list[str]:
 
 def _find_cut_off(views: list[np.ndarray]) -> list[str]:
     """A problem where the network finds an object that is cut off in nearly all pictures; nothing without the network."""
-    weights = find_project() / NETWORKS[DEFAULT].path
+    weights = find_weights_home() / NETWORKS[DEFAULT].path
     if not weights.is_file():
         return []
     maps = SalientObjectNetwork(weights).predict_all(views, [MAP_PX] * len(views))

@@ -1,102 +1,108 @@
-"""The command `zeroshop`: from photos or a film of an object to its mesh, and a quick check of a capture."""
+"""The command `zeroshop`: from photos or a film of an object to its mesh, and to what robots make of it."""
 
-import argparse
 import os
 import sys
 import time
 import webbrowser
-from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
+
+import click
 
 from zeroshop_steps import __version__
 from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
-HEIGHT_M = (0.005, 3.0)
-MOST_PASSES = 3
-PICTURES = (8, 1000)
-
 DESCRIPTION = """\
 Photos or a film of an object become a closed, textured mesh of true size.
 
+\b
   zeroshop mug.mp4 --height 0.096     a film; the mug is 9.6 cm high
   zeroshop photos/box                 a folder of photos; the size stays unknown
   zeroshop mug.mp4 turned.mp4         two films: for the second, the mug was turned over, so that its underside is seen
   zeroshop check photos/box           judge a capture in a minute, before anything long runs
+  zeroshop export urdf mug            the mesh that was made, for robots and simulators
 
 Film the object once all around from the side and once from above, on a surface with print (a newspaper does), and keep it
-whole in the picture. The results lie in results/photos/NAME below the current folder. A run that was interrupted goes on where it
-stopped, and what is given again (a height, say) remakes only what depends on it.
+whole in the picture. The results lie in results/photos/NAME below the current folder. A run that was interrupted goes on where
+it stopped, and what is given again (a height, say) remakes only what depends on it.
 
-Many objects, rendered test scenes and tables are made by Snakemake: see README.md."""
+Many objects, rendered test scenes and tables are made by Snakemake: see README.md, and `zeroshop workflow init`."""
+METHODS = list(SURFACES)
+WIDTH = 120  # of the help
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit status.
+class DefaultGroup(click.Group):
+    """A group whose first word may be left out: what is no command is given to `mesh`."""
 
-    Args:
-        argv: the command line without the program's name; the process's own by default.
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put `mesh` before what is no command."""
+        if args and args[0] not in self.commands and args[0] not in ("--help", "--version"):
+            args = ["mesh", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=DefaultGroup, help=DESCRIPTION, no_args_is_help=False, invoke_without_command=True)
+@click.version_option(__version__, prog_name="zeroshop", message="%(prog)s %(version)s")
+@click.pass_context
+def zeroshop(ctx: click.Context) -> None:
+    """Print the help where nothing is asked for."""
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+def _run_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options of all commands that run the workflow."""
+    for option in (
+        click.option("--into", type=click.Path(path_type=Path), default=Path(), metavar="FOLDER", help="Folder that gets results/.",
+                     show_default="the current one"),
+        click.option("--cores", type=int, metavar="N", default=os.cpu_count() or 2, help="Processor cores to use.", show_default="all"),
+        click.option("--method", default=METHODS[0], show_default=True, help=f"Surface method: {' or '.join(METHODS)}."),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+@zeroshop.command()
+@click.argument("sources", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="PHOTOS_OR_FILM...")
+@click.option("--height", "height_m", type=float, metavar="METRES", help="Height of the standing object, such as 0.19.")
+@click.option("--name", default="", help="Name of the results.", show_default="that of the folder or film")
+@click.option("--masks", type=click.Path(path_type=Path), metavar="FOLDER", help=(
+    "Folder of masks, each named like its photo, such as x.png, x.jpg.png or x_mask.png. By default, what is not transparent in the"
+    " photos, or masks among them; else they are found."))  # fmt: skip
+@click.option("--board", is_flag=False, flag_value="", metavar="[PHOTOS]", help=(
+    "Measure the height by the printed board beside the object, or in these photos of the empty scene."))  # fmt: skip
+@click.option("--network", metavar="NAME_OR_FILE", show_default=DEFAULT, help=(
+    f"Salient-object network that finds the object: {', '.join(NETWORKS)}, an ONNX file, or none."))  # fmt: skip
+@click.option("--count", type=int, metavar="N", help="Frames to take of a film, or photos at most.",
+              show_default="20, and more where a film needs them; 60 photos")  # fmt: skip
+@click.option("--open", "opens", is_flag=True, help="Open the report in a browser at the end.")
+@_run_options
+def mesh(board: str | None, opens: bool, cores: int, **asked: Any) -> int:
+    """Make the mesh of an object from its photos or films.
+
+    Give up to three, for which the object is turned over in between. The command's name may be left out: `zeroshop photos/mug`.
     """
-    words = list(sys.argv[1:] if argv is None else argv)
-    checking = words[:1] == ["check"]
-    parser = _check_parser() if checking else _mesh_parser()
-    if not words:
-        parser.print_help()
-        return 0
-    args = parser.parse_args(words[1:] if checking else words)
-    try:
-        return _check(args) if checking else _make(args)
-    except StepError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except (OSError, MemoryError) as error:
-        print(f"error: {explain_machine_fault(error) or error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\ninterrupted; the same command goes on where it stopped", file=sys.stderr)
-        return 130
+    from zeroshop_steps.app.reconstruction import Request, make_mesh
+
+    start_s = time.time()
+    outcome = make_mesh(Request(board=board is not None, board_photos=Path(board) if board else None, cores=cores, **asked))
+    print("\n".join(outcome.describe(start_s)))
+    if outcome.done and opens:
+        _make_report(outcome.folder, outcome.cores, True)
+    return 0 if outcome.done else 1
 
 
-def _mesh_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="zeroshop", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("source", type=Path, nargs="+", metavar="PHOTOS_OR_FILM", help=(
-        f"a folder of photos, or a video; up to {MOST_PASSES}, for which the object is turned over in between"))  # fmt: skip
-    parser.add_argument("--height", type=float, metavar="METRES", help="height of the standing object, e.g. 0.19")
-    parser.add_argument("--name", help="name of the results (default: that of the folder or video)")
-    parser.add_argument(
-        "--masks",
-        type=Path,
-        help="folder of masks, each named like its photo, such as x.png, x.jpg.png or x_mask.png (default: what is not transparent in the"
-        " photos, masks among them, or they are found)",
-    )
-    parser.add_argument("--board", type=Path, nargs="?", const=Path(), metavar="PHOTOS", help=(
-        "measure the height by the printed board beside the object, or in these photos of the empty scene"))  # fmt: skip
-    parser.add_argument("--network", metavar="NAME_OR_FILE", help=(
-        f"salient-object network that finds the object: {', '.join(NETWORKS)}, an ONNX file, or none (default: {DEFAULT})"))  # fmt: skip
-    parser.add_argument("--count", type=int, metavar="N", help=(
-        "frames to take of a film, or photos at most (default: 20, and more where a film needs them; 60 photos)"))  # fmt: skip
-    names = list(SURFACES)
-    parser.add_argument("--method", default=names[0], help=f"surface method: {' or '.join(names)} (default: %(default)s)")
-    parser.add_argument("--cores", type=int, default=os.cpu_count() or 2, help="processor cores to use (default: all, %(default)s)")
-    parser.add_argument("--into", type=Path, default=Path(), metavar="FOLDER", help="folder that gets results/ (default: the current one)")
-    parser.add_argument("--open", action="store_true", help="open the report in a browser at the end")
-    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    return parser
-
-
-def _check_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="zeroshop check", description="Judge photos or a film before anything long runs.")
-    parser.add_argument("source", type=Path, metavar="PHOTOS_OR_FILM", help="a folder of photos, or a video")
-    return parser
-
-
-def _check(args: argparse.Namespace) -> int:
+@zeroshop.command()
+@click.argument("source", type=click.Path(path_type=Path), metavar="PHOTOS_OR_FILM")
+def check(source: Path) -> int:
+    """Judge photos or a film in a minute, before anything long runs."""
     from zeroshop_steps.app.check import check_capture
+    from zeroshop_steps.app.reconstruction import require_source
 
-    problems, warnings = check_capture(_require_source(args.source))
+    problems, warnings = check_capture(require_source(source))
     for line in problems:
         print(f"problem   {line}")
     for line in warnings:
@@ -106,102 +112,99 @@ def _check(args: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def _make(args: argparse.Namespace) -> int:
-    from zeroshop_steps.app.captures import TABLE, Capture, add_capture, make_name
-    from zeroshop_steps.app.workflow import JOINED_PHOTOS, count_more_frames, read_chosen_cell, run_workflow, settings_of_inputs
+@zeroshop.command()
+@click.argument("kind")
+@click.argument("name")
+@_run_options
+def export(kind: str, name: str, method: str, cores: int, into: Path) -> int:
+    """Export a mesh that was made: urdf, mjcf, usd, usdz, body, foundationpose, nerfstudio or colmap."""
+    from zeroshop_steps.app.reconstruction import find_outcome
 
-    sources = [_require_source(path) for path in args.source]
-    if len(sources) > MOST_PASSES or len(set(sources)) < len(sources):
-        raise StepError(f"{len(sources)} captures are given; expected up to {MOST_PASSES} different ones of one object")
-    if args.masks and len(sources) > 1:
-        raise StepError("--masks goes with one capture only; leave it out, masks of several passes are found")
-    source = sources[0]
-    if args.height is not None and not HEIGHT_M[0] <= args.height <= HEIGHT_M[1]:
-        raise StepError(f"--height is {args.height:g}; it is in metres, {HEIGHT_M[0]:g} to {HEIGHT_M[1]:g}: write 0.19 for 19 cm")
-    if args.count is not None and not PICTURES[0] <= args.count <= PICTURES[1]:
-        raise StepError(f"--count is {args.count}; expected {PICTURES[0]} to {PICTURES[1]} frames or photos")
-    if args.cores < 1:
-        raise StepError(f"--cores is {args.cores}; at least 1 is needed")
-    settings = settings_of_inputs(args.network)
-    folder = args.into.resolve()
-    by_board = args.board is not None
-    capture = Capture(
-        object=make_name(Path(args.name)) if args.name else make_name(source),
-        images=str(source),
-        **{f"images_{number}": str(path) for number, path in enumerate(sources[1:], start=2)},
-        height_m=f"{args.height:g}" if args.height is not None else "",
-        height_method="marker" if by_board else "known" if args.height is not None else "",
-        marker_images=str(_require_folder(args.board, "--board")) if by_board and args.board != Path() else "",
-        masks=str(_require_folder(args.masks, "--masks")) if args.masks else _find_own_masks(sources),
-        picture_count=str(args.count or ""),
-    )
-    folder.mkdir(parents=True, exist_ok=True)
-    capture = add_capture(folder, capture)
-    results = folder / "results/photos" / capture.object
-    print(f"{', '.join(map(str, sources))} -> {results}", file=sys.stderr)
-    start_s = time.time()
-    log = results / "logs/zeroshop.log"
-    run = partial(run_workflow, f"results/photos/{capture.object}/{args.method}.ply", folder, folder / TABLE, args.cores, log, settings)
-    done = run()
-    scene, registration = read_chosen_cell(settings)
-    if not (done or capture.picture_count or capture.images_2) and (count := count_more_frames(results / scene / registration)):
-        print(f"The frames have no sure cameras; trying again with {count} of the film", file=sys.stderr)
-        add_capture(folder, replace(capture, picture_count=str(count)))
-        done = run()
-    _print_outcome(results / (JOINED_PHOTOS if capture.images_2 else scene) / registration / args.method, log, done, start_s)
-    if done and args.open:
-        _open_report(folder, folder / TABLE, args.cores)
-    return 0 if done else 1
+    print(f"Export    {find_outcome(name, method, into, cores).export(kind)}")
+    return 0
 
 
-def _print_outcome(cell: Path, log: Path, done: bool, start_s: float) -> None:
-    from zeroshop_steps.app.summary import describe_advice, describe_mesh, describe_unseen, describe_warnings, find_reason, name_photos
+@zeroshop.command()
+@click.argument("name")
+@_run_options
+def grasp(name: str, method: str, cores: int, into: Path) -> int:
+    """Find grasps of a mesh that was made, with a picture of them."""
+    from zeroshop_steps.app.reconstruction import find_outcome
 
-    results = cell.parents[2]
-    mesh = results / f"{cell.name}.ply"
-    lines = [*describe_mesh(mesh), *describe_unseen(mesh)] if done else [f"Failed    {line}" for line in find_reason(log)]
-    lines += describe_advice(cell, cell.parent / "cameras") + describe_warnings(results, start_s)
-    lines = [name_photos(line, results) for line in lines]
-    lines.append(f"Time      {(time.time() - start_s) / 60:.1f} min; everything that was said: {log}")
-    print("\n".join(lines))
+    outcome = find_outcome(name, method, into, cores)
+    print(f"Grasps    {outcome.make(outcome.cell / 'grasps.json')}\n          {outcome.make(outcome.cell / 'grasps.png')}")
+    return 0
 
 
-def _open_report(folder: Path, table: Path, cores: int) -> None:
-    """Make the report of all objects so far and open it."""
+@zeroshop.command()
+@click.option("--open", "opens", is_flag=True, help="Open it in a browser.")
+@_run_options
+def report(opens: bool, method: str, cores: int, into: Path) -> int:
+    """Make the report of all objects so far."""
+    return 0 if _make_report(into.resolve(), cores, opens) else 1
+
+
+@zeroshop.command("print-board")
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--board", default="a4", show_default=True, help="Size of the paper: a4 or a3.")
+def print_board(out: Path, board: str) -> int:
+    """Write a printable board, which gives the size of what stands beside it, as a PDF."""
+    from zeroshop_steps.runtime.cli import stage_main
+
+    return stage_main("zeroshop_steps.height", ["--method", "print_board", "--board", board, "--out", str(out)])
+
+
+@zeroshop.group()
+def workflow() -> None:
+    """Many objects, tables and clusters, by Snakemake."""
+
+
+@workflow.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+def init(folder: Path) -> int:
+    """Lay out a project: Snakefile, config.yaml and objects.tsv."""
+    from zeroshop_steps.app.project import init_project
+
+    for path in init_project(folder):
+        print(f"Written   {path}")
+    print("Next      name your objects in objects.tsv; then, in this folder: snakemake --cores 2 results/photos/OBJECT/2dgs.ply")
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status.
+
+    Args:
+        argv: the command line without the program's name; the process's own by default.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        status = zeroshop.main(words, prog_name="zeroshop", standalone_mode=False, max_content_width=WIDTH)
+        return int(status or 0)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except StepError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except (OSError, MemoryError) as error:
+        print(f"error: {explain_machine_fault(error) or error}", file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, click.Abort):
+        print("\ninterrupted; the same command goes on where it stopped", file=sys.stderr)
+        return 130
+
+
+def _make_report(folder: Path, cores: int, opens: bool) -> bool:
+    """Make the report of all objects so far, and perhaps open it."""
+    from zeroshop_steps.app.captures import TABLE
     from zeroshop_steps.app.workflow import run_workflow
 
     index, log = folder / "results/photos/report/index.html", folder / "results/photos/report/logs/zeroshop.log"
-    if run_workflow("results/photos/report/index.html", folder, table, cores, log):
-        print(f"Report    {index}")
-        webbrowser.open(index.as_uri())
-    else:
+    if not run_workflow("results/photos/report/index.html", folder, folder / TABLE, cores, log):
         print(f"The report could not be made; see {log}", file=sys.stderr)
-
-
-def _find_own_masks(sources: list[Path]) -> str:
-    """The folder of the photos as that of their masks, where their background was removed, or masks lie among them."""
-    from zeroshop_steps.capture.mask_names import split_masks
-    from zeroshop_steps.capture.photo_files import is_cut_out, list_photos
-
-    if len(sources) > 1 or not sources[0].is_dir():
-        return ""
-    if masks := split_masks(list_photos(sources[0])[0])[1]:
-        print(f"Masks lie among the photos and are taken, such as {masks[0].name}", file=sys.stderr)
-    elif is_cut_out(sources[0]):
-        print("The background of the photos is transparent: what is left of them is taken as masks", file=sys.stderr)
-    else:
-        return ""
-    return str(sources[0])
-
-
-def _require_source(path: Path) -> Path:
-    """The absolute path of a capture that exists."""
-    if not path.exists():
-        raise StepError(f"{path} does not exist; name a folder of photos or a video")
-    return path.resolve()
-
-
-def _require_folder(path: Path, option: str) -> Path:
-    if not path.is_dir():
-        raise StepError(f"{option} names {path}, which is no folder")
-    return path.resolve()
+        return False
+    print(f"Report    {index}")
+    if opens:
+        webbrowser.open(index.as_uri())
+    return True

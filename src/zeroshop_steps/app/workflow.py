@@ -16,12 +16,11 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-import zeroshop_steps
+from zeroshop_steps.app.project import find_project, find_weights_home
 from zeroshop_steps.app.run_lock import free_dead_lock, note_run
 from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS, NONE, find_network
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
-from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.failures import IN_FOLDER, read_failure
 from zeroshop_steps.runtime.files import read_json
 from zeroshop_steps.runtime.settings import read_yaml
@@ -98,18 +97,6 @@ JOINED_PHOTOS = "video_joined"
 """The scene of an object with several passes, as workflow/rules/capture.smk names it."""
 
 
-def find_project() -> Path:
-    """The folder of the project, which holds the workflow.
-
-    Raises:
-        StepError: the package was installed without it.
-    """
-    root = Path(zeroshop_steps.__file__).resolve().parents[2]
-    if not (root / "workflow/Snakefile").is_file():
-        raise StepError(f"the workflow is not at {root}; install ZeroShOP from a clone of its repository: `make .venv/.ready`")
-    return root
-
-
 def _read_config() -> dict[str, Any]:
     return read_yaml(find_project() / "config/config.yaml")
 
@@ -123,7 +110,7 @@ def read_chosen_cell(settings: Mapping[str, Any]) -> tuple[str, str]:
 def settings_of_inputs(network: str | None) -> dict[str, Any]:
     """The settings that name the salient-object network, and the weights of learned features, where they are there.
 
-    Downloaded weights lie in the project, and the working directory may be another one.
+    Downloaded weights lie in the clone or the user's cache, and the working directory may be another one.
 
     Args:
         network: name or ONNX file of the network that the user asked for, or NONE; by default the usual one, without which it also goes.
@@ -132,7 +119,7 @@ def settings_of_inputs(network: str | None) -> dict[str, Any]:
         StepError: the network that the user asked for is missing or damaged.
     """
     settings: dict[str, Any] = {"segment": {"saliency": {"network": _find_network(network)}}}
-    weights = [find_project() / WEIGHTS_FOLDER / name for name in REGISTRATIONS["aliked"].weights]
+    weights = [find_weights_home() / WEIGHTS_FOLDER / name for name in REGISTRATIONS["aliked"].weights]
     if all(path.is_file() for path in weights):
         settings["register"] = {"auto": {"weights": str(weights[0].parent)}}
     return settings
@@ -142,7 +129,7 @@ def _find_network(network: str | None) -> str:
     """The network as the config names it: an absolute file, or NONE."""
     if network == NONE:
         return NONE
-    root, name = find_project(), network or DEFAULT
+    root, name = find_weights_home(), network or DEFAULT
     if name in NETWORKS:
         return str(find_network(name, bool(network), root, f" (call snakemake in {root})") or NONE)
     return str(Path(name).resolve() if find_network(name, True) else NONE)
