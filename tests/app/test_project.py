@@ -60,30 +60,45 @@ def test_the_wheel_plans_a_mesh_and_lays_out_a_project(installed, tmp_path):
 
 def test_a_clone_keeps_its_weights(monkeypatch):
     assert project.find_project() == REPOSITORY == project.find_weights_home()
-    monkeypatch.setattr(project.subprocess, "run", lambda *_, **__: pytest.fail("a clone downloads during its set-up alone"))
+    monkeypatch.setattr(project, "fetch_weights", lambda *_: pytest.fail("a clone downloads during its set-up alone"))
     project.provide_weights()
 
 
-def test_an_installed_package_downloads_weights_once_into_the_users_cache(monkeypatch, tmp_path, capsys):
-    home, calls = tmp_path / "cache", []
-
-    def download(command, **_):
-        calls.append(command)
-        return subprocess.CompletedProcess(command, 1, "", "Error: no network\n")
-
+@pytest.fixture
+def cache(monkeypatch, tmp_path):
+    """The user's cache of an installed package."""
     monkeypatch.setattr(project, "PACKAGE", tmp_path / "site/zeroshop_steps")
-    monkeypatch.setattr(project, "user_cache_path", lambda name: home)
-    monkeypatch.setattr(project.subprocess, "run", download)
+    monkeypatch.setattr(project, "user_cache_path", lambda name: tmp_path / "cache")
     (tmp_path / "site/zeroshop_steps/project/workflow").mkdir(parents=True)
     (tmp_path / "site/zeroshop_steps/project/workflow/Snakefile").touch()
+    return tmp_path / "cache"
+
+
+def test_an_installed_package_downloads_weights_once_into_the_users_cache(monkeypatch, cache, capsys):
+    asked = []
+
+    def fetch(name, path):
+        asked.append(name)
+        path.write_text("weights")
+
+    monkeypatch.setattr(project, "fetch_weights", fetch)
     project.provide_weights()
-    said = capsys.readouterr().err
-    assert "weights could not be downloaded (Error: no network): u2netp.onnx" in said and str(home) in said
-    for path in calls[0][calls[0].index("--") + 1 :]:
-        (home / path).parent.mkdir(parents=True, exist_ok=True)
-        (home / path).touch()
+    assert asked == ["saliency/u2netp.onnx", "aliked/aliked-n16.pth", "aliked/aliked_lightglue.pth"]
+    assert all((cache / "resources/weights" / name).is_file() for name in asked)
+    assert str(cache) in capsys.readouterr().err
     project.provide_weights()
-    assert len(calls) == 1 and not capsys.readouterr().err
+    assert len(asked) == 3 and not capsys.readouterr().err
+
+
+def test_without_a_network_a_warning_says_so_and_nothing_is_left(monkeypatch, cache, capsys):
+    def fetch(name, path):
+        path.write_text("half")
+        raise StepError("no network")
+
+    monkeypatch.setattr(project, "fetch_weights", fetch)
+    project.provide_weights()
+    assert "warning: no network. Without these weights, objects on plain tables are refused more often" in capsys.readouterr().err
+    assert not [path for path in cache.rglob("*") if path.is_file()]
 
 
 def test_without_a_workflow_the_error_says_so(monkeypatch, tmp_path):

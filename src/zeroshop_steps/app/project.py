@@ -1,6 +1,5 @@
 """Where the workflow, its weights and a user's project lie: in a clone, or with the installed package."""
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from platformdirs import user_cache_path
 import zeroshop_steps
 from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, fetch_weights, look_up_weights
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
@@ -56,20 +55,23 @@ def find_weights_home() -> Path:
 def provide_weights() -> None:
     """Download the weights that every mesh of photos uses, where they are missing, once; without a network, a warning says so."""
     home = find_weights_home()
-    wanted = [NETWORKS[DEFAULT].path, *(WEIGHTS_FOLDER / name for name in REGISTRATIONS["aliked"].weights)]
-    missing = [path for path in wanted if not (home / path).is_file()]
+    wanted = [look_up_weights(NETWORKS[DEFAULT].file), *map(look_up_weights, REGISTRATIONS["aliked"].weights)]
+    missing = [row for row in wanted if not (home / row.path).is_file()]
     if not missing or home == find_project():  # a clone's set-up has tried, and said what is missing
         return
-    print(f"Downloading the weights of networks to {home / WEIGHTS_FOLDER}, once (55 MB, Apache-2.0)", file=sys.stderr)
-    home.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(find_project() / "workflow/Snakefile"), "--directory", str(home)]
-    ended = subprocess.run([*command, "--cores", "1", "--", *map(str, missing)], capture_output=True, text=True)
-    if ended.returncode:
-        said = next((line for line in reversed(ended.stdout.splitlines() + ended.stderr.splitlines()) if "rror" in line), "")
-        warn(
-            f"weights could not be downloaded ({said.strip() or 'no reason was given'}): {', '.join(path.name for path in missing)}."
-            " Without them, objects on plain tables are refused more often, and objects with the colours of the ground may lose parts"
-        )
+    size_mb = sum(row.size_bytes or 0 for row in missing) / 1e6
+    licences = ", ".join(sorted({row.licence for row in missing}))
+    print(f"Downloading the weights of networks to {home / WEIGHTS_FOLDER}, once ({size_mb:.0f} MB, {licences})", file=sys.stderr)
+    for row in missing:
+        try:
+            with atomic_write(home / row.path) as temporary:
+                fetch_weights(row.file, temporary)
+        except StepError as error:
+            warn(
+                f"{error}. Without these weights, objects on plain tables are refused more often, and objects with the colours of the"
+                " ground may lose parts"
+            )
+            return
 
 
 def init_project(folder: Path) -> list[Path]:

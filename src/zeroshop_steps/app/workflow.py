@@ -131,7 +131,8 @@ def _find_network(network: str | None) -> str:
         return NONE
     root, name = find_weights_home(), network or DEFAULT
     if name in NETWORKS:
-        return str(find_network(name, bool(network), root, f" (call snakemake in {root})") or NONE)
+        where = f" (call snakemake in {root})" if root == find_project() else "; zeroshop downloads it at the next run with a network"
+        return str(find_network(name, bool(network), root, where) or NONE)
     return str(Path(name).resolve() if find_network(name, True) else NONE)
 
 
