@@ -70,6 +70,8 @@ def sample(capture: Path, network: SalientObjectNetwork, scratch: Path) -> Itera
             if model is None:
                 continue
             hypothesis = refine_and_repair(model, image_set, database, folder, structure)
+            if hypothesis.registered < FEWEST:
+                continue
             pinhole_model = undistort(hypothesis.model, image_set, folder / "out")
             asked = FinalChecks(folder / "out", database, matches.may_match, structure.object_only)
             strengths = {}
