@@ -42,7 +42,7 @@ class Measure:
 # The limits were set on the demo mustard bottle and mug, damaged in planned steps (docs/results.md, "Does the grade fall with damage?"),
 # so that the grade falls with the damage; those of silhouettes and displaced surface also allow what a mask that is wrong by a pixel and
 # true surfaces give. Roughness, assumed and guessed surface were fitted on plain shapes and damaged meshes, and what counts as good by
-# truth was made stricter before ("Do the grades hold on other objects?"): no right surface of 212 had normals off by more than 13.3. What
+# truth was made stricter before: no right surface of 212 had normals off by more than 13.3. What
 # is sparse by silhouettes and roughness was fitted on 182 meshes there, with one object left out in turn. Displaced surface was set on
 # these and on real captures; colours decide none of these, and their limit allows the highlights of clean real captures.
 MEASURES = (

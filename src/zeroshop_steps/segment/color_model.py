@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-# Set by hand on the kitchen photos, the DTU skull and rendered films (docs/results.md).
+# Set by hand on the kitchen photos, the DTU skull and rendered films.
 BINS = 24  # of each axis of CIELAB
 BLUR_BINS = 0.8  # standard deviation of the smoothing over the table
 DOUBT = 3e-4

@@ -12,7 +12,7 @@ from zeroshop_steps.runtime.thread_pool import map_in_threads
 
 TOLERANCE = 0.02
 """Width of the rim that may differ, as a share of the square root of the mask's area: about two voxels of the hull."""
-# Set by hand on rendered films and the DTU skull (docs/results.md).
+# Set by hand on rendered films and the DTU skull.
 MOST_DISAGREEMENT = 0.15  # of the mask's area; more is another object, or a part of this one is missing
 MOST_AREA_JUMP = 0.3  # from the size that the other views predict
 MOST_SIZE_RATIO = 4.0  # to the median mask, where no cameras tell how near the object is

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from zeroshop_steps.geometry.channels import sum_channels
 
-# Set on the film of YCB-V's sugar box on a dark table (docs/results.md).
+# Set on the film of YCB-V's sugar box on a dark table.
 REACH_CUTS = 1.75  # how far an outline may move, in pixels of the width at which the mask was cut
 LEAST_REACH_PX = 2.5  # and at least so far: what is nearer is mixed by the lens and by the video's compression
 MOST_CUT_PX = 3.0  # of the photo in a pixel of the mask; larger photos are looked at so much smaller

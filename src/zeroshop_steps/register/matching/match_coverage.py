@@ -15,7 +15,7 @@ import pycolmap
 from zeroshop_steps.register.scene.database import delete_pair
 from zeroshop_steps.register.scene.picture_cells import find_cells
 
-# Set on frames of a chewing gum bottle with two equal labels (docs/results.md).
+# Set on frames of a chewing gum bottle with two equal labels.
 LEAST_CELLS = 12  # of 64, with a match, in both pictures
 
 

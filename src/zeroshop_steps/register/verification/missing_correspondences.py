@@ -22,7 +22,7 @@ from zeroshop_steps.register.photometry.score import LEAST_CONTRAST, correlate
 from zeroshop_steps.register.photometry.transfer import carry_by_plane
 from zeroshop_steps.register.verification.covisibility import find_neighbours
 
-# Set on whole scenes of photos and film frames, right ones and wrong ones (docs/results.md).
+# Set on whole scenes of photos and film frames, right ones and wrong ones.
 WIDTH_PX = 640  # longer side of the small copies that are compared: blurred images agree there
 PATCH_PX, PLAY_PX = 15, 5  # what is compared, and how far it may lie beside its place
 MOST_ANGLE_DEG, MOST_SCALE = 20.0, 1.4
