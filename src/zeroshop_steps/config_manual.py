@@ -5,7 +5,7 @@ The schema is where a key is described: its type, its range or choices, and what
 
 import json
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,19 +79,30 @@ def describe_allowed(node: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
 
 
 def render_manual(schema: Mapping[str, Any], config: Mapping[str, Any]) -> str:
-    """The whole Markdown text."""
+    """The whole Markdown text. What several methods of a stage have alike comes once."""
     parts: list[str] = []
     room = ""
+    alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
     for path, node in list_keys(schema):
-        if path[0] != room:
-            room = path[0]
+        about, allowed = resolve(node, schema).get("description", "").rstrip("."), describe_allowed(node, schema)
+        alike.setdefault((path[0], *path[2:], about, allowed) if len(path) > 2 else (*path, about, allowed), []).append(path)
+    for (*_, about, allowed), paths in alike.items():
+        if paths[0][0] != room:
+            room = paths[0][0]
             parts.append(f"\n## {room}\n" if parts else f"## {room}\n")
-        about = resolve(node, schema).get("description", "").rstrip(".")
-        default = "" if path[0] == "datasets" else f", default `{_show(find_default(path, config))}`"
-        allowed = describe_allowed(node, schema)
-        line = f"- `{'.'.join(path)}`: {about}. {allowed[0].upper()}{allowed[1:]}{default}."
+        others = ", ".join(f"`{path[1]}`" for path in paths[1:])
+        key = f"`{'.'.join(paths[0])}`" + (f" (also of {others})" if others else "")
+        default = "" if room == "datasets" else f", default {_show_defaults(paths, config)}"
+        line = f"- {key}: {about}. {allowed[0].upper()}{allowed[1:]}{default}."
         parts.append(textwrap.fill(line, LINE_CHARACTERS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False))
     return HEAD + "\n".join(parts) + "\n"
+
+
+def _show_defaults(paths: Sequence[tuple[str, ...]], config: Mapping[str, Any]) -> str:
+    """The default of the first key, and those of the others where they differ."""
+    first, *others = (f"`{_show(find_default(path, config))}`" for path in paths)
+    differing = [f"{default} of `{path[1]}`" for path, default in zip(paths[1:], others, strict=True) if default != first]
+    return f"{first} ({', '.join(differing)})" if differing else first
 
 
 def read_sources() -> tuple[dict[str, Any], dict[str, Any]]:
