@@ -64,13 +64,11 @@ def provide_weights() -> None:
     print(f"Downloading the weights of networks to {home / WEIGHTS_FOLDER}, once ({size_mb:.0f} MB, {licences})", file=sys.stderr)
     for row in missing:
         try:
-            with atomic_write(home / row.path) as temporary:
-                fetch_weights(row.file, temporary)
+            (home / row.path).parent.mkdir(parents=True, exist_ok=True)
+            fetch_weights(row.file, home / row.path)
         except StepError as error:
-            warn(
-                f"{error}. Without these weights, objects on plain tables are refused more often, and objects with the colours of the"
-                " ground may lose parts"
-            )
+            without = "objects on plain tables are refused more often, and objects with the colours of the ground may lose parts"
+            warn(f"{str(error).rstrip('.')}. Without these weights, {without}")
             return
 
 
