@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.robot.rvl import decode_rvl
 from zeroshop_steps.runtime.errors import StepError
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -30,9 +31,13 @@ def read_compressed_color(message: Any) -> np.ndarray:
 def read_compressed_depth(message: Any) -> np.ndarray:
     """(height, width) float32 in mm, 0 where nothing was measured. Raises StepError where the message holds no depth image."""
     what, form, content = "the depth image", message.format, bytes(message.data)
-    if "rvl" in form.lower() or (start := content.find(PNG)) < 0:
-        raise StepError(f"{what} has the format {form!r}; expected PNG: set the publisher's compressedDepth/format to png")
-    raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
+    if "rvl" in form.lower():
+        start = QUANTIZATION.size
+        raw = decode_rvl(content[start:])
+    elif (start := content.find(PNG)) >= 0:
+        raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
+    else:
+        raise StepError(f"{what} has the format {form!r}; expected PNG or RVL: set the publisher's compressedDepth/format to png")
     if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
         raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel")
     if not form.startswith("32FC1"):
