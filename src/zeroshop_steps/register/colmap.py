@@ -22,6 +22,7 @@ from zeroshop_steps.register.matching.pair_selection import choose_name_pairs
 from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, measure_stationary, verify_without_stationary
 from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.matching.view_graph import ViewGraph
+from zeroshop_steps.register.matching.wide_lens import find_wide_lenses, set_lenses
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
@@ -218,6 +219,9 @@ def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, st
     pairs = choose_name_pairs(image_set, options.sift, structure.object_only)
     stopwatch.lap("choose")
     match_features(database, options.sift, pairs)
+    wide = {} if structure.object_only else find_wide_lenses(database, options.sift.seed)
+    if wide:
+        set_lenses(database, wide, options.sift.seed)
     stationary = measure_stationary(database, image_set, options.sift.seed)
     on_turntable = stationary.are_background and not structure.object_only
     if on_turntable:
