@@ -33,7 +33,7 @@ def read_compressed_depth(message: Any) -> np.ndarray:
     what, form, content = "the depth image", message.format, bytes(message.data)
     if "rvl" in form.lower():
         start = QUANTIZATION.size
-        raw = decode_rvl(content[start:])
+        raw = _decode_rvl(what, form, content[start:])
     elif (start := content.find(PNG)) >= 0:
         raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
     else:
@@ -47,6 +47,13 @@ def read_compressed_depth(message: Any) -> np.ndarray:
     _, scale, offset = QUANTIZATION.unpack_from(content)
     depth_mm = MM_PER_METRE * scale / np.where(raw > offset, raw - offset, np.inf)
     return np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
+
+
+def _decode_rvl(what: str, form: str, content: bytes) -> np.ndarray:
+    try:
+        return decode_rvl(content)
+    except ValueError as error:
+        raise StepError(f"{what} has the format {form!r}, but {error}; record it again, or set compressedDepth/format to png") from None
 
 
 def _decode(what: str, form: str, content: bytes, flags: int) -> np.ndarray:

@@ -9,8 +9,6 @@ import struct
 
 import numpy as np
 
-from zeroshop_steps.runtime.errors import StepError
-
 SIZE = struct.Struct("<ii")
 MOST_PIXELS = 250_000_000
 LARGEST = 2**17  # zigzag code of a difference of 16-bit numbers
@@ -21,23 +19,23 @@ def decode_rvl(content: bytes) -> np.ndarray:
     """(height, width) uint16 of the plugin's size (width and height, as 32-bit integers) and the stream after it.
 
     Raises:
-        StepError: the stream ends early, or holds other numbers than such an image has.
+        ValueError: the stream ends early, or holds other numbers than such an image has.
     """
     if len(content) < SIZE.size:
-        raise StepError(f"RVL depth has {len(content)} bytes; expected its width and height, and its pixels")
+        raise ValueError(f"it has {len(content)} bytes, too few for a width and a height")
     width, height = SIZE.unpack_from(content)
     if width <= 0 or height <= 0 or width * height > MOST_PIXELS:
-        raise StepError(f"RVL depth says that it has {width} x {height} pixels")
+        raise ValueError(f"its header says that it has {width} x {height} pixels")
     numbers = _read_numbers(content[SIZE.size :])
     with_depth, differences, found = np.zeros(width * height, bool), [], 0
     place = 0
     while found < width * height:
         if place + 1 >= len(numbers):
-            raise StepError(f"RVL depth ends after {found} of {width} x {height} pixels: it was cut off")
+            raise ValueError(f"it ends after {found} of {width} x {height} pixels")
         empty, full = int(numbers[place]), int(numbers[place + 1])
         run = numbers[place + 2 : place + 2 + full]
         if len(run) < full or found + empty + full > width * height or (run >= LARGEST).any():
-            raise StepError(f"RVL depth of {width} x {height} pixels has runs that do not fit into it: it is damaged or cut off")
+            raise ValueError(f"it has runs that do not fit into {width} x {height} pixels, or ends within one")
         with_depth[found + empty : found + empty + full] = True
         differences.append(run)
         found, place = found + empty + full, place + 2 + full
@@ -45,7 +43,7 @@ def decode_rvl(content: bytes) -> np.ndarray:
     depth = np.zeros(width * height, np.int64)
     depth[with_depth] = np.cumsum(np.where(coded % 2, -((coded + 1) // 2), coded // 2))
     if depth.min() < 0 or depth.max() > np.iinfo(np.uint16).max:
-        raise StepError(f"RVL depth of {width} x {height} pixels has values beyond 16 bits: it is damaged")
+        raise ValueError("it has values beyond 16 bits")
     return depth.astype(np.uint16).reshape(height, width)
 
 
@@ -58,7 +56,7 @@ def _read_numbers(content: bytes) -> np.ndarray:
         return np.zeros(0, np.int64)
     first = np.concatenate([[0], last[:-1] + 1])
     if (last - first).max() >= MOST_GROUPS:
-        raise StepError("RVL depth has a number of too many bits: it is damaged")
+        raise ValueError("it has a number of too many bits")
     groups = groups[: last[-1] + 1].astype(np.int64)
     digit = np.arange(len(groups)) - np.repeat(first, last - first + 1)
     return np.add.reduceat((groups & 7) << (3 * digit), first)

@@ -6,7 +6,16 @@ import numpy as np
 import pycolmap
 import pytest
 
+from zeroshop_steps.register import colmap
+from zeroshop_steps.register.colmap import ColmapOptions, match_and_reconstruct
+from zeroshop_steps.register.da3.guided_matches import RoughScene
+from zeroshop_steps.register.da3.options import Da3Options
+from zeroshop_steps.register.da3.refinement import start_from_cameras
+from zeroshop_steps.register.matching.turntable import StationaryMatches
+from zeroshop_steps.register.matching.view_graph import ViewGraph
 from zeroshop_steps.register.matching.wide_lens import choose_distortion, find_wide_lenses, set_lenses
+from zeroshop_steps.register.scene.image_set import ImageSet
+from zeroshop_steps.register.scene.record import Record, RegistrationFailed, Stopwatch, TooFewRegistered
 
 WIDTH, HEIGHT = 1000, 750
 NOISE_PX = 0.4
@@ -76,8 +85,18 @@ def test_matches_are_verified_by_the_wide_lens(tmp_path):
     path = tmp_path / "database.db"
     write_database(path, WIDE_PHONE)
     found = find_wide_lenses(path, 0)
+    with pycolmap.Database.open(path) as opened:  # two features of the picture's rim, at one place of both photos
+        matches, keypoints = opened.read_matches(1, 2), [opened.read_keypoints(image) for image in (1, 2)]
+        for image, points in enumerate(keypoints, start=1):
+            opened.update_keypoints(image, np.vstack([points, [[100, 300]], [[900, 300]]]).astype(np.float32))
+        rim = np.array([[len(points), len(points) + 1] for points in keypoints]).T
+        opened.delete_matches(1, 2)
+        opened.write_matches(1, 2, np.vstack([matches, rim]).astype(np.uint32))
     set_lenses(path, found, 0)
-    assert found[1].focal_length_x == pytest.approx(450, rel=0.4)
+    with pycolmap.Database.open(path) as opened:
+        kept = opened.read_matches(1, 2)
+    assert kept.max() < len(keypoints[0]) and len(kept) > 0.99 * len(matches)
+    assert found[1].camera.focal_length_x == pytest.approx(450, rel=0.4)
     with pycolmap.Database.open(path) as opened:
         assert opened.read_camera(1).model.name == "OPENCV_FISHEYE"
         pairs = dict(zip(*opened.read_two_view_geometries(), strict=True))
@@ -91,3 +110,24 @@ def test_an_ordinary_lens_stays_as_it_is(tmp_path):
     path = tmp_path / "database.db"
     write_database(path, PHONE)
     assert find_wide_lenses(path, 0) == {}
+
+
+def test_a_refusal_names_the_wide_lens(tmp_path, monkeypatch):
+    def refuse(database, image_set, out, options, record, *_):
+        raise record.fail("2 of 20 images registered", kind=TooFewRegistered)
+
+    monkeypatch.setattr(colmap, "reconstruct", refuse)
+    still = StationaryMatches(0.0, 0.0, 0.0)
+    graph = ViewGraph(1000.0, 0, "estimated", 190, still, on_turntable=False, wide_lens=True)
+    images = ImageSet((tmp_path / "1.png",), None, ((WIDTH, HEIGHT),))
+    with pytest.raises(TooFewRegistered, match=r"2 of 20 images registered\. Besides, .* through a wide lens .* use the 1x lens"):
+        match_and_reconstruct(images, tmp_path, ColmapOptions(), Record(), Stopwatch(), match=lambda *_: graph)
+
+
+def test_depth_anything_refuses_wide_lenses(tmp_path):
+    path = tmp_path / "database.db"
+    write_database(path, WIDE_PHONE)
+    set_lenses(path, find_wide_lenses(path, 0), 0)
+    images = ImageSet((tmp_path / "1.png",), None, ((WIDTH, HEIGHT),))
+    with pytest.raises(RegistrationFailed, match="the matches show a wide lens .* use the registration colmap"):
+        start_from_cameras(RoughScene([], None, np.zeros(0)), images, Da3Options(), path)

@@ -21,6 +21,10 @@ import pycolmap
 from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
 
 MODEL = "OPENCV_FISHEYE"
+WIDE_LENS_REMEDY = (
+    "Besides, the photos were taken through a wide lens (an action camera, a 0.5x lens or a fisheye), which is harder: use the 1x lens, or"
+    " the camera's linear mode"
+)
 RADIAL = (-0.8, -0.6, -0.45, -0.3, -0.2, -0.1)
 EQUIDISTANT = (0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.85)
 SCREENED = 1.0  # an equidistant lens that shows 57 degrees along the longer side: wide lenses show more, and bend more
@@ -66,12 +70,25 @@ class Distortion:
         return moved, 1 / np.maximum(slope, 0.05), known
 
 
+@dataclass(frozen=True)
+class WideLens:
+    """A lens that the matches show to be wide.
+
+    Attributes:
+        camera: OPENCV_FISHEYE, to start from.
+        reach_px: distance from the middle of the picture to which it is followed: a pinhole sees nothing of what lies beyond 90 degrees.
+    """
+
+    camera: pycolmap.Camera
+    reach_px: float
+
+
 Pair = tuple[np.ndarray, np.ndarray]
 """(M, 2) places of matches in two images of one lens, about the principal point, as shares of the longer side."""
 
 
-def find_wide_lenses(database: Path, seed: int) -> dict[int, pycolmap.Camera]:
-    """{camera id: OPENCV_FISHEYE camera to start from} of the lenses that the matches show to be wide; mostly none.
+def find_wide_lenses(database: Path, seed: int) -> dict[int, WideLens]:
+    """{camera id: lens} of the lenses that the matches show to be wide; mostly none.
 
     Args:
         database: with matches of image pairs.
@@ -82,7 +99,7 @@ def find_wide_lenses(database: Path, seed: int) -> dict[int, pycolmap.Camera]:
         pairs = _read_pairs(opened, cameras)
     chosen = {camera_id: choose_distortion(matches, seed) for camera_id, matches in pairs.items() if matches}
     return {
-        camera_id: _make_camera(cameras[camera_id], distortion, pairs[camera_id], seed)
+        camera_id: _make_lens(cameras[camera_id], distortion, pairs[camera_id], seed)
         for camera_id, distortion in chosen.items()
         if distortion.equidistant
     }
@@ -103,27 +120,42 @@ def choose_distortion(pairs: list[Pair], seed: int = 0) -> Distortion:
     return tried[best] if radial - costs[best] > _penalize(MORE_PARAMETERS, errors[best]) else tried[0]
 
 
-def set_lenses(database: Path, cameras: dict[int, pycolmap.Camera], seed: int) -> None:
+def set_lenses(database: Path, lenses: dict[int, WideLens], seed: int) -> None:
     """Give lenses of a database other models, and verify the matches of all pairs anew by them.
 
-    Matches that stand still are left out: the rim of a fisheye's picture lies at one place of all photos.
+    Matches that stand still are left out, as the rim of a fisheye's picture lies at one place of all photos, and so are those that lie
+    beyond the reach of the lens.
     """
     with pycolmap.Database.open(database) as opened:
-        for camera in cameras.values():
-            opened.update_camera(camera)
+        for lens in lenses.values():
+            opened.update_camera(lens.camera)
         images = {image.image_id: image for image in opened.read_all_images()}
         points = {image_id: opened.read_keypoints(image_id)[:, :2] for image_id in images}
         pairs = {pycolmap.pair_id_to_image_pair(pair_id): found for pair_id, found in zip(*opened.read_all_matches(), strict=True)}
         opened.clear_two_view_geometries()
         for (first, second), found in pairs.items():
-            lens = cameras.get(images[first].camera_id)
-            if lens is None or images[first].camera_id != images[second].camera_id or not len(found):
-                continue
-            moved_px = np.linalg.norm(points[first][found[:, 0]] - points[second][found[:, 1]], axis=1)
-            opened.delete_matches(first, second)
-            opened.write_matches(first, second, found[moved_px > STATIONARY * max(lens.width, lens.height)])
+            kept = _find_usable([lenses.get(images[image].camera_id) for image in (first, second)], points[first], points[second], found)
+            if not kept.all():
+                opened.delete_matches(first, second)
+                opened.write_matches(first, second, found[kept])
     names = [(images[first].name, images[second].name) for first, second in pairs]
     pycolmap.verify_matches(database, write_pairs(database, names), make_verification_options(seed))
+
+
+def _find_usable(lenses: list[WideLens | None], first: np.ndarray, second: np.ndarray, matches: np.ndarray) -> np.ndarray:
+    """(M,) bool: which of (M, 2) matches lie within the reach of the lenses and do not stand still, by the (K, 2) places in each image."""
+    usable = np.ones(len(matches), bool)
+    if not len(matches):
+        return usable
+    places = first[matches[:, 0]], second[matches[:, 1]]
+    for lens, seen in zip(lenses, places, strict=True):
+        if lens is not None:
+            middle = np.array([lens.camera.width, lens.camera.height]) / 2
+            usable &= np.linalg.norm(seen - middle, axis=1) < lens.reach_px
+    if lenses[0] is not None and lenses[0] is lenses[1]:
+        still_px = STATIONARY * max(lenses[0].camera.width, lenses[0].camera.height)
+        usable &= np.linalg.norm(places[0] - places[1], axis=1) > still_px
+    return usable
 
 
 def has_wide_lens(database: Path) -> bool:
@@ -187,8 +219,8 @@ def _measure_sampson(
     return np.abs((other * lines).sum(1)) / np.maximum(length, 1e-12)
 
 
-def _make_camera(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pair], seed: int) -> pycolmap.Camera:
-    """An OPENCV_FISHEYE camera with the distortion that was found, and the focal length that is known or that the matches ask for."""
+def _make_lens(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pair], seed: int) -> WideLens:
+    """An OPENCV_FISHEYE lens with the distortion that was found, and the focal length that is known or that the matches ask for."""
     side_px = max(camera.width, camera.height)
     focal = camera.mean_focal_length() / side_px if camera.has_prior_focal_length else _find_focal(distortion, pairs, seed)
     reach = np.linspace(0.0, 1.0, 100)[1:] * min(0.5 * np.hypot(camera.width, camera.height) / side_px, LARGEST_TURN * distortion.parameter)
@@ -196,7 +228,9 @@ def _make_camera(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pa
     coefficients = np.linalg.lstsq(turn[:, None] ** np.array([3, 5, 7, 9]), reach / focal - turn, rcond=None)[0]
     params = [focal * side_px, focal * side_px, camera.width / 2, camera.height / 2, *coefficients]
     fields = {"width": camera.width, "height": camera.height, "params": params, "has_prior_focal_length": True}
-    return pycolmap.Camera({"model": MODEL, "camera_id": camera.camera_id, **fields})
+    return WideLens(
+        pycolmap.Camera({"model": MODEL, "camera_id": camera.camera_id, **fields}), LARGEST_TURN * distortion.parameter * side_px
+    )
 
 
 def _find_focal(distortion: Distortion, pairs: list[Pair], seed: int) -> float:
