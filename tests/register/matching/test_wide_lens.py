@@ -60,7 +60,7 @@ def match(seen: list[np.ndarray], first: int, second: int) -> np.ndarray:
 def test_the_model_is_chosen_by_likelihood(lens, is_wide):
     seen = photograph(lens)
     pairs = []
-    for first, second in PAIRS:
+    for first, second in PAIRS[:3]:
         rows = match(seen, first, second)
         pairs.append(tuple((seen[one][rows[:, side]] - [WIDTH / 2, HEIGHT / 2]) / WIDTH for side, one in enumerate((first, second))))
     assert choose_distortion(pairs).equidistant == is_wide
@@ -127,7 +127,9 @@ def test_a_refusal_names_the_wide_lens(tmp_path, monkeypatch):
 def test_depth_anything_refuses_wide_lenses(tmp_path):
     path = tmp_path / "database.db"
     write_database(path, WIDE_PHONE)
-    set_lenses(path, find_wide_lenses(path, 0), 0)
+    model, params = WIDE_PHONE
+    with pycolmap.Database.open(path) as opened:
+        opened.update_camera(pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=params, camera_id=1))
     images = ImageSet((tmp_path / "1.png",), None, ((WIDTH, HEIGHT),))
     with pytest.raises(RegistrationFailed, match="the matches show a wide lens .* use the registration colmap"):
         start_from_cameras(RoughScene([], None, np.zeros(0)), images, Da3Options(), path)
