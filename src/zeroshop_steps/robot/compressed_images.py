@@ -39,7 +39,7 @@ def read_compressed_depth(message: Any) -> np.ndarray:
     else:
         raise StepError(f"{what} has the format {form!r}; expected PNG or RVL: set the publisher's compressedDepth/format to png")
     if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
-        raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel")
+        raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel; set compressedDepth/format to png")
     if not form.startswith("32FC1"):
         return depth_to_mm(raw, 1.0, what)
     if start < QUANTIZATION.size:
@@ -59,5 +59,7 @@ def _decode_rvl(what: str, form: str, content: bytes) -> np.ndarray:
 def _decode(what: str, form: str, content: bytes, flags: int) -> np.ndarray:
     image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
     if image is None:
-        raise StepError(f"{what} has the format {form!r} and {len(content)} bytes that are no picture; expected JPEG or PNG")
+        raise StepError(
+            f"{what} has the format {form!r} and {len(content)} bytes that are no picture; expected JPEG or PNG: record it again"
+        )
     return image
