@@ -98,7 +98,7 @@ def test_matches_are_verified_by_the_wide_lens(tmp_path):
     assert kept.max() < len(keypoints[0]) and len(kept) > 0.99 * len(matches)
     assert found[1].camera.focal_length_x == pytest.approx(450, rel=0.4)
     with pycolmap.Database.open(path) as opened:
-        assert opened.read_camera(1).model.name == "OPENCV_FISHEYE"
+        assert opened.read_camera(1).model.name == "RADIAL_FISHEYE"
         pairs = dict(zip(*opened.read_two_view_geometries(), strict=True))
         matched = dict(zip(*opened.read_all_matches(), strict=True))
     assert pairs.keys() == matched.keys()

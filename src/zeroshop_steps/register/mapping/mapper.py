@@ -50,7 +50,7 @@ def map_submodels(
 def _allow_coefficients(database: Path, options: pycolmap.IncrementalPipelineOptions) -> None:
     """Let the coefficients of wide lenses be as large as they are: together they may exceed 1, from which on COLMAP drops an image."""
     with pycolmap.Database.open(database) as opened:
-        if any(camera.model.name == "OPENCV_FISHEYE" for camera in opened.read_all_cameras()):
+        if any(camera.model.name.endswith("FISHEYE") for camera in opened.read_all_cameras()):
             options.max_extra_param = options.mapper.max_extra_param = WIDE_COEFFICIENT
 
 

@@ -5,9 +5,9 @@ left, and its one radial coefficient cannot follow the lens to the rim. Both len
 are known. Points are moved to where a pinhole would see them, by one parameter of either model, and an epipolar geometry is fitted:
 
 - radial: r_d = r_u (1 + k r_u^2), COLMAP's SIMPLE_RADIAL;
-- equidistant: r_d = f atan(r_u / f), the ideal fisheye (Kannala and Brandt 2006), OPENCV_FISHEYE without its coefficients.
+- equidistant: r_d = f atan(r_u / f), the ideal fisheye (Kannala and Brandt 2006), COLMAP's fisheyes without coefficients.
 
-With as many parameters, the larger likelihood decides; what OPENCV_FISHEYE has more of them counts by the Bayesian information criterion
+With as many parameters, the larger likelihood decides; what fisheyes have more of them counts by the Bayesian information criterion
 (Schwarz 1978). Radii are shares of the longer side of the image. An ordinary lens is told by two fits to a part of the matches.
 """
 
@@ -20,7 +20,8 @@ import pycolmap
 
 from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
 
-MODEL = "OPENCV_FISHEYE"
+MODELS = (("RADIAL_FISHEYE", 1, 2), ("OPENCV_FISHEYE", 2, 4))  # with focal lengths and coefficients; the simplest first
+EXACT = 0.001  # of the longer side: a lens that follows the distortion as closely as that is rich enough, as a feature is less exact
 WIDE_LENS_REMEDY = (
     "Besides, the photos were taken through a wide lens (an action camera, a 0.5x lens or a fisheye), which is harder: use the 1x lens, or"
     " the camera's linear mode"
@@ -29,7 +30,7 @@ RADIAL = (-0.8, -0.6, -0.45, -0.3, -0.2, -0.1)
 EQUIDISTANT = (0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.85)
 SCREENED = 1.0  # an equidistant lens that shows 57 degrees along the longer side: wide lenses show more, and bend more
 FOCAL_SHARES = tuple(np.geomspace(0.25, 2.0, 13))  # focal lengths that are tried with the distortion that was found
-MORE_PARAMETERS = 3  # OPENCV_FISHEYE has four coefficients, SIMPLE_RADIAL one
+MORE_PARAMETERS = 3  # a fisheye has up to four coefficients, SIMPLE_RADIAL one
 PAIRS, MATCHES, LEAST_MATCHES = 8, 300, 50  # of a lens that are looked at, those with the most matches, and so many of each
 MAX_ERROR = 0.004  # of RANSAC; of the longer side, as COLMAP's 4 px of 1000
 STATIONARY = 0.004  # as in `turntable`, of the longer side: matches that move less stand still
@@ -75,7 +76,7 @@ class WideLens:
     """A lens that the matches show to be wide.
 
     Attributes:
-        camera: OPENCV_FISHEYE, to start from.
+        camera: RADIAL_FISHEYE, or OPENCV_FISHEYE where that is not rich enough, to start from.
         reach_px: distance from the middle of the picture to which it is followed: a pinhole sees nothing of what lies beyond 90 degrees.
     """
 
@@ -161,7 +162,7 @@ def _find_usable(lenses: list[WideLens | None], first: np.ndarray, second: np.nd
 def has_wide_lens(database: Path) -> bool:
     """Whether `set_lenses` gave a lens of a database another model."""
     with pycolmap.Database.open(database) as opened:
-        return any(camera.model.name == MODEL for camera in opened.read_all_cameras())
+        return any(camera.model.name.endswith("FISHEYE") for camera in opened.read_all_cameras())
 
 
 def _find_costs(errors: list[np.ndarray]) -> list[float]:
@@ -220,16 +221,22 @@ def _measure_sampson(
 
 
 def _make_lens(camera: pycolmap.Camera, distortion: Distortion, pairs: list[Pair], seed: int) -> WideLens:
-    """An OPENCV_FISHEYE lens with the distortion that was found, and the focal length that is known or that the matches ask for."""
+    """The simplest fisheye with the distortion that was found, and the focal length that is known or that the matches ask for."""
     side_px = max(camera.width, camera.height)
     focal = camera.mean_focal_length() / side_px if camera.has_prior_focal_length else _find_focal(distortion, pairs, seed)
-    reach = np.linspace(0.0, 1.0, 100)[1:] * min(0.5 * np.hypot(camera.width, camera.height) / side_px, LARGEST_TURN * distortion.parameter)
+    matched = max(float(np.linalg.norm(points, axis=1).max()) for pair in pairs for points in pair)
+    reach = np.linspace(0.0, 1.0, 100)[1:] * min(matched, LARGEST_TURN * distortion.parameter)
     turn = np.arctan(distortion.parameter * np.tan(reach / distortion.parameter) / focal)
-    coefficients = np.linalg.lstsq(turn[:, None] ** np.array([3, 5, 7, 9]), reach / focal - turn, rcond=None)[0]
-    params = [focal * side_px, focal * side_px, camera.width / 2, camera.height / 2, *coefficients]
+    rest = reach / focal - turn
+    powers = [turn[:, None] ** (3 + 2 * np.arange(count)) for _, _, count in MODELS]
+    fits = [np.linalg.lstsq(power, rest, rcond=None)[0] for power in powers]
+    errors = [focal * float(np.abs(power @ fit - rest).max()) for power, fit in zip(powers, fits, strict=True)]
+    simplest = next((number for number, error in enumerate(errors) if error < EXACT), len(MODELS) - 1)
+    model, focals, _ = MODELS[simplest]
+    params = [*[focal * side_px] * focals, camera.width / 2, camera.height / 2, *fits[simplest]]
     fields = {"width": camera.width, "height": camera.height, "params": params, "has_prior_focal_length": True}
     return WideLens(
-        pycolmap.Camera({"model": MODEL, "camera_id": camera.camera_id, **fields}), LARGEST_TURN * distortion.parameter * side_px
+        pycolmap.Camera({"model": model, "camera_id": camera.camera_id, **fields}), LARGEST_TURN * distortion.parameter * side_px
     )
 
 
