@@ -24,6 +24,29 @@ def encode(image: np.ndarray, suffix: str = ".png") -> bytes:
     return cv2.imencode(suffix, image)[1].tobytes()
 
 
+def encode_rvl(image: np.ndarray) -> bytes:
+    """As image_transport's plugin writes it: width, height, and numbers in groups of three bits (Wilson 2017)."""
+    numbers, values, previous, place = [], image.ravel().astype(int).tolist(), 0, 0
+    while place < len(values):
+        for wanted in (False, True):
+            start = place
+            while place < len(values) and (values[place] > 0) == wanted:
+                place += 1
+            numbers.append(place - start)
+        for value in values[start:place]:
+            numbers.append(2 * (value - previous) if value >= previous else 2 * (previous - value) - 1)
+            previous = value
+    groups = []
+    for number in numbers:
+        while number > 7:
+            groups.append(number & 7 | 8)
+            number >>= 3
+        groups.append(number)
+    groups += [0] * (-len(groups) % 8)
+    words = [sum(group << (28 - 4 * place) for place, group in enumerate(groups[start : start + 8])) for start in range(0, len(groups), 8)]
+    return struct.pack(f"<ii{len(words)}I", image.shape[1], image.shape[0], *words)
+
+
 @pytest.mark.parametrize(
     ("form", "suffix", "image"),
     [
@@ -44,18 +67,30 @@ def test_compressed_depth_in_millimetres(form: str, header: bytes) -> None:
     assert np.array_equal(read_depth(compressed(form, header + encode(DEPTH_MM))), DEPTH_MM)
 
 
-def test_compressed_depth_in_metres_is_inverse() -> None:
+def test_depth_in_rvl() -> None:
+    depth_mm = DEPTH_MM.copy()
+    depth_mm[:2] = depth_mm[5, 7:30] = depth_mm[-1, -3:] = 0
+    depth_mm[9, 9] = 65535
+    assert np.array_equal(read_depth(compressed("16UC1; compressedDepth rvl", HEADER + encode_rvl(depth_mm))), depth_mm)
+    assert not read_depth(compressed("16UC1; compressedDepth rvl", HEADER + encode_rvl(np.zeros_like(DEPTH_MM)))).any()
+
+
+@pytest.mark.parametrize(("kind", "write"), [("png", encode), ("rvl", encode_rvl)])
+def test_compressed_depth_in_metres_is_inverse(kind: str, write) -> None:
     scale, offset = 100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0  # of the plugin: quantization 100, at most 10 m
     steps = np.rint(scale / (DEPTH_MM / 1000.0) + offset).astype(np.uint16)
     steps[0, 0] = 0
-    found = read_depth(compressed("32FC1; compressedDepth png", struct.pack("<iff", 0, scale, offset) + encode(steps)))
+    found = read_depth(compressed(f"32FC1; compressedDepth {kind}", struct.pack("<iff", 0, scale, offset) + write(steps)))
     assert found[0, 0] == 0 and np.abs(found - DEPTH_MM).ravel()[1:].max() < 3
 
 
 @pytest.mark.parametrize(
     ("read", "form", "content", "reason"),
     [
-        (read_depth, "16UC1; compressedDepth rvl", HEADER + b"x" * 40, "format '16UC1; compressedDepth rvl'; expected PNG: set"),
+        (read_depth, "16UC1; compressedDepth h264", HEADER + b"x" * 40, "format '16UC1; compressedDepth h264'; expected PNG or RVL: set"),
+        (read_depth, "16UC1; compressedDepth rvl", HEADER + b"x" * 4, "4 bytes, too few for a width.*record it again"),
+        (read_depth, "16UC1; compressedDepth rvl", HEADER + b"x" * 40, "its header says that it has"),
+        (read_depth, "16UC1; compressedDepth rvl", HEADER + encode_rvl(DEPTH_MM)[:-400], "ends (after|within)"),
         (read_depth, "32FC1; compressedDepth png", encode(DEPTH_MM), "no header that says how"),
         (read_depth, "16UC1; compressedDepth png", HEADER + encode(PHOTO), "other pixels than 16 bits"),
         (read_color, "jpeg", b"", "0 bytes that are no picture"),

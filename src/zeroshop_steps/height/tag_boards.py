@@ -77,7 +77,7 @@ def check_tag_views(views: Sequence[BoardView], board: TagBoard, where: str) -> 
         raise StepError(f"{len(views)} of {where} show tags of the board {board.name}, but no two of them {needed}; show it in more photos")
     widest_px = max(view.square_px for view in views)
     if widest_px < LEAST_SIDE_PX:
-        raise StepError(f"the tags are too small in {where}: {widest_px:.0f} px wide at most, {LEAST_SIDE_PX:g} are needed")
+        raise StepError(f"the tags are too small in {where}: {widest_px:.0f} px wide at most, {LEAST_SIDE_PX:g} are needed; go nearer")
 
 
 def fit_tags(board: TagBoard, views: Sequence[BoardView]) -> BoardFit:

@@ -22,6 +22,7 @@ from zeroshop_steps.register.matching.pair_selection import choose_name_pairs
 from zeroshop_steps.register.matching.turntable import TURNTABLE_REMEDY, measure_stationary, verify_without_stationary
 from zeroshop_steps.register.matching.verified_matches import match_features
 from zeroshop_steps.register.matching.view_graph import ViewGraph
+from zeroshop_steps.register.matching.wide_lens import WIDE_LENS_REMEDY, find_wide_lenses, set_lenses
 from zeroshop_steps.register.pipeline import StructureOptions, add_matching_arguments, read_structure_options, reconstruct
 from zeroshop_steps.register.registration import write_registration
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
@@ -152,8 +153,10 @@ def match_and_reconstruct(
                 again = _reconstruct_from_covering_pairs(database, image_set, out, structure, record, stopwatch, failure)
                 if again is not None:
                     return again
+            if graph.wide_lens:
+                failure = failure.because(f"{failure}. {WIDE_LENS_REMEDY}")
             if not graph.on_turntable:
-                raise
+                raise failure from None
             still = graph.stationary.describe()
             reason = f"{still}, and what turns is too little to find the cameras ({failure}); {TURNTABLE_REMEDY}"
             if isinstance(failure, DuplicateStructure):  # photos of equal sides do not move either
@@ -218,6 +221,9 @@ def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, st
     pairs = choose_name_pairs(image_set, options.sift, structure.object_only)
     stopwatch.lap("choose")
     match_features(database, options.sift, pairs)
+    wide = {} if structure.object_only else find_wide_lenses(database, options.sift.seed)
+    if wide:
+        set_lenses(database, wide, options.sift.seed)
     stationary = measure_stationary(database, image_set, options.sift.seed)
     on_turntable = stationary.are_background and not structure.object_only
     if on_turntable:
@@ -238,4 +244,4 @@ def match_images(database: Path, image_set: ImageSet, options: ColmapOptions, st
     matched = count * (count - 1) // 2 if pairs is None else len(pairs)
     every = None if pairs is None else tuple(pairs)
     tilted = tuple(sorted(flattened))
-    return ViewGraph(median_features, first_octave, focal_source, matched, stationary, on_turntable, tilted, every, marks.found)
+    return ViewGraph(median_features, first_octave, focal_source, matched, stationary, on_turntable, tilted, every, marks.found, bool(wide))

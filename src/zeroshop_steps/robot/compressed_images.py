@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from zeroshop_steps.geometry.depth_images import depth_to_mm
+from zeroshop_steps.robot.rvl import decode_rvl
 from zeroshop_steps.runtime.errors import StepError
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -30,11 +31,15 @@ def read_compressed_color(message: Any) -> np.ndarray:
 def read_compressed_depth(message: Any) -> np.ndarray:
     """(height, width) float32 in mm, 0 where nothing was measured. Raises StepError where the message holds no depth image."""
     what, form, content = "the depth image", message.format, bytes(message.data)
-    if "rvl" in form.lower() or (start := content.find(PNG)) < 0:
-        raise StepError(f"{what} has the format {form!r}; expected PNG: set the publisher's compressedDepth/format to png")
-    raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
+    if "rvl" in form.lower():
+        start = QUANTIZATION.size
+        raw = _decode_rvl(what, form, content[start:])
+    elif (start := content.find(PNG)) >= 0:
+        raw = _decode(what, form, content[start:], cv2.IMREAD_UNCHANGED)
+    else:
+        raise StepError(f"{what} has the format {form!r}; expected PNG or RVL: set the publisher's compressedDepth/format to png")
     if raw.ndim != 2 or raw.dtype not in (np.uint8, np.uint16):
-        raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel")
+        raise StepError(f"{what} has the format {form!r} and other pixels than 16 bits in one channel; set compressedDepth/format to png")
     if not form.startswith("32FC1"):
         return depth_to_mm(raw, 1.0, what)
     if start < QUANTIZATION.size:
@@ -44,8 +49,17 @@ def read_compressed_depth(message: Any) -> np.ndarray:
     return np.where(raw > 0, depth_mm, 0.0).astype(np.float32)
 
 
+def _decode_rvl(what: str, form: str, content: bytes) -> np.ndarray:
+    try:
+        return decode_rvl(content)
+    except ValueError as error:
+        raise StepError(f"{what} has the format {form!r}, but {error}; record it again, or set compressedDepth/format to png") from None
+
+
 def _decode(what: str, form: str, content: bytes, flags: int) -> np.ndarray:
     image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
     if image is None:
-        raise StepError(f"{what} has the format {form!r} and {len(content)} bytes that are no picture; expected JPEG or PNG")
+        raise StepError(
+            f"{what} has the format {form!r} and {len(content)} bytes that are no picture; expected JPEG or PNG: record it again"
+        )
     return image

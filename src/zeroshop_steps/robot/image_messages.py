@@ -97,9 +97,9 @@ def write_image(make: Callable[[], Any], image: np.ndarray, encoding: str, heade
 
 def _require(what: str, message: Any, known: dict) -> None:
     if not len(message.data):
-        raise StepError(f"{what} is empty")
+        raise StepError(f"{what} is empty; check that its topic sends images")
     if message.encoding not in known:
-        raise StepError(f"{what} has the encoding {message.encoding!r}; expected {', '.join(known)}")
+        raise StepError(f"{what} has the encoding {message.encoding!r}; expected {', '.join(known)}: convert it")
 
 
 def _read_pixels(what: str, message: Any, kind: np.dtype, channels: int) -> np.ndarray:
@@ -110,7 +110,7 @@ def _read_pixels(what: str, message: Any, kind: np.dtype, channels: int) -> np.n
     if not message.width or not message.height or step < row_bytes or len(data) != step * message.height:
         raise StepError(
             f"{what} of {message.width} x {message.height} px in {message.encoding} has {len(data)} bytes in rows of {message.step};"
-            f" expected height x step bytes, and at least {row_bytes} bytes a row"
+            f" expected height x step bytes, and at least {row_bytes} bytes a row: record it again"
         )
     rows = np.ascontiguousarray(data.reshape(message.height, step)[:, :row_bytes])
     pixels = rows.view(kind.newbyteorder(">" if message.is_bigendian else "<"))

@@ -138,6 +138,17 @@ def test_photos_that_share_a_timestamp_alone_have_no_ties(tmp_path):
     assert len(evidence.warnings) == 1 and "a mark in the lower right corner stands still in 6 of 6 photos" in evidence.warnings[0]
 
 
+def test_a_watermark_all_over_the_photos_ties_nothing(tmp_path):
+    """Its words repeat, so none of them is the best match of another by far."""
+    tiles = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    for row in range(30, HEIGHT, 60):
+        for column in range(-40 + row // 60 % 2 * 50, WIDTH, 130):
+            cv2.putText(tiles, "SAMPLE", (column, row), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (255, 255, 255), 2)
+    pictures = [np.where(tiles > 0, 0.3 * picture + 0.7 * tiles, picture).astype(np.uint8) for picture in moving()[:4]]
+    graph = match_images(tmp_path / "d.db", capture(tmp_path, pictures, stamped=False), ColmapOptions(sift=SIFT), Stopwatch())
+    assert count_ties(tmp_path / "d.db") == 0 and not graph.on_turntable
+
+
 def test_marks_are_not_looked_for_on_an_object_alone(tmp_path, monkeypatch):
     images = capture(tmp_path, moving()[:3], stamped=True)
     monkeypatch.setattr(colmap, "extract_features", lambda database, image_set, *_: extract_features(database, image_set, SIFT))

@@ -12,6 +12,7 @@ from zeroshop_steps.register.da3.options import Da3Options
 from zeroshop_steps.register.mapping.mapper import make_mapping_options
 from zeroshop_steps.register.mapping.reregistration import register_again
 from zeroshop_steps.register.matching.network_matches import label_tracks
+from zeroshop_steps.register.matching.wide_lens import has_wide_lens
 from zeroshop_steps.register.pipeline import LEAST_COMMON_SHARE
 from zeroshop_steps.register.scene.image_set import ImageSet
 from zeroshop_steps.register.scene.record import RegistrationFailed
@@ -47,6 +48,12 @@ def start_from_cameras(
         RegistrationFailed: the estimates contradict most matches.
     """
     structure, folder, count = options.colmap.structure, image_set.images[0].parent, len(image_set.images)
+    if has_wide_lens(database):
+        raise RegistrationFailed(
+            "the matches show a wide lens (an action camera, a 0.5x lens or a fisheye); Depth Anything 3 expects pictures without such a"
+            " distortion: use the registration colmap, which finds it",
+            {},
+        )
     share = LEAST_COMMON_SHARE if structure.leave_out and not image_set.film else structure.min_share
     needed = max(structure.min_images, math.ceil(share * count))
     every, near = gather_tracks(database, image_set.names), find_near(database, scene)

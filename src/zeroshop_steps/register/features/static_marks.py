@@ -115,7 +115,7 @@ def describe_marks(marks: Sequence[StaticMark]) -> list[str]:
     return [
         f"a mark {'at' if mark.where.endswith('edge') else 'in'} the {mark.where} stands still"
         f" in {mark.images} of {mark.compared} photos that were compared"
-        " (a timestamp, a watermark or dirt on the lens): features on it are left out"
+        " (a timestamp, a watermark or dirt on the lens): features on it are left out; next time, switch it off or wipe the lens"
         for mark in marks
     ]
 

@@ -34,6 +34,7 @@ class ViewGraph:
         tilted: names of the images that got features of a tilted copy.
         pairs: names of the images of each pair that was matched; None for all pairs.
         marks: that stand still in the photos, whose features were left out.
+        wide_lens: whether the matches show a wide lens.
     """
 
     median_features: float
@@ -45,6 +46,7 @@ class ViewGraph:
     tilted: tuple[str, ...] = ()
     pairs: tuple[tuple[str, str], ...] | None = None
     marks: tuple[StaticMark, ...] = ()
+    wide_lens: bool = False
 
     def evidence(self) -> Evidence:
         """As written to registration.json."""
