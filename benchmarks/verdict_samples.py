@@ -33,6 +33,7 @@ from zeroshop_steps.runtime.files import read_json
 
 FEWEST = 5  # images of a model
 SUBSETS = 4  # of the images of a capture, beside all of them
+FEW_MATCHES = (60, 25)  # of a pair, at most, as objects with little print give
 
 
 @dataclass(frozen=True)
@@ -111,21 +112,30 @@ def match_in_all_ways(capture: Path, network: SalientObjectNetwork, scratch: Pat
 
 
 def choose_images(matches: Matches, scratch: Path, draw: random.Random) -> Iterator[tuple[str, Path, ImageSet]]:
-    """All images of a capture, and some of them: a name, a database with the matches of these alone, and the images."""
+    """All images of a capture, some of them, and all with few of their matches: a name, a database of these alone, and the images."""
     names = matches.image_set.names
     choices = {"all": names}
     for number in range(SUBSETS if len(names) > FEWEST + 2 else 0):
         count = draw.randint(FEWEST + 1, len(names) - 1)
         start = draw.randrange(len(names) - count + 1)
         choices[f"some_{number}"] = names[start : start + count] if number % 2 else sorted(draw.sample(names, count))
+    choices |= {f"few_{count}": names for count in FEW_MATCHES}
     for kind, chosen in choices.items():
         folder = scratch / kind
         folder.mkdir()
         database = Path(shutil.copy(matches.database, folder / "database.db"))
         with pycolmap.Database.open(database) as opened:
             by_id = {image.image_id: image.name for image in opened.read_all_images()}
-            for pair in opened.read_two_view_geometries()[0]:
+            for pair, geometry in zip(*opened.read_two_view_geometries(), strict=True):
                 ends = pycolmap.pair_id_to_image_pair(pair)
+                found, most = (
+                    geometry.inlier_matches,
+                    int(kind.removeprefix("few_")) if kind.startswith("few") else len(geometry.inlier_matches),
+                )
                 if not {by_id[end] for end in ends} <= set(chosen):
                     delete_pair(opened, *ends)
+                elif most < len(found):
+                    geometry.inlier_matches = found[sorted(draw.sample(range(len(found)), most))]
+                    delete_pair(opened, *ends)
+                    opened.write_two_view_geometry(*ends, geometry)
         yield kind, database, matches.image_set.take([number for number, name in enumerate(names) if name in chosen])
