@@ -5,10 +5,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from zeroshop_steps.register.scene.record import DuplicateStructure, Evidence, Fault, Finding, Inconsistent, Record, RegistrationFailed
+from zeroshop_steps.register.verification import verdict
 from zeroshop_steps.register.verification.verdict import MEASURES, MOST_DOUBT, MOST_STRENGTH, judge, verify
 
 NAMES = sorted(MEASURES)
 strengths = st.dictionaries(st.sampled_from(NAMES), st.floats(0, 5))
+
+
+@pytest.fixture
+def common_weights(monkeypatch):
+    """Each measure convinces alone at strength 1."""
+    monkeypatch.setattr(verdict, "load_weights", lambda: (dict.fromkeys(MEASURES, 4.0), -4.0, 4.0))
 
 
 def find(**strengths):
@@ -24,19 +31,19 @@ def test_what_more_speaks_against_cameras_never_makes_them_likelier(known, name,
 @pytest.mark.parametrize("name", NAMES)
 def test_each_measure_convinces_alone_where_it_is_strong(name):
     assert judge(find(**{name: 0.3})).wrong < 0.1
-    verdict = judge(find(**{name: MOST_STRENGTH}))
-    assert verdict.wrong > MOST_DOUBT and verdict.kind is MEASURES[name].kind
-    assert f"{name} found" in verdict.reason and MEASURES[name].remedy in verdict.reason
+    found = judge(find(**{name: MOST_STRENGTH}))
+    assert found.wrong > MOST_DOUBT and found.kind is MEASURES[name].kind
+    assert f"{name} found" in found.reason and MEASURES[name].remedy in found.reason
 
 
 def test_nothing_found_is_no_reason_to_doubt():
     assert judge(()).wrong < 0.1 and judge(()).kind is RegistrationFailed
 
 
-def test_several_weak_findings_convince_together():
+def test_several_weak_findings_convince_together(common_weights):
     alone = max(judge(find(**{name: 0.9})).wrong for name in ("contradicted", "error", "photometry", "silhouettes"))
-    verdict = judge(find(contradicted=0.9, error=0.9, photometry=0.9, silhouettes=0.9))
-    assert verdict.wrong > MOST_DOUBT > alone
+    found = judge(find(contradicted=0.9, error=0.9, photometry=0.9, silhouettes=0.9))
+    assert found.wrong > MOST_DOUBT > alone
 
 
 def test_of_one_measure_the_strongest_counts():
@@ -44,14 +51,22 @@ def test_of_one_measure_the_strongest_counts():
     assert judge(twice) == judge(find(error=0.8))
 
 
-def test_checks_are_asked_until_one_convinces():
+def test_checks_are_asked_until_one_convinces(common_weights):
     record = verify(Record(), [lambda: Evidence({"one": 1}, find(error=0.3)), lambda: Evidence({"two": 2}, find(cut=0.2))], None)
     assert record.entries["one"] == 1 and record.entries["two"] == 2
-    assert record.entries["verdict"]["strengths"] == {"error": 0.3, "cut": 0.2} and record.entries["verdict"]["wrong_probability"] < 0.1
+    said = record.entries["verdict"]
+    assert said["wrong_probability"] < 0.1 and {"measure": "error", "strength": 0.3, "found": "error found"} in said["findings"]
     convincing = lambda: Evidence({"one": 1}, find(photometry=3.0))  # noqa: E731
     with pytest.raises(DuplicateStructure, match="photometry found") as error:
         verify(Record(), [convincing, lambda: pytest.fail("asked for nothing")], None)
     assert error.value.figures["one"] == 1 and error.value.figures["verdict"]["wrong_probability"] > MOST_DOUBT
+
+
+def test_what_was_found_before_counts_too(common_weights):
+    record = verify(Record(), [lambda: Evidence(findings=find(contradicted=0.8, error=0.8))], None)
+    with pytest.raises(Inconsistent, match="contradicted found"):
+        verify(record, [lambda: Evidence(findings=find(silhouettes=0.8))], None)
+    verify(Record(), [lambda: Evidence(findings=find(silhouettes=0.8))], None)
 
 
 def test_a_fault_needs_no_verdict():

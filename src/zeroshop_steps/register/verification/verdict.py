@@ -89,8 +89,8 @@ class Verdict:
 
     def figures(self) -> dict[str, Any]:
         """As written to registration.json."""
-        strengths = {finding.measure: round(finding.strength, 3) for finding in self.findings}
-        return {"wrong_probability": round(self.wrong, 4), "strengths": strengths}
+        findings = [{"measure": one.measure, "strength": round(one.strength, 3), "found": one.found} for one in self.findings]
+        return {"wrong_probability": round(self.wrong, 4), "findings": findings}
 
 
 @cache
@@ -120,7 +120,7 @@ def verify(
     """Ask checks one after the other; the record with all that was found, and with the verdict.
 
     Args:
-        record: what is known so far.
+        record: what is known so far; what was found before counts, too.
         checks: in the order of their cost.
         model: is kept as the rejected one where it is refused.
         most_doubt: probability of being wrong from which on it is refused.
@@ -128,7 +128,7 @@ def verify(
     Raises:
         RegistrationFailed: the cameras are wrong, too likely; the checks after what convinced are not asked.
     """
-    findings: tuple[Finding, ...] = ()
+    findings = tuple(Finding(**finding) for finding in record.entries.get("verdict", {}).get("findings", ()))
     for check in checks:
         evidence = check()
         findings += evidence.findings
