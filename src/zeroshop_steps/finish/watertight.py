@@ -7,9 +7,10 @@ The result is a signed distance: the mesh's own near measured surface, elsewhere
 the rims of the holes (Davis et al., Filling holes in complex surfaces using volumetric diffusion, 3DPVT 2002). Marching cubes
 (Lorensen and Cline 1987) makes a closed mesh of it, whose vertices are put back onto the measured surface.
 
-Where the support plane is known, the object ends there; where it is not, just below the lowest measured surface. In a thin layer
-above a known plane, where masks often hold a strip of ground, nothing stays that lies outside of the object's cross-section above
-that layer.
+Where masks do not bound the object, as where it is cut off or seen from one side, nothing lies beyond the convex hull of what was
+measured and of its shadow on the support plane. Where that plane is known, the object ends there; where it is not, just below the lowest
+measured surface. In a thin layer above a known plane, where masks often hold a strip of ground, nothing stays that lies outside of the
+object's cross-section above that layer.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 from skimage.measure import marching_cubes
 
 from zeroshop_steps.finish.clean import label_parts
@@ -176,10 +177,15 @@ def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: Ground
     empty, solid = votes.empty.astype(np.float32), votes.solid.astype(np.float32)
     outside = votes.outside.astype(np.float32)
     allowed = ~((outside >= OUTSIDE_VIEWS) & (outside >= OUTSIDE_SHARE * votes.framed))
+    bounded = _is_bounded(grid, allowed, plane)
     allowed[[0, -1]] = allowed[:, [0, -1]] = allowed[:, :, [0, -1]] = False
     data = np.clip((empty - 1.0 - SOLID_WEIGHT * solid) / FULL_VOTES, -1.0, 1.0).astype(np.float32)
     undecided = (empty <= 1) & (solid == 0)
     data[undecided] = -FILL
+    if not bounded:
+        asked = np.argwhere(undecided & allowed)
+        beyond = asked[~_lies_in_convex_hull(grid.centres(asked), surface.mesh, plane)]
+        data[tuple(beyond.T)] = FILL
     if guess is not None:
         asked = np.argwhere(undecided & allowed)
         data[tuple(asked.T)] = np.where(guess.contains(grid.centres(asked)), -GUESS_VOTE, GUESS_VOTE)
@@ -193,6 +199,27 @@ def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: Ground
     data[tuple(index[known].T)] = np.where(distance[known] > 0, MEASURED_VOTE, -MEASURED_VOTE)
     occupied = minimize_surface(np.where(allowed, data, np.float32(1)), allowed, SMOOTHNESS, STEPS) > 0.5
     return ndimage.binary_fill_holes(_keep_measured_parts(occupied, tuple(index[known].T)))
+
+
+def _is_bounded(grid: Grid, allowed: np.ndarray, plane: GroundPlane | None) -> bool:
+    """Whether masks bound what may be solid, (R, R, R) bool, within the block of voxels; below the plane, that does it."""
+    border = np.ones(allowed.shape, bool)
+    border[1:-1, 1:-1, 1:-1] = False
+    reached = np.argwhere(border & allowed)
+    if plane is not None and len(reached):
+        reached = reached[plane.heights(grid.centres(reached)) > 0]
+    return not len(reached)
+
+
+def _lies_in_convex_hull(points: np.ndarray, mesh: Mesh, plane: GroundPlane | None) -> np.ndarray:
+    """(P,) bool: points in the convex hull of a mesh and of its shadow on the plane."""
+    corners = mesh.vertices
+    if plane is not None and plane.found:
+        corners = np.concatenate([corners, corners - plane.heights(corners)[:, None] * plane.normal])
+    hull = ConvexHull(corners)
+    # Qhull's faces are turned any way; signed distances by rays do not mind.
+    scene = ray_caster((corners, hull.simplices))
+    return np.asarray(scene.compute_occupancy(o3d.core.Tensor(points.astype(np.float32))).numpy() > 0)
 
 
 def _keep_measured_parts(occupied: np.ndarray, measured: tuple[np.ndarray, ...]) -> np.ndarray:
