@@ -44,12 +44,9 @@ def test_tables_in_another_folder_of_results_are_told_where_paths_begin(snakemak
     assert len(commands) == 3 and all(" --root results/mine --out " in line for line in commands), commands
 
 
-def test_the_page_of_the_thesis_is_made_of_what_is_there_unless_all_is_asked_for(snakemake):
+def test_the_page_of_the_thesis_is_made_of_what_is_there(snakemake):
     run = snakemake("-n", "thesis")
     assert run.returncode == 0 and planned(run.stdout) == {"thesis": 1}, run.stdout
-    run = snakemake("-n", "thesis", "--config", "thesis={make: all}", "datasets={ycbv: {objects: [obj_000005]}}", "tables={nvs: [2dgs]}")
-    jobs = planned(run.stdout)
-    assert jobs["thesis"] == jobs["height_table"] == jobs["bop_table"] == 1 and jobs["cell"] == 6
 
 
 def test_the_same_object_by_sparse_voxels(snakemake):
@@ -70,7 +67,7 @@ def test_both_optimizers_share_one_stereo(snakemake):
 def test_the_regime_of_the_thesis_lies_beside_the_default_one_and_runs_no_stereo(snakemake):
     objects = "results/thesis/demo/mustard_bottle"
     config = str(REPOSITORY / "config/thesis.yaml")
-    run = snakemake("-n", f"{objects}/2dgs.ply", f"{objects}/su_h/colmap/svraster/raw_mesh.ply", "--configfile", config)
+    run = snakemake("-n", f"{objects}/2dgs.ply", f"{objects}/su_h/mast3r/svraster/raw_mesh.ply", "--configfile", config)
     assert run.returncode == 0, run.stdout
     steps = ["blender_environment", "demo_model", "capture_virtual", "register", "quality", "train_svraster", "mesh_svraster", *CELL]
     assert planned(run.stdout) == dict.fromkeys(set(steps) - {"stereo"}, 1)

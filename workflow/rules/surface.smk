@@ -134,7 +134,9 @@ for method in itertools.chain(*map(ways_of, map(surface_method, SURFACES))):
             # Snakemake reads this when the job runs, so it names nothing of the loop.
             "python -m zeroshop_steps.surface --method {params.method} {params.inputs}"
             " --out {params.out} {params.options} {params.height} --seed {params.seed} --threads {threads} {params.resume}"
-            " --record-failure {output} > {log} 2>&1"
+            " --record-failure {output}"
+            f"{AND_REFUSALS}"
+            " > {log} 2>&1"
 
     if method.model:
 

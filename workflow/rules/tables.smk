@@ -31,6 +31,8 @@ def heights_of_table(
     if dataset_named(wildcards.dataset)["kind"] == "photos":
         rows = {name: row for (owner, name), row in PHOTOS.items() if owner == wildcards.dataset}
         known = [name for name, row in rows.items() if row["height_m"] and row["marker_images"]]
+        if RECORDS_REFUSALS:
+            known = filmed_objects(known)
         if not known:
             raise WorkflowError(
                 f"{config['objects_table']}: no object of {wildcards.dataset} has both height_m and marker_images to compare"
@@ -69,7 +71,8 @@ def scores_of_table(
     say_what_is_left_out("nvs", "detectors", "estimators")
     detectors, estimators = table_axis("detectors"), table_axis("estimators")
     runs = [f"{detector}-MODELS/precision" for detector in detectors]
-    runs += [f"{estimator}-{masks}-MODELS/scores" for estimator in estimators for masks in ["truth", *detectors]]
+    pairs = [f"{estimator}-{masks}" for estimator in estimators for masks in ["truth", *detectors]]
+    runs += [f"{pair}-MODELS/scores" for pair in (pairs if config["tables"]["poses"] == "all" else config["tables"]["poses"])]
     folders = ["models", *(f"models_{nvs}" for nvs in surfaces_with_cameras("the table of the benchmark"))]
     return [f"{RESULTS}/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
 

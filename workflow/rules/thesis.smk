@@ -3,17 +3,48 @@
 results/ycbv/report/thesis/index.html   the page, which `snakemake thesis` makes; thesis.csv beside it has a row per published figure
 """
 
+from zeroshop_steps.report import thesis_plan
+
 THESIS = f"{REPORT}/thesis".format(dataset="ycbv")
+
+
+@functools.cache
+def say_what_the_thesis_takes(
+    dataset,
+):
+    """Hours and GB of what was published, and which weights and films are not there: once, before anything runs."""
+    objects = objects_of(dataset)
+    of_models = [{"object": name, "nvs": nvs, **config["chosen"]["virtual"]} for name in objects for nvs in table_axis("nvs")]
+    cells = {tuple(sorted(cell.items())): cell for cell in (*thesis_plan.list_marks(objects), *of_models)}
+    named = [methods.REGISTRATIONS[name] for name in {cell["registration"] for cell in cells.values()}]
+    named += [*map(SURFACES.get, table_axis("nvs")), *map(DETECTORS.get, table_axis("detectors"))]
+    named += [*map(ESTIMATORS.get, table_axis("estimators")), HEIGHTS["mast3r"]]
+    missing = sorted({file for method in named for file in method.files if not (methods.WEIGHTS_FOLDER / file).is_file()})
+    known = weights_table()
+    mb = sum((known[file].size_bytes or 0) / 1e6 for file in missing if file in known)
+    logger.info(thesis_plan.say_costs(cells.values(), mb, has_real_tests(dataset)))
+    if missing:
+        logger.info(f"Cells of these become failed ones unless `snakemake weights` fetches them before: {', '.join(missing)}")
+    films = filmed_objects(objects_of("photos"))
+    absent = [name for name in objects_of("photos") if name not in films]
+    if absent:
+        logger.info(f"Left out, as {config['objects_table']} names films or photos that are not there: {', '.join(absent)}")
 
 
 def figures_of_thesis(
     wildcards,
 ):
-    """All of YCB-V that the thesis has tables of and that can be made here, if the config asks for it; otherwise what is there is shown."""
+    """What the thesis published of YCB-V and of its films, if the config asks for it; otherwise what is there is shown."""
     if config["thesis"]["make"] == "present":
         return []
-    cells = [f"{CELL}/cell.csv".format(**cell) for cell in cells_of("ycbv", objects_of("ycbv"))]
-    return [*cells, *(f"{TABLES}/{name}.csv".format(dataset="ycbv") for name in ("height", "bop"))]
+    say_what_the_thesis_takes("ycbv")
+    objects = objects_of("ycbv")
+    cells = [f"{CELL}/cell.csv".format(dataset="ycbv", **cell) for cell in thesis_plan.list_marks(objects)]
+    films = filmed_objects(objects_of("photos"))
+    place = {"dataset": "photos", "scene": WHOLE_SCENE, "registration": config["chosen"]["photos"]["registration"]}
+    cells += [f"{CELL}/cell.csv".format(**place, object=name, nvs=nvs) for name in films for nvs in measured_surfaces("the table of films")]
+    heights = [f"{TABLES}/height.csv".format(dataset="photos")] if films else []
+    return [*cells, *heights, *(f"{TABLES}/{name}.csv".format(dataset="ycbv") for name in ("bop", "grasp"))]
 
 
 def results_of_thesis(
