@@ -72,7 +72,10 @@ def test_the_regime_of_the_thesis_lies_beside_the_default_one_and_runs_no_stereo
     steps = ["blender_environment", "demo_model", "capture_virtual", "register", "quality", "train_svraster", "mesh_svraster", *CELL]
     assert planned(run.stdout) == dict.fromkeys(set(steps) - {"stereo"}, 1)
     assert "--stereo results" not in run.stdout and "results/demo" not in run.stdout
-    assert "--initialization sparse --iterations 30000" in run.stdout
+    assert "--initialization sparse --iterations 30000" in run.stdout and "--object-iterations" not in run.stdout
+    assert "--initialization sparse --iterations 5000 --image-width-px 250" in run.stdout
+    alone = snakemake("-n", f"{objects}/se/mast3r/svraster/raw_mesh.ply", "--configfile", config)
+    assert "--initialization sparse --iterations 3000 --image-width-px 250" in alone.stdout, alone.stdout
     assert "--least-height-sizes 0 --light-strengths 1 1 1 1 1 1" in run.stdout
 
 

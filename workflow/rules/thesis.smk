@@ -1,6 +1,7 @@
 """The thesis: its tables, figure by figure, each beside ours.
 
-results/ycbv/report/thesis/index.html   the page, which `snakemake thesis` makes; thesis.csv beside it has a row per published figure
+results/ycbv/report/thesis/index.html   the page, which `snakemake thesis` makes; thesis.csv beside it has a row per published
+                                        figure, other_kinds.csv one per figure of ours that is none of these
 """
 
 from zeroshop_steps.report import thesis_plan
@@ -50,18 +51,18 @@ def figures_of_thesis(
 def results_of_thesis(
     wildcards,
 ):
-    """Folders with results of YCB-V: those of this config, and others beside or below them."""
+    """Folders with results of YCB-V or of films: those of this config, and others beside or below them."""
     own = Path(REPORT.format(dataset="ycbv")).parents[1]
     roots = dict.fromkeys([own, Path("results"), *sorted(Path("results").glob("*"))])
-    return [str(root) for root in roots if (root / "ycbv").is_dir()]
+    return [str(root) for root in roots if (root / "ycbv").is_dir() or (root / "photos").is_dir()]
 
 
 def thesis_there(
     wildcards,
 ):
     """Results of YCB-V with their times: a parameter, so that the page is made again when these change."""
-    places = ("obj_*/*/*/*/outcome.json", "obj_*/*/*/*/grade.json", "tables/*.csv")
-    found = [path for root in results_of_thesis(wildcards) for place in places for path in (Path(root) / "ycbv").glob(place)]
+    places = [f"{name}/{place}" for name in ("ycbv", "photos") for place in ("*/*/*/*/outcome.json", "*/*/*/*/grade.json", "tables/*.csv")]
+    found = [path for root in results_of_thesis(wildcards) for place in places for path in Path(root).glob(place)]
     return [f"{path} {path.stat().st_mtime_ns}" for path in sorted(found)]
 
 
@@ -75,6 +76,7 @@ rule thesis:
     output:
         page=f"{THESIS}/index.html",
         table=f"{THESIS}/thesis.csv",
+        others=f"{THESIS}/other_kinds.csv",
     log:
         f"{THESIS}/logs/thesis.log",
     benchmark:
@@ -90,4 +92,4 @@ rule thesis:
         "Putting the thesis's figures beside ours: open {output.page} in a browser"
     shell:
         "python -m zeroshop_steps.report --method thesis --results {params.results} --recorded {params.recorded:q}"
-        " --table {output.table} --out {output.page} > {log} 2>&1"
+        " --table {output.table} --other-table {output.others} --out {output.page} > {log} 2>&1"
