@@ -101,8 +101,8 @@ def list_scores(scores: Scores) -> list[Entry]:
         ] if len(table) else table  # fmt: skip
         same = run[run.measure == row["measure"]] if len(run) else run
         if not len(same):
-            failed = run[run.measure == "failed"].value if len(run) else ()
-            how = failed.iloc[0] if len(failed) else TRELLIS if row["models"] == "models_trellis" else WEIGHTS
+            failed = list(run[run.measure == "failed"].value) if len(run) else []
+            how = failed[0] if failed else TRELLIS if row["models"] == "models_trellis" else WEIGHTS
             found.append(Entry(*place, how=how))
             continue
         own = same.iloc[0]
