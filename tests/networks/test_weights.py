@@ -1,11 +1,14 @@
 """Weights: a table, checked downloads, and loading that leaves nothing out."""
 
 import argparse
+import datetime
 import hashlib
 import os
+import pathlib
 import shutil
 from collections import namedtuple
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
@@ -149,6 +152,44 @@ def test_a_damaged_checkpoint_is_said(tmp_path, suffix, keep):
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(StepError, match="cut short"):
         load_strictly(nn.Linear(3, 200), path)
+
+
+class Trap:
+    """Runs a command where a pickle of it is read carelessly."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.system, (f"touch {self.path}",)
+
+
+@pytest.mark.parametrize("kind", ["numpy", "namespace", "class", "trap"])
+def test_what_training_left_beside_the_tensors_is_passed_over_and_never_run(tmp_path, kind):
+    beside = {
+        "numpy": {"loss": np.float64(0.25), "best": np.float32(3), "history": np.arange(3.0), "epoch": np.int64(7)},
+        "namespace": argparse.Namespace(lr=1e-4, seed=np.int64(3)),
+        "class": {"stamp": datetime.timedelta(1), "where": pathlib.PurePosixPath("a/b")},
+        "trap": Trap(tmp_path / "ran"),
+    }
+    trained = nn.Linear(3, 2)
+    torch.save({"model": trained.state_dict(), "optimizer": {"lr": 0.1}, "beside": beside[kind]}, tmp_path / "net.pth")
+    for device in ("cpu", "meta"):
+        with torch.device(device):
+            network = nn.Linear(3, 2)
+        load_strictly(network, tmp_path / "net.pth")
+        assert torch.equal(network.weight, trained.weight) and torch.equal(network.bias, trained.bias)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("device", ["cpu", "meta"])
+def test_a_checkpoint_of_half_the_precision_is_taken_into_the_networks_own(tmp_path, device):
+    trained = nn.Linear(3, 2)
+    save_file({name: tensor.half() for name, tensor in trained.state_dict().items()}, tmp_path / "net.safetensors")
+    with torch.device(device):
+        network = nn.Linear(3, 2)
+    load_strictly(network, tmp_path / "net.safetensors")
+    assert network.weight.dtype == torch.float32 and torch.equal(network.weight, trained.weight.half().float())
 
 
 def test_what_is_no_checkpoint_is_said(tmp_path):

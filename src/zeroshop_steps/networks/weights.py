@@ -205,11 +205,13 @@ def load_strictly(
             f"{path} does not fit {type(module).__name__}: of its {len(state)} parameters, compared with the {len(expected)} of the"
             f" network, {'; '.join(faults)}. It is the checkpoint of another model; take the one that weights.csv names"
         )
+    # Numbers of half the precision, which some are published in, are taken into the network's own.
+    state = {name: tensor.to(expected[name].dtype) if tensor.is_floating_point() else tensor for name, tensor in state.items()}
     module.load_state_dict(state, strict=True, assign=any(tensor.is_meta for tensor in expected.values()))
 
 
 def read_checkpoint(path: Path) -> dict[str, "torch.Tensor"]:
-    """The tensors of a checkpoint by name, mapped from the file; no code in the file is run.
+    """The tensors of a checkpoint by name, mapped from the file; no code in the file is run, and objects beside the tensors are ignored.
 
     Raises:
         StepError: the file is not there, damaged, cut short, or no checkpoint.
@@ -226,8 +228,17 @@ def read_checkpoint(path: Path) -> dict[str, "torch.Tensor"]:
                 return load_file(path)
             except SafetensorError as error:
                 raise ValueError(str(error)) from None
-        with torch.serialization.safe_globals([argparse.Namespace]):
-            content = torch.load(path, map_location="cpu", weights_only=True, mmap=zipfile.is_zipfile(path))
+        whole = zipfile.is_zipfile(path)
+        try:
+            with torch.serialization.safe_globals([argparse.Namespace]):
+                content = torch.load(path, map_location="cpu", weights_only=True, mmap=whole)
+        except pickle.UnpicklingError:
+            # Training scripts leave more beside the tensors, such as numbers of NumPy: these are passed over, not made.
+            if not whole:
+                raise
+            from zeroshop_steps.networks.inert_pickles import read_inert
+
+            content = read_inert(path)
     except FileNotFoundError:
         raise StepError(f"the weights {path} do not exist") from None
     except (OSError, RuntimeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as error:
