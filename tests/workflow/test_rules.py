@@ -47,10 +47,10 @@ STEPS_WITH_KEYS = [
 
 @pytest.fixture(scope="module")
 def rules(tmp_path_factory):
-    """The rules by name, as Snakemake reads them."""
+    """The rules by name, as Snakemake reads them, but for those that only name what they want."""
     with SnakemakeApi() as api:
         workflow = api.workflow(ResourceSettings(cores=1), snakefile=SNAKEFILE, workdir=tmp_path_factory.mktemp("rules"))._workflow
-        yield {rule.name: rule for rule in workflow.rules if rule.name != "all"}
+        yield {rule.name: rule for rule in workflow.rules if rule.output}
 
 
 def locked() -> dict[str, str]:
@@ -62,7 +62,7 @@ def locked() -> dict[str, str]:
 
 def test_a_rule_has_all_its_parts(rules):
     for name, rule in rules.items():
-        assert rule.output and len(rule.log) == 1 and rule.message, name
+        assert len(rule.log) == 1 and rule.message, name
         assert str(rule.log[0]).replace("logs/", "benchmarks/").removesuffix(".log") + ".tsv" == str(rule.benchmark), name
         assert {"mem_mb", "runtime"} <= set(rule.resources), name
         assert rule.shellcmd.startswith("python -m zeroshop_steps.") and rule.shellcmd.endswith("> {log} 2>&1"), name
