@@ -15,6 +15,7 @@ from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
 from zeroshop_steps.runtime.errors import StepError, explain_machine_fault
 
+DOCTOR = "Say which of the thesis's networks the card can hold, by its free memory, and what is missing."
 HEIGHT_M = (0.005, 3.0)
 MOST_PASSES = 3
 PICTURES = (8, 1000)
@@ -26,6 +27,7 @@ Photos or a film of an object become a closed, textured mesh of true size.
   zeroshop photos/box                 a folder of photos; the size stays unknown
   zeroshop mug.mp4 turned.mp4         two films: for the second, the mug was turned over, so that its underside is seen
   zeroshop check photos/box           judge a capture in a minute, before anything long runs
+  zeroshop doctor                     which networks the card can hold, and what is missing
 
 Film the object once all around from the side and once from above, on a surface with print (a newspaper does), and keep it
 whole in the picture. The results lie in results/photos/NAME below the current folder. A run that was interrupted goes on where it
@@ -42,6 +44,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     checking = words[:1] == ["check"]
+    if words[:1] == ["doctor"]:
+        argparse.ArgumentParser(prog="zeroshop doctor", description=DOCTOR).parse_args(words[1:])
+        from zeroshop_steps.app.doctor import examine
+
+        return examine()
     parser = _check_parser() if checking else _mesh_parser()
     if not words:
         parser.print_help()
