@@ -3,6 +3,7 @@
 # make test    runs every check and test
 # make faults  runs the long faults: killed runs, large inputs (docs/faults.md)
 # make lint    runs the checks alone: format, types and rules
+# make gpu     adds what a card with CUDA 13 needs, and says what it can run; then: --workflow-profile profiles/gpu
 # make viewer  rebuilds the report's scripts after a change to their sources; needs node and npm
 # make bench   measures how fast the optimizers' kernels are on this machine
 # All but viewer first set up .venv, if it is missing or older than requirements.lock; PYTHON=... chooses another Python.
@@ -20,7 +21,7 @@ TESTS := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive $(BIN)/python -m pytest -q --
 # Bytecode is kept even where the environment says not to: each process of the tests and each step would compile all sources again.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: mesh check test faults lint types style bench viewer
+.PHONY: mesh check test faults lint types style bench gpu viewer
 .DELETE_ON_ERROR:
 
 mesh: $(READY)
@@ -52,6 +53,12 @@ style: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/kernels.py
+
+# onnxruntime and onnxruntime-gpu are one module by two names: the second one takes the place of the first.
+gpu: $(READY) requirements-gpu.lock
+	$(BIN)/python -m pip uninstall --quiet --yes onnxruntime
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-gpu.lock
+	$(BIN)/zeroshop doctor
 
 viewer:
 	cd src/zeroshop_steps/report/viewer && npm ci --no-audit --no-fund && node build.mjs

@@ -11,9 +11,10 @@ from helpers.painted_scene import CAN, CARTON, detect
 from zeroshop_steps.bop.detections import decode_mask, read_detections
 from zeroshop_steps.detect.contour import discount_explained
 from zeroshop_steps.detect.contour.depth_surface import find_ground, prepare_surface
-from zeroshop_steps.detect.detector_io import ObjectMask, suppress_boxes, suppress_masks
+from zeroshop_steps.detect.detector_io import ObjectMask, read_frames, run_detector, suppress_boxes, suppress_masks
 from zeroshop_steps.geometry.images import read_mask
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.partial_results import PartialResults
 
 INTRINSICS = np.array([[420.0, 0, 80], [0, 420.0, 60], [0, 0, 1]])
 
@@ -43,6 +44,30 @@ def test_the_same_twice(dataset):
         entries = json.loads((dataset.folder / "detections.json").read_text())
         without_time.append([{**entry, "time": 0} for entry in entries])
     assert without_time[0] == without_time[1]
+
+
+def test_a_killed_detector_continues_with_the_next_image(dataset, tmp_path):
+    looked: list[int] = []
+    mask = np.zeros((60, 80), bool)
+    mask[10:30, 20:50] = True
+
+    def run(last, out):
+        def detector(frame):
+            if frame.image_id > last:
+                raise KeyboardInterrupt
+            looked.append(frame.image_id)
+            return [ObjectMask(CAN, 1 / 3, mask), ObjectMask(CARTON, np.float32(0.7), mask.copy())]
+
+        frames = read_frames(dataset.scenes, None)
+        with PartialResults(tmp_path / out, {"models": dataset.folder}) as kept:
+            run_detector(tmp_path / out, frames, detector, kept)
+        return [{**entry, "time": 0} for entry in json.loads((tmp_path / out).read_text())]
+
+    with pytest.raises(KeyboardInterrupt):
+        run(0, "found.json")
+    assert looked == [0]
+    found = run(1, "found.json")
+    assert looked == [0, 1] and found == run(1, "whole.json")
 
 
 def plane_depth(noise_mm: float = 0.0) -> np.ndarray:

@@ -1,11 +1,20 @@
 """Weights: a table, checked downloads, and loading that leaves nothing out."""
 
 import argparse
+import dataclasses
+import datetime
 import hashlib
+import http.server
 import os
+import pathlib
 import shutil
+import sys
+import threading
 from collections import namedtuple
+from types import SimpleNamespace
+from typing import ClassVar
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
@@ -13,12 +22,14 @@ from torch import nn
 
 from zeroshop_steps import methods
 from zeroshop_steps.networks import weights
+from zeroshop_steps.networks.drive import DriveFile
 from zeroshop_steps.networks.weights import WeightsFile, fetch_weights, load_strictly, read_table, require_weights
 from zeroshop_steps.networks.wheels import WheelFile
 from zeroshop_steps.runtime.downloads import download
 from zeroshop_steps.runtime.errors import StepError
 
 CONTENT = b"weights" * 1000
+SHA256 = hashlib.sha256(CONTENT).hexdigest()
 
 
 @pytest.fixture
@@ -40,7 +51,7 @@ def test_the_table_is_whole_and_names_all_that_methods_need():
     assert {name for files in chosen for name in files} <= set(table)
     for row in table.values():
         assert (
-            (row.url.removeprefix(weights.BY_HAND).startswith("https://") or WheelFile.parse(row.url))
+            (row.url.removeprefix(weights.BY_HAND).startswith("https://") or WheelFile.parse(row.url) or DriveFile.parse(row.url))
             and row.licence
             and row.purpose
             and row.without
@@ -50,12 +61,93 @@ def test_the_table_is_whole_and_names_all_that_methods_need():
 
 
 def test_a_file_that_only_a_browser_gets_is_asked_for(tmp_path):
-    name = "foundationpose/2023-10-28-18-33-37/model_best.pth"
-    with pytest.raises(StepError, match="cannot be downloaded by this step.*by hand from https://drive.google.com.*put it at"):
+    name = "VGGT-1B-Commercial/vggt_1B_commercial.pt"
+    with pytest.raises(StepError, match="cannot be downloaded by this step.*by hand from https://huggingface.co.*put it at"):
         fetch_weights(name, tmp_path / name)
     assert not (tmp_path / name).exists()
-    line = methods.refusal("pose estimator", "foundationpose", methods.ESTIMATORS, tmp_path)
-    assert "Take 2023-10-28-18-33-37/model_best.pth (68 MB, licence NVIDIA Source Code License (non-commercial)) by hand from" in line
+
+
+class Drive:
+    """Stands for gdown: a folder with the two files of FoundationPose, and what is asked of it."""
+
+    def __init__(self, refuses=False):
+        self.refuses, self.asked = refuses, []
+
+    def download_folder(self, id, skip_download, quiet):
+        names = "2023-10-28-18-33-37/config.yml", "2023-10-28-18-33-37/model_best.pth", "2024-01-11-20-02-45/model_best.pth"
+        return [SimpleNamespace(id=f"{id}-{number}", path=f"weights/{name}") for number, name in enumerate(names)]
+
+    def download(self, id, output, resume):
+        self.asked.append((id, resume))
+        if self.refuses:
+            return None
+        pathlib.Path(output).write_bytes(CONTENT)
+        return output
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"),
+    [
+        ("foundationpose/2024-01-11-20-02-45/model_best.pth", "1DFezOAD0oD1BblsXVxqDsl8fj0qzB82i-2"),
+        ("sam-6d-pem-base.pth", "1joW9IvwsaRJYxoUmGo68dBVg-HcFNyI7"),
+    ],
+)
+def test_files_in_google_drive_are_found_in_their_folder_and_checked(tmp_path, monkeypatch, name, asked):
+    drive, row, path = Drive(), read_table()[name], tmp_path / name
+    monkeypatch.setitem(sys.modules, "gdown", drive)
+    monkeypatch.setattr(weights, "read_table", lambda: {name: dataclasses.replace(row, size_bytes=len(CONTENT), sha256=SHA256)})
+    fetch_weights(name, path)
+    assert drive.asked == [(asked, True)] and path.read_bytes() == CONTENT
+    other = tmp_path / "other" / name
+    monkeypatch.setattr(weights, "read_table", lambda: {name: row})
+    if row.sha256:
+        with pytest.raises(StepError, match="damaged or another file"):
+            fetch_weights(name, other)
+    monkeypatch.setitem(sys.modules, "gdown", Drive(refuses=True))
+    with pytest.raises(StepError, match=r"Google Drive refused https://drive.google.com/.*By hand: take .* and put it at"):
+        fetch_weights(name, tmp_path / "third" / name)
+    monkeypatch.setitem(sys.modules, "gdown", None)
+    with pytest.raises(StepError, match="pip install gdown"):
+        fetch_weights(name, tmp_path / "fourth" / name)
+
+
+class Server(http.server.BaseHTTPRequestHandler):
+    """Hands out CONTENT, and breaks off the first time."""
+
+    asked: ClassVar[list] = []
+    mark = '"one"'
+
+    def do_GET(self):
+        start = int((self.headers["Range"] or "bytes=0-").removeprefix("bytes=").removesuffix("-"))
+        start = start if self.headers["If-Range"] == self.mark else 0
+        self.asked.append(start)
+        self.send_response(206 if start else 200)
+        self.send_header("Content-Length", str(len(CONTENT) - start))
+        self.send_header("ETag", self.mark)
+        self.end_headers()
+        self.wfile.write(CONTENT[start : 3000 if len(self.asked) == 1 else None])
+
+    def log_message(self, *_): ...
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_download_that_broke_off_continues_unless_the_file_is_another(tmp_path, monkeypatch, changed):
+    handler = type("Handler", (Server,), {"asked": []})
+    server = http.server.HTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    address = f"http://127.0.0.1:{server.server_port}/net.pth"
+    try:
+        with pytest.raises(StepError, match="cannot download"):
+            download(address, tmp_path / "net.pth", "use colmap", attempts=1)
+        assert (tmp_path / "net.pth.part").stat().st_size == 3000 and not (tmp_path / "net.pth").exists()
+        if changed:
+            handler.mark = '"two"'
+        download(address, tmp_path / "net.pth", "use colmap", attempts=1)
+    finally:
+        server.shutdown()
+        server.server_close()
+    assert handler.asked == [0, 0 if changed else 3000] and (tmp_path / "net.pth").read_bytes() == CONTENT
+    assert {path.name for path in tmp_path.iterdir()} <= {"net.pth", "net.pth.sha256", "net.pth.lock"}
 
 
 def test_a_download_is_checked_and_found_again(published, tmp_path):
@@ -149,6 +241,44 @@ def test_a_damaged_checkpoint_is_said(tmp_path, suffix, keep):
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(StepError, match="cut short"):
         load_strictly(nn.Linear(3, 200), path)
+
+
+class Trap:
+    """Runs a command where a pickle of it is read carelessly."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.system, (f"touch {self.path}",)
+
+
+@pytest.mark.parametrize("kind", ["numpy", "namespace", "class", "trap"])
+def test_what_training_left_beside_the_tensors_is_passed_over_and_never_run(tmp_path, kind):
+    beside = {
+        "numpy": {"loss": np.float64(0.25), "best": np.float32(3), "history": np.arange(3.0), "epoch": np.int64(7)},
+        "namespace": argparse.Namespace(lr=1e-4, seed=np.int64(3)),
+        "class": {"stamp": datetime.timedelta(1), "where": pathlib.PurePosixPath("a/b")},
+        "trap": Trap(tmp_path / "ran"),
+    }
+    trained = nn.Linear(3, 2)
+    torch.save({"model": trained.state_dict(), "optimizer": {"lr": 0.1}, "beside": beside[kind]}, tmp_path / "net.pth")
+    for device in ("cpu", "meta"):
+        with torch.device(device):
+            network = nn.Linear(3, 2)
+        load_strictly(network, tmp_path / "net.pth")
+        assert torch.equal(network.weight, trained.weight) and torch.equal(network.bias, trained.bias)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("device", ["cpu", "meta"])
+def test_a_checkpoint_of_half_the_precision_is_taken_into_the_networks_own(tmp_path, device):
+    trained = nn.Linear(3, 2)
+    save_file({name: tensor.half() for name, tensor in trained.state_dict().items()}, tmp_path / "net.safetensors")
+    with torch.device(device):
+        network = nn.Linear(3, 2)
+    load_strictly(network, tmp_path / "net.safetensors")
+    assert network.weight.dtype == torch.float32 and torch.equal(network.weight, trained.weight.half().float())
 
 
 def test_what_is_no_checkpoint_is_said(tmp_path):

@@ -1,5 +1,6 @@
 """From detections in files to a result file: which detections are looked at, and what bad input is answered."""
 
+import argparse
 import json
 import shutil
 from pathlib import Path
@@ -12,7 +13,7 @@ from zeroshop_steps.bop.detections import Detection, encode_mask, write_detectio
 from zeroshop_steps.bop.estimates import read_estimates
 from zeroshop_steps.bop.targets import Target
 from zeroshop_steps.pose.confidence import estimate_confidence
-from zeroshop_steps.pose.dataset import choose_detections, estimate_all
+from zeroshop_steps.pose.dataset import choose_detections, estimate_all, run_estimator
 from zeroshop_steps.runtime.cli import stage_main
 
 
@@ -49,6 +50,34 @@ def test_a_dataset_is_estimated_from_its_true_masks_and_from_detections(small):
     found = read_estimates(out)
     assert status == 0 and len(found) == 1, "images that nobody has annotated will do"
     np.testing.assert_array_equal(found.rotations[0], poses.rotations[(poses.image_ids == 0) & (poses.object_ids == BOX)][0])
+
+
+def test_a_killed_estimator_continues_with_the_next_image(small):
+    """The second image ends the first run; the second run looks at that one alone, and writes what one run writes."""
+    looked: list[int] = []
+
+    def prepare(last):
+        def estimator(one, mask, photo, depth, frame):
+            if frame.image_id > last:
+                raise KeyboardInterrupt
+            looked.append(frame.image_id)
+            return np.eye(4) * (1, 1, 1, 1) + frame.image_id / 3, 0.1 * one.object_id
+
+        return estimator
+
+    def run(last, out):
+        args = argparse.Namespace(
+            models=small.folder / "models", scenes=small.scenes, targets=small.targets_path, detections=None, out=small.folder / out
+        )
+        run_estimator(args, lambda models: prepare(last))
+        return [line.rpartition(",")[0] for line in args.out.read_text().splitlines()]
+
+    with pytest.raises(KeyboardInterrupt):
+        run(0, "poses.csv")
+    assert set(looked) == {0}
+    looked.clear()
+    found = run(1, "poses.csv")
+    assert set(looked) == {1} and found == run(1, "whole.csv") and not list(small.folder.glob(".*.partial"))
 
 
 def test_the_surest_detections_of_a_target_are_looked_at():

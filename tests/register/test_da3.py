@@ -32,7 +32,7 @@ from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.scene.record import RegistrationFailed
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import Frames, fit_size, read_frames
-from zeroshop_steps.register.vggt.memory import CHUNK
+from zeroshop_steps.register.vggt.memory import CHUNKS
 from zeroshop_steps.runtime.cli import stage_main
 
 PX = (SMALL.image_px, SMALL.patch_px)
@@ -207,7 +207,7 @@ def test_upright_images_stay_upright(size_px, expected):
 @pytest.mark.parametrize(("method", "settings"), [("da3", SMALL), ("da3_base", BASE)])
 def test_the_rules_ask_for_the_memory_of_twenty_images(method, settings):
     declared = methods.REGISTRATIONS[method]
-    needed = predict_peak_bytes(settings, look_up_weights(declared.weights[0]).size_bytes, 20, (504, 378), CHUNK["cuda"])
+    needed = predict_peak_bytes(settings, look_up_weights(declared.weights[0]).size_bytes, 20, (504, 378), CHUNKS["cuda"][0], False)
     assert needed < 1e6 * declared.mem_mb
 
 

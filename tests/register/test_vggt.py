@@ -1,6 +1,7 @@
 """Registration by VGGT: its geometry with a network that knows the truth, everything else with small random weights."""
 
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,13 +15,15 @@ from zeroshop_steps.evaluate.camera_error import compare_cameras
 from zeroshop_steps.geometry.cameras import read_sparse_model
 from zeroshop_steps.geometry.images import list_images, write_image
 from zeroshop_steps.networks import devices
+from zeroshop_steps.networks.vggt.model import list_matrices
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.weights import look_up_weights
 from zeroshop_steps.register.scene.image_set import read_image_set
 from zeroshop_steps.register.scene.record import RegistrationFailed
+from zeroshop_steps.register.vggt import memory
 from zeroshop_steps.register.vggt.dense_points import decode_cameras
 from zeroshop_steps.register.vggt.frames import fit_size, read_frames
-from zeroshop_steps.register.vggt.memory import CHUNK, check_fits, predict_peak_bytes
+from zeroshop_steps.register.vggt.memory import CHUNKS, check_fits, load_network, predict_peak_bytes
 from zeroshop_steps.register.vggt.network import VggtNetwork, memory_errors
 from zeroshop_steps.register.vggt.options import VggtOptions
 from zeroshop_steps.register.vggt.solve import register
@@ -148,8 +151,48 @@ def test_the_memory_is_predicted_and_too_much_is_refused():
 
 def test_the_rule_asks_for_the_memory_of_twenty_images():
     file = look_up_weights(methods.REGISTRATIONS["vggt"].weights[0])
-    needed = predict_peak_bytes(VggtSettings(), file.size_bytes, 20, (518, 392), VggtOptions().tracked_points, CHUNK["cuda"])
+    needed = predict_peak_bytes(VggtSettings(), file.size_bytes, 20, (518, 392), VggtOptions().tracked_points, CHUNKS["cuda"][0])
     assert needed < 1e6 * methods.REGISTRATIONS["vggt"].mem_mb < 1.5 * needed
+
+
+@pytest.mark.parametrize(
+    ("free_gb", "precision", "chunk"), [(40, "bfloat16", 8), (8, "bfloat16", 4), (10, "float32", 4), (7, "bfloat16", 0)]
+)
+def test_a_card_takes_as_many_images_at_a_time_as_fit(monkeypatch, free_gb, precision, chunk):
+    """20 images by the thesis's quarter precision: a card of 12 GB has 11 GB free, of which these leave some."""
+    monkeypatch.setattr(memory, "choose_device", lambda name: "cuda")
+    monkeypatch.setattr(memory, "measure_free_bytes", lambda device: free_gb * 10**9)
+
+    def predict(count, chunk, half):
+        return predict_peak_bytes(
+            VggtSettings(), look_up_weights("VGGT-1B/model.safetensors").size_bytes, count, (518, 392), 1024, chunk, half
+        )
+
+    args = SimpleNamespace(device="auto", precision=precision, threads=1)
+    image_set = SimpleNamespace(images=list(range(20)))
+
+    def build(device, precision, chunk):
+        return SimpleNamespace(precision=precision)
+
+    if chunk:
+        _, known = load_network("VGGT", build, predict, image_set, (518, 392), args)
+        assert known["images_at_a_time"] == chunk and known["precision"] == precision and known["predicted_peak_gb"] <= free_gb
+    else:
+        with pytest.raises(StepError, match="VGGT needs about 7.6 GB for 20 images of 518 x 392 px, the cuda has 7.0 GB free"):
+            load_network("VGGT", build, predict, image_set, (518, 392), args)
+
+
+def test_matrices_in_half_the_bytes_change_no_bit_of_what_autocast_gives(weights):
+    pixels = np.random.default_rng(0).random((3, 3, 42, 56)).astype(np.float32)
+    network = VggtNetwork(weights, SETTINGS, "cpu", torch.bfloat16, 1)
+    halves = network.predict(pixels)
+    assert {part.weight.dtype for part in list_matrices(network.module)} == {torch.bfloat16}
+    assert network.module.depth_head.norm.weight.dtype == network.module.aggregator.camera_token.dtype == torch.float32
+    whole = VggtNetwork(weights, SETTINGS, "cpu", torch.float32, 1)
+    whole.precision = torch.bfloat16
+    expected = whole.predict(pixels)
+    for name in ("encodings", "depth", "confidence"):
+        np.testing.assert_array_equal(getattr(halves, name), getattr(expected, name))
 
 
 def test_memory_that_runs_out_is_no_result_about_the_pictures():

@@ -113,6 +113,10 @@ def test_what_the_machine_did_wrong_is_no_result():
     assert not failures.is_result(no_memory) and not failures.is_result(ImportError("libusb"))
     for words in ("(-4:Insufficient memory) Failed to allocate 800 bytes", "CUDA error: device-side assert", "can't start new thread"):
         assert not failures.is_result(RuntimeError(words))
+    refused = raised(StepError("the network takes 77 GB"), MemoryError())
+    assert failures.is_result(refused, refusals=True) and not failures.is_result(refused)
+    assert not failures.is_result(MemoryError(), refusals=True)
+    assert not failures.is_result(raised(StepError("cannot write"), OSError(28, "no space left")), refusals=True)
     assert failures.is_result(StepError("the mug ran out of memory foam")), "a step's own words are judged by their cause alone"
     assert not failures.is_result(KeyboardInterrupt()) and not failures.is_result(torch.OutOfMemoryError("CUDA"))
     assert failures.reason_of(ValueError("\x1b[1;31modd\x1b[0;m\nvalue\n")) == "unexpected ValueError: odd value"

@@ -34,3 +34,23 @@ def test_no_list_and_no_python(tmp_path, monkeypatch):
     monkeypatch.setattr(blender_environment, "PYTHON", (3, 99))
     with pytest.raises(StepError, match="needs python3.99, which is not on the PATH"):
         make_environment(tmp_path / "packages.txt", tmp_path / "environment")
+
+
+@pytest.mark.parametrize(
+    ("tool", "words"),
+    [("uv", "venv --seed --python 3.99"), ("micromamba", "create --yes --prefix FOLDER --channel conda-forge python=3.99")],
+)
+def test_a_python_that_is_absent_is_fetched_by_what_is_there(tmp_path, monkeypatch, tool, words):
+    """A script stands for the tool: it notes what it is called with and leaves a Python that notes what pip is asked for."""
+    folder, tools = tmp_path / "environment", tmp_path / "tools"
+    tools.mkdir()
+    script = f'#!/bin/sh\necho "$@" >> {tmp_path}/called\nmkdir -p {folder}/bin\n'
+    script += f"printf '#!/bin/sh\\necho \"$@\" >> {tmp_path}/called\\n' > {folder}/bin/python\nchmod +x {folder}/bin/python\n"
+    (tools / tool).write_text(script)
+    (tools / tool).chmod(0o755)
+    (tmp_path / "packages.txt").write_text("bpy\n")
+    monkeypatch.setattr(blender_environment, "PYTHON", (3, 99))
+    monkeypatch.setenv("PATH", f"{tools}:/usr/bin:/bin")
+    assert make_environment(tmp_path / "packages.txt", folder) == folder / "bin/python"
+    called = (tmp_path / "called").read_text().splitlines()
+    assert called[0].startswith(words.replace("FOLDER", str(folder))) and called[1].startswith("-m pip install")

@@ -5,6 +5,7 @@ import re
 from helpers.paths import REPOSITORY
 from helpers.plans import CELL, FINISH
 from helpers.running import planned
+from zeroshop_steps import methods
 
 
 def test_the_default_target_is_the_demo_object(snakemake):
@@ -44,12 +45,9 @@ def test_tables_in_another_folder_of_results_are_told_where_paths_begin(snakemak
     assert len(commands) == 3 and all(" --root results/mine --out " in line for line in commands), commands
 
 
-def test_the_page_of_the_thesis_is_made_of_what_is_there_unless_all_is_asked_for(snakemake):
+def test_the_page_of_the_thesis_is_made_of_what_is_there(snakemake):
     run = snakemake("-n", "thesis")
     assert run.returncode == 0 and planned(run.stdout) == {"thesis": 1}, run.stdout
-    run = snakemake("-n", "thesis", "--config", "thesis={make: all}", "datasets={ycbv: {objects: [obj_000005]}}", "tables={nvs: [2dgs]}")
-    jobs = planned(run.stdout)
-    assert jobs["thesis"] == jobs["height_table"] == jobs["bop_table"] == 1 and jobs["cell"] == 6
 
 
 def test_the_same_object_by_sparse_voxels(snakemake):
@@ -70,12 +68,15 @@ def test_both_optimizers_share_one_stereo(snakemake):
 def test_the_regime_of_the_thesis_lies_beside_the_default_one_and_runs_no_stereo(snakemake):
     objects = "results/thesis/demo/mustard_bottle"
     config = str(REPOSITORY / "config/thesis.yaml")
-    run = snakemake("-n", f"{objects}/2dgs.ply", f"{objects}/su_h/colmap/svraster/raw_mesh.ply", "--configfile", config)
+    run = snakemake("-n", f"{objects}/2dgs.ply", f"{objects}/su_h/mast3r/svraster/raw_mesh.ply", "--configfile", config)
     assert run.returncode == 0, run.stdout
     steps = ["blender_environment", "demo_model", "capture_virtual", "register", "quality", "train_svraster", "mesh_svraster", *CELL]
     assert planned(run.stdout) == dict.fromkeys(set(steps) - {"stereo"}, 1)
     assert "--stereo results" not in run.stdout and "results/demo" not in run.stdout
-    assert "--initialization sparse --iterations 30000" in run.stdout
+    assert "--initialization sparse --iterations 30000" in run.stdout and "--object-iterations" not in run.stdout
+    assert "--initialization sparse --iterations 5000 --image-width-px 250" in run.stdout
+    alone = snakemake("-n", f"{objects}/se/mast3r/svraster/raw_mesh.ply", "--configfile", config)
+    assert "--initialization sparse --iterations 3000 --image-width-px 250" in alone.stdout, alone.stdout
     assert "--least-height-sizes 0 --light-strengths 1 1 1 1 1 1" in run.stdout
 
 
@@ -89,5 +90,26 @@ def test_models_from_a_local_folder(snakemake, tmp_path):
 def test_weights_are_downloaded_by_name_and_say_their_licence(snakemake):
     run = snakemake("-n", "resources/weights/VGGT-1B/model.safetensors")
     assert run.returncode == 0, run.stdout
-    assert planned(run.stdout) == {"weights": 1} and "licence is: CC BY-NC 4.0" in run.stdout
+    assert planned(run.stdout) == {"weights_file": 1} and "licence is: CC BY-NC 4.0" in run.stdout
     assert snakemake("-n", "resources/weights/other.pth").returncode != 0
+
+
+def test_all_weights_of_the_thesis_are_one_word_and_their_licences_are_agreed_to_once(snakemake, tmp_path):
+    asked = snakemake("-n", "weights")
+    assert asked.returncode != 0 and "23 files, 13.8 GB" in asked.stdout and "--config licences=agreed (once)" in asked.stdout
+    for part in ("CC BY-NC-SA 4.0", "NVIDIA Source Code License", "AGPL-3.0", "VGGT-1B/model.safetensors: 5026 MB"):
+        assert part in asked.stdout
+    run = snakemake("-n", "weights", "--config", "licences=agreed")
+    assert run.returncode == 0 and planned(run.stdout) == {"weights_file": 23, "agree_licences": 1, "weights": 1}, run.stdout
+    assert "birefnet" not in run.stdout and "FastSAM-x.pt" in run.stdout and "sam-vit-huge" in run.stdout
+    one = methods.REGISTRATIONS["mast3r"].weights[0]
+    few = planned(snakemake("-n", "weights/mast3r", "--config", "licences=agreed").stdout)
+    assert few == {"weights_file": 1, "agree_licences": 1, "weights/mast3r": 1}
+    (tmp_path / "resources/weights").mkdir(parents=True)
+    (tmp_path / "resources/weights" / one).touch()
+    assert snakemake("weights/mast3r").returncode == 0, "what is there has been agreed to"
+    assert (tmp_path / "resources/weights/agreed/mast3r.txt").read_text() == "CC BY-NC-SA 4.0 (non-commercial)\n"
+    (tmp_path / "resources/weights" / one).unlink()
+    again = snakemake("-n", "weights/mast3r")
+    assert again.returncode == 0 and planned(again.stdout)["weights_file"] == 1, "asked once"
+    assert snakemake("-n", "weights/vggt").returncode != 0

@@ -1,11 +1,7 @@
 """What `snakemake -n` plans for the benchmark's test sets, detectors and estimators."""
 
-import itertools
-import textwrap
-
 import pytest
 
-from helpers.paths import REPOSITORY
 from helpers.plans import able
 from helpers.running import planned
 from zeroshop_steps import methods
@@ -67,22 +63,3 @@ def test_poses_by_sam6d_are_planned_where_its_weights_are(snakemake, tmp_path):
     assert "--proposals fastsam" in run.stdout and "--templates results/demo/bop/templates/models/42" in run.stdout
     refused = snakemake("-n", path)
     assert refused.returncode != 0 and "sam-vit-huge/model.safetensors" in refused.stdout
-
-
-@pytest.mark.slow
-def test_what_the_documents_say_for_the_thesiss_table_is_planned(snakemake, tmp_path):
-    """Columns of CNOS, SAM-6D and FoundationPose, rows of the true models, 2dgs and svraster, on YCB-V's own images."""
-    text = (REPOSITORY / "docs/stages/bop.md").read_text().partition("`table45.yaml`:")[2]
-    lines = itertools.takewhile(lambda line: not line or line.startswith("    "), text.splitlines())
-    (tmp_path / "table45.yaml").write_text(textwrap.dedent("\n".join(lines)))
-    fast = [methods.DETECTORS[name].with_options({"proposals": "fastsam"}) for name in ("cnos", "sam6d_ism")]
-    for name in {name for method in (*fast, *map(methods.ESTIMATORS.get, ("foundationpose", "sam6d_pem"))) for name in method.files}:
-        (tmp_path / methods.WEIGHTS_FOLDER / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / methods.WEIGHTS_FOLDER / name).touch()
-    run = snakemake("-n", "results/ycbv/tables/bop.csv", "--configfile", str(tmp_path / "table45.yaml"))
-    assert run.returncode == 0, run.stdout
-    jobs = planned(run.stdout)
-    assert f"the plan: {sum(jobs.values())} jobs" in text
-    assert (jobs["real_test_set"], jobs["cnos"], jobs["sam6d_ism"]) == (1, 3, 3) and "test_set" not in jobs
-    assert jobs["estimate_poses"] == jobs["score_poses"] == 3 * 2 * 3, "models, estimators, masks: true ones and two detectors'"
-    assert "weights" not in jobs and "--proposals fastsam" in run.stdout

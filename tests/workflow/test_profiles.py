@@ -12,7 +12,7 @@ from helpers.paths import REPOSITORY
 from helpers.running import command_and_environment, planned
 
 
-@pytest.mark.parametrize("profile", ["default", "gpu", "slurm"])
+@pytest.mark.parametrize("profile", ["default", "gpu", "gpu12", "slurm"])
 def test_a_profile_changes_how_jobs_run_and_not_which(snakemake, profile):
     run = snakemake(
         "-n", "--workflow-profile", str(REPOSITORY / "workflow/profiles" / profile), "results/demo/mug/su_l/truth/2dgs/mesh.ply"

@@ -3,7 +3,10 @@
 import argparse
 import importlib
 import inspect
+import json
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -47,10 +50,10 @@ STEPS_WITH_KEYS = [
 
 @pytest.fixture(scope="module")
 def rules(tmp_path_factory):
-    """The rules by name, as Snakemake reads them."""
+    """The rules by name, as Snakemake reads them, but for those that only name what they want."""
     with SnakemakeApi() as api:
         workflow = api.workflow(ResourceSettings(cores=1), snakefile=SNAKEFILE, workdir=tmp_path_factory.mktemp("rules"))._workflow
-        yield {rule.name: rule for rule in workflow.rules if rule.name != "all"}
+        yield {rule.name: rule for rule in workflow.rules if rule.output}
 
 
 def locked() -> dict[str, str]:
@@ -62,7 +65,7 @@ def locked() -> dict[str, str]:
 
 def test_a_rule_has_all_its_parts(rules):
     for name, rule in rules.items():
-        assert rule.output and len(rule.log) == 1 and rule.message, name
+        assert len(rule.log) == 1 and rule.message, name
         assert str(rule.log[0]).replace("logs/", "benchmarks/").removesuffix(".log") + ".tsv" == str(rule.benchmark), name
         assert {"mem_mb", "runtime"} <= set(rule.resources), name
         assert rule.shellcmd.startswith("python -m zeroshop_steps.") and rule.shellcmd.endswith("> {log} 2>&1"), name
@@ -128,6 +131,7 @@ def test_a_step_takes_what_the_schema_allows(module, keys):
     actions = {action.dest: action for action in parser._actions}
     below = {path[-1]: resolve(node, schema) for path, node in list_keys(schema) if path[:-1] == keys}
     assert below, keys
+    below.pop("object_iterations", None)  # the rule's own, which passes it as --iterations
     for name, node in below.items():
         action = actions[name]
         if "enum" in node or action.choices:
@@ -186,8 +190,36 @@ def test_the_conda_environment_has_the_locked_versions():
     environment = yaml.safe_load((REPOSITORY / "workflow" / "envs" / "zeroshop.yaml").read_text())
     pins = dict(pin.split("==") for pin in environment["dependencies"][-1]["pip"])
     assert pins.items() <= locked().items()
-    needed = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
-    assert set(needed) - {"snakemake"} <= set(pins), "the steps run without Snakemake"
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    needed = {*project["dependencies"], *project["optional-dependencies"]["robot"]}
+    assert needed - {"snakemake"} <= set(pins), "the steps run without Snakemake"
+
+
+GPU_LOCK = REPOSITORY / "requirements-gpu.lock"
+
+
+def test_what_a_gpu_needs_is_locked_for_the_cuda_of_the_locked_torch():
+    pins = [line for line in GPU_LOCK.read_text().splitlines() if not line.startswith("#")]
+    names = {re.split(r"[\[=]", pin)[0] for pin in pins}
+    extras = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert {re.split(r"[\[=>]", need)[0] for need in (*extras["gpu"], *extras["drive"])} == names and not names & set(locked())
+    assert any(pin.startswith("numba-cuda[cu13]==") for pin in pins), "PyTorch 2.13 is built for CUDA 13"
+    assert "requirements-gpu.lock" in (REPOSITORY / "Makefile").read_text()
+
+
+@pytest.mark.slow
+def test_what_a_gpu_needs_resolves_beside_the_lock(tmp_path):
+    """By pip's resolver and metadata of the index alone; nothing is installed."""
+    shared = [f"{name}=={locked()[name]}" for name in ("torch", "numba", "numpy", "protobuf", "requests") if name in locked()]
+    report = tmp_path / "report.json"
+    words = ["--dry-run", "--ignore-installed", "--only-binary", ":all:", "--quiet", "--report", str(report), "-r", str(GPU_LOCK), *shared]
+    run = subprocess.run([sys.executable, "-m", "pip", "install", *words], capture_output=True, text=True, timeout=500)
+    if run.returncode and not re.search("ResolutionImpossible|conflicting dependencies", run.stderr):
+        pytest.skip(f"the index does not answer: {run.stderr.strip().splitlines()[-1][:200]}")
+    assert run.returncode == 0, run.stderr
+    found = {item["metadata"]["name"].lower(): item["metadata"]["version"] for item in json.loads(report.read_text())["install"]}
+    assert found["numba-cuda"] == "0.30.4" and found["torch"].split("+")[0] == locked()["torch"]
+    assert tuple(map(int, found["cuda-bindings"].split(".")[:3])) >= (13, 0, 3), "what PyTorch for CUDA 13 wants"
 
 
 def test_both_kinds_of_blender_environment_have_the_same_packages():

@@ -101,7 +101,9 @@ rule true_models:
     message:
         "Gathering the true models of {wildcards.dataset}"
     shell:
-        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} {params.frames} --out {output.models} > {log} 2>&1"
+        "python -m zeroshop_steps.bop --method export_models --parts {input.parts} {params.frames} --out {output.models}"
+        f"{RECORDED_FOLDER}"
+        " > {log} 2>&1"
 
 
 use rule true_models as reconstructed_models with:
@@ -219,7 +221,9 @@ rule score_poses:
         "Scoring the poses of {wildcards.estimator} in {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.bop --method score_poses --estimates {input.estimates} --targets {input.targets}"
-        " --scenes {input.scenes} --models {input.models} --camera {input.camera} --errors-out {output.errors} --out {output.scores} > {log} 2>&1"
+        " --scenes {input.scenes} --models {input.models} --camera {input.camera} --errors-out {output.errors} --out {output.scores}"
+        f"{RECORDED}"
+        " > {log} 2>&1"
 
 
 rule score_detections:
@@ -240,4 +244,6 @@ rule score_detections:
         "Scoring the masks and boxes of {wildcards.estimator} in {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.bop --method score_detections --detections {input.detections} --targets {input.targets}"
-        " --scenes {input.scenes} --of masks boxes --out {output.scores} > {log} 2>&1"
+        " --scenes {input.scenes} --of masks boxes --out {output.scores}"
+        f"{RECORDED}"
+        " > {log} 2>&1"

@@ -74,6 +74,14 @@ def photo_place(
     return str(path)
 
 
+def filmed_objects(
+    names,
+):
+    """Those of these objects of `photos` whose pictures are there, and those of the empty scene, if their row names some."""
+    places = {name: [PHOTOS["photos", name][column] for column in ("images", "marker_images")] for name in names}
+    return [name for name, found in places.items() if found[0] and all((ROOT / place).exists() for place in found if place)]
+
+
 def photo_files(
     column,
 ):

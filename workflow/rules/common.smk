@@ -25,6 +25,12 @@ CELL = f"{RUN}/{{nvs}}"
 BOP = f"{RESULTS}/{{dataset}}/bop"
 TABLES = f"{RESULTS}/{{dataset}}/tables"
 
+# Where a method cannot run here, its step records that as a failure, and the rest goes on.
+RECORDS_REFUSALS = config["refusals"] == "record"
+# Added to the commands of cells, which record other failures anyway; and to those that otherwise end with an error.
+AND_REFUSALS = " --record-refusals" if RECORDS_REFUSALS else ""
+RECORDED, RECORDED_FOLDER = (f" --record-failure {{output}}{slash}{AND_REFUSALS}" if RECORDS_REFUSALS else "" for slash in ("", "/"))
+
 WITH_CAMERAS = f"(?!{methods.WITHOUT_CAMERAS}/)[^/]+"  # the registration of a cell that has cameras, as a regular expression
 
 VIRTUAL_SCENES = ["su_l", "su_h", "se"]
@@ -92,7 +98,12 @@ def require_known(what, name, names, remedy):
 
 
 def usable(what, name, table, remedy):
-    """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods."""
+    """`name`, or an error where it is no method or lacks something here; `table` is one of zeroshop_steps.methods.
+
+    Where refusals are recorded, its step says what is lacking.
+    """
+    if RECORDS_REFUSALS:
+        return require_known(what, name, table, remedy)
     if reason := methods.refusal(what, require_known(what, name, table, remedy), table):
         raise WorkflowError(reason)
     return name

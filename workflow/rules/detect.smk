@@ -12,13 +12,14 @@ MODELS = r"models(_[^/.]+)?"
 def detector_weights(
     method,
 ):
-    """An input function: the weights of a detector, or an error that says how to get them."""
+    """An input function: the weights of a detector, or an error that says how to get them; where it is recorded, those that are there."""
 
     def weights(
         wildcards,
     ):
         usable("detector", method.name, DETECTORS, "The folder is named after the detector.")
-        return [str(methods.WEIGHTS_FOLDER / file) for file in method.files]
+        files = [str(methods.WEIGHTS_FOLDER / file) for file in method.files]
+        return [file for file in files if Path(file).is_file()] if RECORDS_REFUSALS else files
 
     return weights
 
@@ -43,7 +44,9 @@ rule templates:
         "Rendering the {wildcards.models} of {wildcards.dataset} from {wildcards.views} sides"
     shell:
         "python -m zeroshop_steps.detect --method templates --models {input.models} --views {wildcards.views}"
-        " --out {output.templates} > {log} 2>&1"
+        " --out {output.templates}"
+        f"{RECORDED_FOLDER}"
+        " > {log} 2>&1"
 
 
 for method in DETECTORS.values():
@@ -78,7 +81,9 @@ for method in DETECTORS.values():
             f"Looking for the {{wildcards.models}} of {{wildcards.dataset}} by {method.name}"
         shell:
             "python -m zeroshop_steps.detect --method {params.method} --models {input.models} --templates {input.templates}"
-            " --scenes {input.scenes} --targets {input.targets} {params.options} --out {output.detections} > {log} 2>&1"
+            " --scenes {input.scenes} --targets {input.targets} {params.options} --out {output.detections}"
+            f"{RECORDED}"
+            " > {log} 2>&1"
 
 
 rule filter_masks:
@@ -101,4 +106,6 @@ rule filter_masks:
         "Choosing masks for poses of the {wildcards.models} of {wildcards.dataset}, found by {wildcards.detector}"
     shell:
         "python -m zeroshop_steps.detect --method filter_masks --detections {input.detections} --models {input.models}"
-        " --out {output.masks} > {log} 2>&1"
+        " --out {output.masks}"
+        f"{RECORDED}"
+        " > {log} 2>&1"

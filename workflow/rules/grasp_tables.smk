@@ -10,9 +10,9 @@ results/DATASET/tables/grasp_scale.svg, grasp_underside.svg   its two plots
 def robots_of(
     dataset,
 ):
-    """The folders of models that robots know in the table: the true ones, and those of every surface method."""
+    """The folders of models that robots know in the table: the true ones, and those of every surface method that measures."""
     virtual_dataset(dataset, "Photos have no true models.")
-    return ["models", *(f"models_delivered_{nvs}" for nvs in surfaces_with_cameras("the table of grasps"))]
+    return ["models", *(f"models_delivered_{nvs}" for nvs in measured_surfaces("the table of grasps"))]
 
 
 def attempts_of_table(

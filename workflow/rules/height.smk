@@ -132,7 +132,9 @@ rule height:
         "Measuring the height of {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}"
     shell:
         "python -m zeroshop_steps.height --method {params.method} --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " --stereo {input.stereo} {params.options} --out {output.height} --record-failure {output} > {log} 2>&1"
+        " --stereo {input.stereo} {params.options} --out {output.height} --record-failure {output}"
+        f"{AND_REFUSALS}"
+        " > {log} 2>&1"
 
 
 rule height_by_board:
@@ -195,4 +197,6 @@ rule height_by_mast3r:
         "Measuring {wildcards.object}, scene {wildcards.scene}, {wildcards.registration}, {wildcards.nvs}, by MASt3R"
     shell:
         "python -m zeroshop_steps.height --method mast3r --blind --mesh {input.mesh} --cameras {input.cameras} --capture {input.capture}"
-        " --stereo {input.stereo} {params.options} --out {output.height} --record-failure {output} > {log} 2>&1"
+        " --stereo {input.stereo} {params.options} --out {output.height} --record-failure {output}"
+        f"{AND_REFUSALS}"
+        " > {log} 2>&1"

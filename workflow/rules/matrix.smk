@@ -48,6 +48,13 @@ def surfaces_with_cameras(
     return names
 
 
+def measured_surfaces(
+    what,
+):
+    """Those of them that measure: a generated mesh is a guess."""
+    return [name for name in surfaces_with_cameras(what) if not methods.SURFACES[name].generated]
+
+
 @functools.cache
 def say_what_is_left_out(
     *axes,

@@ -87,7 +87,9 @@ rule estimate_poses:
         "Estimating poses with the {wildcards.models} of {wildcards.dataset} by {wildcards.estimator}, masks by {wildcards.masks}"
     shell:
         "python -m zeroshop_steps.pose --method {wildcards.estimator} --models {input.models} --scenes {input.scenes}"
-        " --targets {input.targets} {params.options} {params.inputs} --out {output.estimates} > {log} 2>&1"
+        " --targets {input.targets} {params.options} {params.inputs} --out {output.estimates}"
+        f"{RECORDED}"
+        " > {log} 2>&1"
 
 
 rule pose_pictures:

@@ -127,7 +127,9 @@ rule register:
         "Registering the images of {wildcards.object}, scene {wildcards.scene}, with {wildcards.registration}"
     shell:
         "python -m zeroshop_steps.register --method {params.method} --capture {input.capture}"
-        " --scene {params.scene} {params.options} --threads {threads} --out {output} --record-failure {output}/ > {log} 2>&1"
+        " --scene {params.scene} {params.options} --threads {threads} --out {output} --record-failure {output}/"
+        f"{AND_REFUSALS}"
+        " > {log} 2>&1"
 
 
 use rule register as register_photos with:

@@ -116,7 +116,9 @@ rule capture_object:
         "Taking the pictures of {wildcards.object} with their masks, to register the object alone"
     shell:
         "python -m zeroshop_steps.segment --method object_capture --pictures {input.pictures} --capture {input.capture}"
-        " --rejected {log}.png --out {output} --record-failure {output}/ {params.options} > {log} 2>&1"
+        " --rejected {log}.png --out {output} --record-failure {output}/"
+        f"{AND_REFUSALS}"
+        " {params.options} > {log} 2>&1"
 
 
 rule segment:
@@ -146,4 +148,6 @@ rule segment:
         "Masking {wildcards.object} in its photos ({params.method})"
     shell:
         "python -m zeroshop_steps.segment --method {params.method} --scene {input.scene} {params.options}"
-        " --rejected {log}.png --out {output} --record-failure {output}/ > {log} 2>&1"
+        " --rejected {log}.png --out {output} --record-failure {output}/"
+        f"{AND_REFUSALS}"
+        " > {log} 2>&1"

@@ -137,7 +137,9 @@ rule grasp_attempts:
     shell:
         "python -m zeroshop_steps.simulate --method attempts --model {input.model} --body {input.body} --images {input.images}"
         " --models {input.models} --templates {input.templates} {params.aligned} {params.options} --seed {params.seed} --threads {threads}"
-        " --out {output.attempts} > {log} 2>&1"
+        " --out {output.attempts}"
+        f"{RECORDED_FOLDER}"
+        " > {log} 2>&1"
 
 
 rule grasp_scenes:
@@ -187,4 +189,6 @@ rule sightings:
         "Looking at several things of {wildcards.dataset}, known by their meshes in {wildcards.models}"
     shell:
         "python -m zeroshop_steps.simulate --method sightings --scenes {input.scenes} --truth {input.truth} --models {input.models}"
-        " --templates {input.templates} {params.aligned} --out {output.sightings} > {log} 2>&1"
+        " --templates {input.templates} {params.aligned} --out {output.sightings}"
+        f"{RECORDED_FOLDER}"
+        " > {log} 2>&1"

@@ -28,6 +28,22 @@ def surface_section(
     return options.get(method.options[step], {}) if method.options else options
 
 
+def training_options(
+    method,
+):
+    """An input function: the options of its first step; of a capture without a ground, with the iterations that those have."""
+    section = dict(surface_section(method, 0))
+    of_objects = section.pop("object_iterations", None)
+
+    def options(
+        wildcards,
+    ):
+        alone = wildcards.scene in ("se", OBJECT_SCENE) and of_objects
+        return step_options({**section, "iterations": of_objects} if alone else section)
+
+    return options
+
+
 def surface_inputs(
     method,
 ):
@@ -123,7 +139,7 @@ for method in itertools.chain(*map(ways_of, map(surface_method, SURFACES))):
             method=method.step.partition(".")[2],
             inputs=lambda wildcards, input: " ".join(f"--{name} {path}" for name, path in input.items()),
             out=str(Path(made[0]).parent) if method.model else made[0],
-            options=step_options(surface_section(method, 0)),
+            options=training_options(method),
             height=height_option if method.cameras_optional else "",
             resume="--resume" if method.model else "",
             seed=config["seed"],
@@ -134,7 +150,9 @@ for method in itertools.chain(*map(ways_of, map(surface_method, SURFACES))):
             # Snakemake reads this when the job runs, so it names nothing of the loop.
             "python -m zeroshop_steps.surface --method {params.method} {params.inputs}"
             " --out {params.out} {params.options} {params.height} --seed {params.seed} --threads {threads} {params.resume}"
-            " --record-failure {output} > {log} 2>&1"
+            " --record-failure {output}"
+            f"{AND_REFUSALS}"
+            " > {log} 2>&1"
 
     if method.model:
 

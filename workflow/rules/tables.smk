@@ -4,11 +4,13 @@ results/DATASET/tables/cameras.csv                    how right the cameras are
 results/DATASET/tables/reconstruction.csv, .md        grades and figures of every cell; its grades as marks
 results/DATASET/tables/height.csv, height.svg         how far a printed board is off (thesis, Tables 4.3 and 4.4, Figure 4.8)
 results/DATASET/tables/masks.csv, film_height.csv     of films: masks frame by frame, heights by the printed board
-results/DATASET/tables/bop.csv, bop.md                detections and poses
+results/DATASET/tables/bop.csv, bop.md                detections and poses; bop.json: the settings that they were made with
 
 For the table of heights every object is measured twice: with the board beside it in its views (scene su_b), and by photos of the empty
 scene with the board, while its views (su_h) show none.
 """
+
+import json
 
 
 def cameras_of_table(
@@ -31,6 +33,8 @@ def heights_of_table(
     if dataset_named(wildcards.dataset)["kind"] == "photos":
         rows = {name: row for (owner, name), row in PHOTOS.items() if owner == wildcards.dataset}
         known = [name for name, row in rows.items() if row["height_m"] and row["marker_images"]]
+        if RECORDS_REFUSALS:
+            known = filmed_objects(known)
         if not known:
             raise WorkflowError(
                 f"{config['objects_table']}: no object of {wildcards.dataset} has both height_m and marker_images to compare"
@@ -69,9 +73,19 @@ def scores_of_table(
     say_what_is_left_out("nvs", "detectors", "estimators")
     detectors, estimators = table_axis("detectors"), table_axis("estimators")
     runs = [f"{detector}-MODELS/precision" for detector in detectors]
-    runs += [f"{estimator}-{masks}-MODELS/scores" for estimator in estimators for masks in ["truth", *detectors]]
+    pairs = [f"{estimator}-{masks}" for estimator in estimators for masks in ["truth", *detectors]]
+    runs += [f"{pair}-MODELS/scores" for pair in (pairs if config["tables"]["poses"] == "all" else config["tables"]["poses"])]
     folders = ["models", *(f"models_{nvs}" for nvs in surfaces_with_cameras("the table of the benchmark"))]
     return [f"{RESULTS}/{wildcards.dataset}/bop/{run.replace('MODELS', models)}.csv" for models in folders for run in runs]
+
+
+def settings_of_scores(
+    wildcards,
+):
+    """What tells a table of scores from others: the test images, the cells of its models, and the options of its networks; as JSON."""
+    test_folder = config["datasets"][wildcards.dataset].get("test_folder")
+    networks = {stage: config[stage] for stage in ("detect", "pose")}
+    return json.dumps({"test_folder": test_folder, **config["chosen"]["virtual"], **networks})
 
 
 def published_option(
@@ -241,6 +255,7 @@ rule bop_table:
             subcategory="{dataset}",
             labels={"table": "detection and poses"},
         ),
+        settings=f"{TABLES}/bop.json",
     log:
         f"{TABLES}/logs/bop.log",
     benchmark:
@@ -251,9 +266,11 @@ rule bop_table:
     params:
         published=published_option,
         images=lambda wildcards: "--real-images" if has_real_tests(wildcards.dataset) else "",
+        settings=settings_of_scores,
     message:
         "Gathering the detections' and poses' scores of {wildcards.dataset}"
     shell:
         "python -m zeroshop_steps.report --method bop --scores {input.scores} {params.published} {params.images} --page {output.page}"
+        " --settings {params.settings:q} --settings-out {output.settings}"
         f"{BELOW_RESULTS}"
         " --out {output.table} > {log} 2>&1"

@@ -154,6 +154,14 @@ def print_board(out: Path, board: str) -> int:
     return stage_main("zeroshop_steps.height", ["--method", "print_board", "--board", board, "--out", str(out)])
 
 
+@zeroshop.command()
+def doctor() -> int:
+    """Say which networks the card can hold, by its free memory, and what is missing."""
+    from zeroshop_steps.app.doctor import examine
+
+    return examine()
+
+
 @zeroshop.group()
 def workflow() -> None:
     """Many objects, tables and clusters, by Snakemake."""

@@ -8,7 +8,7 @@ from platformdirs import user_cache_path
 import zeroshop_steps
 from zeroshop_steps.methods import REGISTRATIONS
 from zeroshop_steps.networks.salient_networks import DEFAULT, NETWORKS
-from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, fetch_weights, look_up_weights
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, WeightsFile, fetch_weights, look_up_weights
 from zeroshop_steps.runtime.errors import StepError, warn
 from zeroshop_steps.runtime.files import atomic_write
 
@@ -52,11 +52,15 @@ def find_weights_home() -> Path:
     return root if root != PACKAGE / "project" else user_cache_path("zeroshop")
 
 
+def list_everyday_weights() -> list[WeightsFile]:
+    """Those that every mesh of photos uses, where they are there."""
+    return [look_up_weights(NETWORKS[DEFAULT].file), *map(look_up_weights, REGISTRATIONS["aliked"].weights)]
+
+
 def provide_weights() -> None:
     """Download the weights that every mesh of photos uses, where they are missing, once; without a network, a warning says so."""
     home = find_weights_home()
-    wanted = [look_up_weights(NETWORKS[DEFAULT].file), *map(look_up_weights, REGISTRATIONS["aliked"].weights)]
-    missing = [row for row in wanted if not (home / row.path).is_file()]
+    missing = [row for row in list_everyday_weights() if not (home / row.path).is_file()]
     if not missing or home == find_project():  # a clone's set-up has tried, and said what is missing
         return
     size_mb = sum(row.size_bytes or 0 for row in missing) / 1e6

@@ -5,16 +5,20 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from zeroshop_steps import __version__
 from zeroshop_steps.bop.detections import Detection, encode_mask, mask_to_box, write_detections
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.poses import NEAREST_MM
 from zeroshop_steps.bop.scene import Frame, list_scenes, read_scene
 from zeroshop_steps.bop.targets import read_target_frames, read_targets
 from zeroshop_steps.detect.templates import Templates, read_templates
+from zeroshop_steps.networks.weights import WEIGHTS_FOLDER
 from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.partial_results import PartialResults
 from zeroshop_steps.runtime.progress import track
 
 MOST_IN_AN_IMAGE = 100  # detections; COCO's evaluation ignores further ones
@@ -111,22 +115,50 @@ def detect_in_files(args: argparse.Namespace, prepare: Callable[[argparse.Namesp
     """
     frames = read_frames(args.scenes, args.targets)
     models = read_models(args.models, list_objects(args.models))
-    run_detector(args.out, frames, prepare(args, models, lambda number: read_templates(args.templates, number)))
+    detect = prepare(args, models, lambda number: read_templates(args.templates, number))
+    with PartialResults(args.out, identify(args)) as kept:
+        run_detector(args.out, frames, detect, kept)
 
 
-def run_detector(path: Path, frames: Sequence[Frame], detect: Callable[[Frame], Sequence[ObjectMask]]) -> None:
-    """Detect in every image, and write the detections with the seconds that each image took."""
+def identify(args: argparse.Namespace) -> dict[str, Any]:
+    """What results image by image belong to: the code's version, the options, the files that they name, and the weights that are there."""
+    given = {key: value for key, value in vars(args).items() if key not in ("out", "threads", "scenes")}
+    return {**given, "scenes": str(args.scenes), "version": __version__, "of networks": WEIGHTS_FOLDER}
+
+
+def run_detector(
+    path: Path, frames: Sequence[Frame], detect: Callable[[Frame], Sequence[ObjectMask]], kept: PartialResults | None = None
+) -> None:
+    """Detect in every image that is not in `kept`, and write the detections with the seconds that each image took."""
     detections: list[Detection] = []
     for frame in track(frames, "detections", len(frames)):
+        key = f"{frame.scene_id}/{frame.image_id}"
+        if kept and key in kept.done:
+            detections += [_from_json(frame, row) for row in kept.done[key]]
+            continue
         start_s = time.monotonic()
         found = sorted(detect(frame), key=lambda one: -one.score)[:MOST_IN_AN_IMAGE]
         seconds = time.monotonic() - start_s
-        detections += [
+        here = [
             Detection(frame.scene_id, frame.image_id, one.object_id, one.score, mask_to_box(one.mask), encode_mask(one.mask), seconds)
             for one in found
         ]
+        detections += here
+        if kept:
+            kept.keep(key, [_as_json(one) for one in here])
     write_detections(path, detections)
     print(f"{path}: {len(detections)} detections in {len(frames)} images")
+
+
+def _as_json(one: Detection) -> list[Any]:
+    mask = one.require_mask()
+    return [one.object_id, float(one.score), one.box_px, mask["size"], mask["counts"].decode("ascii"), one.seconds]
+
+
+def _from_json(frame: Frame, row: list[Any]) -> Detection:
+    object_id, score, box, size, counts, seconds = row
+    mask = {"size": size, "counts": counts.encode("ascii")}
+    return Detection(frame.scene_id, frame.image_id, object_id, score, tuple(box), mask, seconds)
 
 
 def suppress_masks(masks: Sequence[np.ndarray], scores: np.ndarray, most_iou: float) -> list[int]:

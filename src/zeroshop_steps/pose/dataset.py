@@ -12,9 +12,10 @@ from zeroshop_steps.bop.estimates import Estimates, write_estimates
 from zeroshop_steps.bop.models import ObjectModel, list_objects, read_models
 from zeroshop_steps.bop.scene import Frame
 from zeroshop_steps.bop.targets import Frames, Target, read_target_frames, read_targets, size_finder
-from zeroshop_steps.detect.detector_io import read_depth, read_photo
+from zeroshop_steps.detect.detector_io import identify, read_depth, read_photo
 from zeroshop_steps.detect.joined import join_touching
 from zeroshop_steps.runtime.errors import StepError, warn
+from zeroshop_steps.runtime.partial_results import PartialResults
 from zeroshop_steps.runtime.progress import track
 
 SPARE_DETECTIONS = 2  # of a target, beyond its number of instances: the scores of their poses decide which detections were right
@@ -58,7 +59,8 @@ def run_estimator(
     found = read_detections(args.detections, size_finder(frames)) if args.detections else read_true_masks(frames)
     found = choose_detections(found, targets, known, spare if args.detections else 0, args.detections)
     estimator = prepare(read_models(args.models, {one.object_id for one in found}))
-    write_estimates(args.out, estimate_all(found, frames, estimator, sure if args.detections else None))
+    with PartialResults(args.out, identify(args)) as kept:
+        write_estimates(args.out, estimate_all(found, frames, estimator, sure if args.detections else None, kept))
 
 
 def read_true_masks(frames: Frames) -> list[Detection]:
@@ -104,16 +106,26 @@ def choose_detections(
     return chosen
 
 
-def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Estimator, sure: float | None = None) -> Estimates:
+def estimate_all(
+    detections: Sequence[Detection],
+    frames: Frames,
+    estimator: Estimator,
+    sure: float | None = None,
+    kept: PartialResults | None = None,
+) -> Estimates:
     """Estimate the poses of the detections, image by image. Their time is that of the whole image, with that of detection if known.
 
-    `sure` is as in `run_estimator`.
+    `sure` is as in `run_estimator`; images in `kept` are not looked at again, and the others are added to it.
     """
     by_image: dict[tuple[int, int], dict[int, list[Detection]]] = {}
     for one in detections:
         by_image.setdefault((one.scene_id, one.image_id), {}).setdefault(one.object_id, []).append(one)
     rows: list[tuple] = []
     for image, objects in track(by_image.items(), "poses", len(by_image)):
+        key = "/".join(map(str, image))
+        if kept and key in kept.done:
+            rows += [(*row[:4], np.array(row[4]), row[5]) for row in kept.done[key]]
+            continue
         start_s, here = time.monotonic(), []
         photo = read_photo(frames[image])
         depth = read_depth(frames[image], photo, "and poses are estimated from depth: add it")
@@ -124,7 +136,10 @@ def estimate_all(detections: Sequence[Detection], frames: Frames, estimator: Est
                 found += [estimator(members[0], mask, photo, depth, frames[image]) for mask in join_touching(masks)]
             here += [(*image, members[0].object_id, one[1], one[0]) for one in found if one]
         seconds = time.monotonic() - start_s + max(next(iter(objects.values()))[0].seconds, 0.0)
-        rows += [(*row, seconds) for row in here]
+        new = [(*row, seconds) for row in here]
+        rows += new
+        if kept:
+            kept.keep(key, [(*row[:3], float(row[3]), np.asarray(row[4], float).tolist(), row[5]) for row in new])
     poses = np.array([row[4] for row in rows]).reshape(-1, 4, 4)
     numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
     scores, times = (np.array([row[column] for row in rows], float) for column in (3, 5))

@@ -7,13 +7,15 @@ published_bop.csv. What its row "official submission" has was scored by BOP itse
 """
 
 import argparse
+import json
 import math
 from pathlib import Path
 
 import pandas as pd
 
 from zeroshop_steps.runtime.errors import StepError
-from zeroshop_steps.runtime.files import atomic_write
+from zeroshop_steps.runtime.failures import read_failure
+from zeroshop_steps.runtime.files import atomic_write, write_json
 from zeroshop_steps.runtime.tables import read_table, write_table
 
 PUBLISHED = Path(__file__).with_name("published_bop.csv")
@@ -34,6 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--root", type=Path, default=Path("results"), help="folder that their paths start with (default: %(default)s)")
     parser.add_argument("--published", action="store_true", help="put the thesis's figures of YCB-V beside them")
     parser.add_argument("--real-images", action="store_true", help="the test images are BOP's own, not rendered ones")
+    parser.add_argument("--settings", type=json.loads, help="JSON of the settings that the scores were made with")
+    parser.add_argument("--settings-out", type=Path, help="JSON to write them to")
     parser.add_argument("--page", type=Path, required=True, help="Markdown to write")
     parser.add_argument("--out", type=Path, required=True, help="CSV to write")
 
@@ -43,12 +47,16 @@ def run(args: argparse.Namespace) -> None:
     parts = [read_scores(path, args.root) for path in args.scores]
     table = pd.concat([*parts, *([read_published()] if args.published else [])], ignore_index=True)
     write_table(args.out, table)
+    if args.settings_out:
+        write_json(args.settings_out, args.settings)
     with atomic_write(args.page) as temporary:
         temporary.write_text(render_page(table, args.real_images))
 
 
 def read_scores(path: Path, root: Path) -> pd.DataFrame:
     """The measurements in results/DATASET/bop/DETECTOR-MODELS/precision.csv or .../ESTIMATOR-MASKS-MODELS/scores.csv.
+
+    Of a run that failed, one row: the measure `failed`, whose value is the reason.
 
     Raises:
         StepError: the file is missing or empty, or its path tells no run.
@@ -60,7 +68,9 @@ def read_scores(path: Path, root: Path) -> pd.DataFrame:
     except ValueError:
         raise StepError(f"{path} is no run's; expected {root}/DATASET/bop/DETECTOR-MODELS or ESTIMATOR-MASKS-MODELS, and a CSV") from None
     where = {"dataset": dataset, "models": models, "task": "pose" if masks else "detection", "method": name, "masks": masks}
-    return read_table(path).assign(**where, source="measured")[list(COLUMNS)]
+    failure = read_failure(path)
+    table = pd.DataFrame([{"measure": "failed", "object": "", "value": str(failure)}]) if failure else read_table(path)
+    return table.assign(**where, source="measured")[list(COLUMNS)]
 
 
 def read_published() -> pd.DataFrame:

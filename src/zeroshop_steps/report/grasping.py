@@ -14,6 +14,7 @@ import pandas as pd
 
 from zeroshop_steps.report.thesis_entries import GRASPS
 from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.failures import read_failure
 from zeroshop_steps.runtime.files import atomic_write
 from zeroshop_steps.runtime.tables import read_table, write_table
 
@@ -51,9 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the table and the page."""
-    attempts = pd.concat([read_attempts(folder) for folder in args.attempts], ignore_index=True)
+    attempts = pd.concat([read_attempts(folder) for folder in args.attempts if not read_failure(folder)], ignore_index=True)
     marks = mark_poses(attempts)
-    scenes = [row for folder in args.scenes for row in sum_scenes(folder)]
+    scenes = [row for folder in args.scenes if not read_failure(folder) for row in sum_scenes(folder)]
     summary = sum_marks(marks) + scenes
     published = [
         {"models": row["models"], "measure": row["measure"], "value": row["value"], "source": THESIS}

@@ -1,23 +1,28 @@
 """One page with the thesis's Tables 4.1 to 4.6, Figure 4.8 and its statements, each figure beside ours.
 
-It is made of what is there: results on this machine, and for what is missing the figures that the documents record. A CSV beside it
-has one row per published figure. See thesis_entries.py for what counts as reproduced.
+Beside a published figure stands only the same one (thesis_entries); all others of ours stand below, in tables of their own kind with what
+differs (thesis_other): from results on this machine, and for what is missing from the figures that the documents record. A CSV has
+one row per published figure, another one a row per figure of another kind.
 """
 
 import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from statistics import mean
 
 import pandas as pd
 
 from zeroshop_steps.report.heights import APART, THESIS, read_published_heights
+from zeroshop_steps.report.reconstruction import read_published_cells
 from zeroshop_steps.report.site.charts import scatter
 from zeroshop_steps.report.site.html import copy_assets, write_page
 from zeroshop_steps.report.thesis_entries import (
+    DIFFERS,
+    REPRODUCED,
     STATUSES,
+    WAITING,
     Entry,
     list_grasps,
     list_heights,
@@ -25,9 +30,12 @@ from zeroshop_steps.report.thesis_entries import (
     list_scores,
     list_statements,
 )  # fmt: skip
-from zeroshop_steps.report.thesis_own import CellKey, Own, find_cells, find_rows
+from zeroshop_steps.report.thesis_other import Other, list_other_grasps, list_other_heights, list_other_marks, list_other_scores
+from zeroshop_steps.report.thesis_own import CellKey, Own, find_cells, find_films, find_rows, find_scores
 from zeroshop_steps.runtime.tables import write_table
 
+SAME_AS_2DGS = ("su_h", "se")
+"""Scenes in which SVRaster by MASt3R's cameras has the marks of 2DGS (4.1.1), so that Table 4.2 does not repeat them."""
 ORDER = {"none": 0, "sparse": 1, "good": 2}
 READS_FAILURES = True
 
@@ -37,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--results", type=Path, nargs="*", default=[], help="folders of results, each with ycbv in it")
     parser.add_argument("--recorded", type=Path, help="folder of recorded tables, such as bop.csv, for what is missing")
     parser.add_argument("--table", type=Path, required=True, help="CSV to write")
+    parser.add_argument("--other-table", type=Path, required=True, help="CSV to write of our figures of another kind")
     parser.add_argument("--out", type=Path, required=True, help="index.html to write")
 
 
@@ -45,19 +54,27 @@ def run(args: argparse.Namespace) -> None:
     cells = find_cells(args.results, args.recorded)
     heights = find_rows(args.results, "height.csv", args.recorded)
     real_heights = find_rows(args.results, "height.csv", None, dataset="photos")
-    scores = find_rows(args.results, "bop.csv", args.recorded)
+    scores = find_scores(args.results, args.recorded)
     robust = find_rows(args.results, "robustness.csv", args.recorded)
     grasps = find_rows(args.results, "grasp.csv", args.recorded)
-    marks = list_marks(cells)
+    films = find_films(args.results, {known.name for known in read_published_heights()})
+    marks, both_heights = list_marks(cells), pd.concat([real_heights, heights])
     parts = {
         "4.1 and 4.2": marks,
-        "4.3 and 4.4": list_heights(pd.concat([real_heights, heights])),
-        "4.5": list_scores(scores, any(has_real_images(root) for root in args.results)),
-        "4.6": list_grasps(grasps),
-        "statements": list_statements(find_evidence(cells, heights, robust)),
+        "4.3 and 4.4": list_heights(both_heights),
+        "4.5": list_scores(scores),
+        "4.6": list_grasps(),
+        "statements": list_statements(find_evidence(cells, heights, robust, films)),
     }
     entries = [entry for part in parts.values() for entry in part]
+    others = {
+        "marks": list_other_marks(cells),
+        "heights": list_other_heights(both_heights),
+        "scores": list_other_scores(scores),
+        "grasps": list_other_grasps(grasps),
+    }
     write_table(args.table, [asdict(entry) for entry in entries])
+    write_table(args.other_table, [asdict(other) for part in others.values() for other in part], [one.name for one in fields(Other)])
     copy_assets(args.out.parent / "assets")
     write_page(
         args.out,
@@ -68,35 +85,47 @@ def run(args: argparse.Namespace) -> None:
         total=Counter(entry.status for entry in entries),
         regimes=Counter(entry.regime for entry in entries if entry.regime),
         mark_tables=make_mark_tables(marks),
+        other_marks=make_other_marks(others["marks"]),
         groups=parts,
+        others=others,
         figure_4_8=draw_heights(heights),
         short=args.table.name,
+        other_short=args.other_table.name,
     )
     counts = Counter(entry.status for entry in entries)
     print(f"{args.out}: {len(entries)} published figures: " + ", ".join(f"{counts[status]} {status}" for status in STATUSES))
 
 
-def has_real_images(root: Path) -> bool:
-    """Whether YCB-V was tested on BOP's own images: their scenes are links to where they lie, or hold such links."""
-    scenes = sorted((root / "ycbv/bop/test").glob("[0-9]*"))
-    return bool(scenes) and (scenes[0].is_symlink() or (scenes[0] / "rgb").is_symlink())
-
-
 def make_mark_tables(marks: Sequence[Entry]) -> list[dict]:
-    """For each published row the marks, ours, and how they compare over all cells, failed ones too."""
+    """For each published row the marks, ours where reproduced, and how they compare over all cells, failed ones too."""
     rows: dict[tuple[str, str], list[Entry]] = {}
     for entry in marks:
         rows.setdefault((entry.table, entry.row), []).append(entry)
     found = []
     for (table, row), entries in rows.items():
-        ours, true = [entry.ours for entry in entries], [entry.ours_true_cameras for entry in entries]
-        published = [entry.published for entry in entries]
-        hows = " and ".join(dict.fromkeys(entry.how or "the same registration" for entry in entries))
-        regimes = " and ".join(dict.fromkeys(entry.regime for entry in entries if entry.regime))
-        note = f"{hows}; regime: {regimes}" if any(ours) else f"waiting for {hows}"
-        lines = [("published", published), ("ours", ours), ("ours, true cameras", true)]
+        ours, published = [entry.ours for entry in entries], [entry.published for entry in entries]
+        statuses = Counter(entry.status for entry in entries)
+        words = {REPRODUCED: "reproduced", DIFFERS: "made, but not alike (below)", WAITING: f"waiting for {entries[-1].how}"}
+        note = ", ".join(f"{statuses[status]} {text}" for status, text in words.items() if statuses[status])
+        lines = [("published", published), ("ours", ours)]
         counted = [(name, marks, count_good(marks), "" if name == "published" else compare(marks, published)) for name, marks in lines]
         found.append({"table": table, "row": row, "objects": [entry.column for entry in entries], "note": note, "lines": counted})
+    return found
+
+
+def make_other_marks(others: Sequence[Other]) -> list[dict]:
+    """For each of our rows of another kind the marks of the 21 objects, and in what they differ, each text once."""
+    rows: dict[str, list[Other]] = {}
+    for other in others:
+        rows.setdefault(other.row, []).append(other)
+    objects = sorted(read_published_cells().object.unique())
+    found = []
+    for row, own in rows.items():
+        marks = {other.column: other.ours for other in own}
+        differs = " / ".join(dict.fromkeys(other.differs for other in own))
+        sources = " and ".join(dict.fromkeys(other.regime for other in own))
+        shown = [marks.get(name, "") for name in objects]
+        found.append({"row": row, "objects": objects, "marks": shown, "good": count_good(shown), "differs": differs, "regime": sources})
     return found
 
 
@@ -112,9 +141,24 @@ def compare(ours: Sequence[str], published: Sequence[str]) -> str:
     return f"{sum(own >= theirs for own, theirs in pairs)} of {len(pairs)}" if pairs else ""
 
 
-def find_evidence(cells: Mapping[CellKey, Own], heights: pd.DataFrame, robust: pd.DataFrame) -> dict[str, tuple[str, str]]:
+def find_evidence(
+    cells: Mapping[CellKey, Own], heights: pd.DataFrame, robust: pd.DataFrame, films: Mapping[str, Mapping[str, bool]]
+) -> dict[str, tuple[str, str]]:
     """What our figures say on the statements, and where they are from; a statement on which they say nothing is left out."""
     found = {}
+    if films:
+        whole = [name for name, made in films.items() if made.get("2dgs") and made.get("svraster")]
+        rest = sorted(set(films) - set(whole))
+        words = f"{len(whole)} of {len(films)} filmed objects have meshes by both" + (f"; not {', '.join(rest)}" if rest else "")
+        found["films"] = (words, "results of photos")
+    alike = [
+        (own.value, other.value)
+        for (name, scene, registration, nvs), own in cells.items()
+        if registration == "mast3r" and nvs == "2dgs" and scene in SAME_AS_2DGS
+        and (other := cells.get((name, scene, registration, "svraster")))
+    ]  # fmt: skip
+    if alike:
+        found["same"] = (f"{sum(one == other for one, other in alike)} of {len(alike)} marks are the same", "the cells of mast3r")
     pairs = []
     for (name, scene, registration, nvs), own in cells.items():
         other = cells.get((name, scene, registration, "svraster"))

@@ -23,6 +23,7 @@ from zeroshop_steps.runtime.kernel_cache import provide_kernel_cache
 from zeroshop_steps.runtime.memory import keep_freed_memory
 
 RECORD_FAILURE = "outputs (a folder's name ends in a slash) in place of which a failure is recorded; the status is 0 then"
+RECORD_REFUSALS = "record that memory does not suffice for a network, too, as a failure"
 READS = re.compile(r"^READS_FAILURES = True$", re.MULTILINE)
 RUN = re.compile(r"^def run\(args\b", re.MULTILINE)
 
@@ -45,6 +46,7 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
     choose = argparse.ArgumentParser(prog=f"python -m {package}", add_help=False)
     choose.add_argument("--method", choices=stage_methods(package), required=True)
     choose.add_argument("--record-failure", nargs="+", default=[], metavar="OUTPUT", help=RECORD_FAILURE)
+    choose.add_argument("--record-refusals", action="store_true", help=RECORD_REFUSALS)
     if not any(word == "--method" or word.startswith("--method=") for word in argv) and {"-h", "--help"} & set(argv):
         choose.print_help()
         return 0
@@ -77,7 +79,7 @@ def stage_main(package: str, argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         failure = failures.Failure(step, failures.reason_of(error))
         details = error.write_details if isinstance(error, StepError) else None
-        return _give_up(failure, known.record_failure if failures.is_result(error) else [], details)
+        return _give_up(failure, known.record_failure if failures.is_result(error, known.record_refusals) else [], details)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Fetching one public file: retried, written whole or not at all, and always the same bytes as the first time.
+"""Fetching one public file: retried, continued, written whole or not at all, and always the same bytes as the first time.
 
 Pooch 1.9.0, tried instead, would replace the loop of `_download_once` alone, and does less for the user (800 MB from a local server):
 
@@ -12,6 +12,7 @@ Pooch 1.9.0, tried instead, would replace the loop of `_download_once` alone, an
 | file: URLs, a lock between processes, room on the disk | yes | no |
 """
 
+import contextlib
 import hashlib
 import http.client
 import shutil
@@ -19,9 +20,10 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from zeroshop_steps.runtime.errors import StepError
+from zeroshop_steps.runtime.errors import StepError, remedy_for
 from zeroshop_steps.runtime.files import atomic_write, locked
 from zeroshop_steps.runtime.progress import ProgressReport
 
@@ -101,25 +103,65 @@ def verify(path: Path, sha256: str | None = None) -> None:
 
 
 def _download_once(url: str, path: Path, size_bytes: int | None = None) -> None:
-    request = urllib.request.Request(url, headers={"User-Agent": "zeroshop"})
-    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as response:
+    """Fetch a file, or what is lacking of it: an attempt that broke off leaves `path`.part, and beside it by which the server knows it."""
+    part, mark = path.with_name(path.name + ".part"), path.with_name(path.name + ".part.mark")
+    have = part.stat().st_size if part.is_file() and mark.is_file() else 0
+    headers = {"User-Agent": "zeroshop"} | ({"Range": f"bytes={have}-", "If-Range": mark.read_text()} if have else {})
+    with _open(urllib.request.Request(url, headers=headers), part) as response:
+        continued = response.status == http.client.PARTIAL_CONTENT
+        have = have if continued else 0
         announced = int(response.headers.get("Content-Length") or 0)
         needed = announced or size_bytes or 0
         if shutil.disk_usage(path.parent).free < needed:
             raise StepError(f"{path} needs {needed / 1e6:.0f} MB, more than {path.parent} has free; make room")
-        received = 0
-        with atomic_write(path) as temporary, ProgressReport(f"download {path.name} (MB)", max(announced >> 20, 1)) as report:
-            with open(temporary, "wb") as file:
-                while chunk := _read(response):
-                    file.write(chunk)
-                    received += len(chunk)
-                    report.advance((received >> 20) - report.done)
-            if announced and received != announced:
-                raise http.client.IncompleteRead(b"", announced - received)
+        # A weak mark, or none, does not tell whether the rest belongs to what is there: then a broken download starts again.
+        known = response.headers.get("ETag") or ""
+        if known and not known.startswith("W/"):
+            mark.write_text(known)
+        else:
+            mark.unlink(missing_ok=True)
+        received, whole = 0, have + announced
+        with ProgressReport(f"download {path.name} (MB)", max(whole >> 20, 1)) as report, _writing(part, continued) as write:
+            while chunk := _read(response):
+                write(chunk)
+                received += len(chunk)
+                report.advance(((have + received) >> 20) - report.done)
+        if announced and received != announced:
+            raise http.client.IncompleteRead(b"", announced - received)
+    part.rename(path)
+    mark.unlink(missing_ok=True)
+
+
+def _open(request: urllib.request.Request, part: Path) -> http.client.HTTPResponse:
+    try:
+        response: http.client.HTTPResponse = urllib.request.urlopen(request, timeout=TIMEOUT_S)
+    except urllib.error.HTTPError as error:
+        if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE:
+            part.unlink(missing_ok=True)  # nothing comes after it: the next attempt starts again
+        raise
+    return response
+
+
+@contextlib.contextmanager
+def _writing(part: Path, continued: bool) -> Iterator[Callable[[bytes], object]]:
+    """What writes to a file, at its end or from its start. A fault of the disk is told at once; another attempt would have it, too."""
+    try:
+        file = open(part, "ab" if continued else "wb")  # noqa: SIM115
+    except OSError as error:
+        raise StepError(f"{part}: {error.strerror}. {remedy_for(error)}") from error
+
+    def write(chunk: bytes) -> None:
+        try:
+            file.write(chunk)
+        except OSError as error:
+            raise StepError(f"{part}: {error.strerror}. {remedy_for(error)}") from error
+
+    with file:
+        yield write
 
 
 def _read(response: http.client.HTTPResponse) -> bytes:
-    """The next bytes. A broken connection becomes an HTTPException, since `atomic_write` takes an OSError for a fault of the disk."""
+    """The next bytes. A broken connection becomes an HTTPException."""
     try:
         return response.read(CHUNK_BYTES)
     except OSError as error:

@@ -5,7 +5,8 @@ the step, its reason and the place of the record: the file itself, or failure.js
 passes it on, down to the cell's outcome.json. A step without the option, such as the one that writes the finished mesh, ends with
 the reason and a status of its own instead, so that no product is ever a record.
 
-What the machine did wrong is never recorded, since it says nothing about the cell: a full disk, no memory, a killed process.
+What the machine did wrong is not recorded, since it says nothing about the cell: a full disk, no memory, a killed process. With
+`--record-refusals`, a network for which memory does not suffice is recorded: where a table is to hold what this machine can do.
 """
 
 import json
@@ -91,8 +92,13 @@ def how_to_try_again(place: str) -> str:
     return f"To try again, delete {place} or call snakemake with --forcerun {place}."
 
 
-def is_result(error: BaseException) -> bool:
-    """Whether an error says something about the cell, and not about the machine."""
+def is_result(error: BaseException, refusals: bool = False) -> bool:
+    """Whether an error says something about the cell, and not about the machine.
+
+    With `refusals`, a step that says in its own words that memory does not suffice counts, too: on this machine it never will.
+    """
+    if refusals and isinstance(error, StepError) and isinstance(error.__cause__, MemoryError):
+        return True
     machine = (OSError, MemoryError, ImportError)
     # Libraries raise these as errors of their own or as RuntimeErrors.
     by_words = is_out_of_memory(error) or is_disk_full(error) or "CUDA error" in str(error) or "start new thread" in str(error)

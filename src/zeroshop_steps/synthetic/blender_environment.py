@@ -68,15 +68,31 @@ def make_environment(requirements: Path, folder: Path) -> Path:
     if not requirements.is_file():
         raise StepError(f"{requirements} does not exist; it lists what BlenderProc needs")
     name = "python{}.{}".format(*PYTHON)
-    base = sys.executable if sys.version_info[:2] == PYTHON else shutil.which(name)
-    if base is None:
-        raise StepError(f"Blender's module needs {name}, which is not on the PATH; install it, or use --sdm conda, {WITHOUT}")
     python = folder.absolute() / "bin" / "python"
     if not python.exists():
-        _run_command([base, "-m", "venv", str(folder)], "cannot make a virtual environment: install python3-venv")
+        _make_folder(name, folder)
     pip = [str(python), "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar", "off", "-r", str(requirements)]
     _run_command(pip, f"cannot install {requirements}: check the network (and PIP_INDEX_URL), or delete {folder} and try again, {WITHOUT}")
     return python
+
+
+def _make_folder(name: str, folder: Path) -> None:
+    """Make the environment with a Python that is there, or with one that uv or conda fetches: distributions have one version alone."""
+    version = name.removeprefix("python")
+    base = sys.executable if sys.version_info[:2] == PYTHON else shutil.which(name)
+    conda = next((found for one in ("micromamba", "mamba", "conda") if (found := shutil.which(one))), None)
+    if base:
+        _run_command([base, "-m", "venv", str(folder)], "cannot make a virtual environment: install python3-venv")
+    elif uv := shutil.which("uv"):
+        _run_command([uv, "venv", "--seed", "--python", version, str(folder)], f"uv cannot get {name}: check the network, {WITHOUT}")
+    elif conda:
+        command = [conda, "create", "--yes", "--prefix", str(folder), "--channel", "conda-forge", f"python={version}", "pip"]
+        _run_command(command, f"{conda} cannot get {name}: check the network, {WITHOUT}")
+    else:
+        raise StepError(
+            f"Blender's module needs {name}, which is not on the PATH; where your system has another version alone, `pip install uv` lets"
+            f" this step fetch it; or use --sdm conda, {WITHOUT}"
+        )
 
 
 def run_script(environment: Path, script: ModuleType, arguments: Sequence[str]) -> Iterator[tuple[str, str]]:

@@ -15,6 +15,7 @@ from zeroshop_steps.bop.estimates import read_estimates
 from zeroshop_steps.geometry.meshes import write_ply
 from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.networks import devices
+from zeroshop_steps.networks.foundationpose import onnx_pairs
 from zeroshop_steps.networks.foundationpose.model import ScoreNet
 from zeroshop_steps.pose.foundationpose import networks, start_poses
 from zeroshop_steps.pose.foundationpose.estimator import PoseEstimator
@@ -71,6 +72,23 @@ def test_the_surest_detection_is_taken_and_its_score_is_the_poses(small):
     status, out = estimate(small, *detections(small, (other, 0.4), (mask, 0.7)))
     poses = read_estimates(out)
     assert status == 0 and poses.scores.tolist() == [0.7]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("device", "providers", "words"),
+    [
+        ("cpu", ["CPUExecutionProvider"], ""),
+        ("cuda", ["CPUExecutionProvider"], "install onnxruntime-gpu in place of onnxruntime"),
+        ("cuda", ["CUDAExecutionProvider", "CPUExecutionProvider"], "finds no CUDA and cuDNN"),
+    ],
+)
+def test_onnx_files_that_run_on_the_processor_of_a_machine_with_a_card_say_so(tmp_path, monkeypatch, capsys, device, providers, words):
+    refiner = write_onnx(tmp_path, pairs=1)[0]
+    monkeypatch.setattr(onnx_pairs.onnxruntime, "get_available_providers", lambda: providers)
+    onnx_pairs.OnnxPairs(refiner, torch.device(device), outputs=2)
+    told = capsys.readouterr().err
+    assert ("eleven minutes" in told) == bool(words) and words in told
 
 
 def test_the_onnx_files_of_the_same_networks_give_the_same_poses_and_scores(small, monkeypatch):

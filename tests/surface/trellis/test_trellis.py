@@ -1,6 +1,7 @@
 """Trellis as a surface method: a stand-in that knows the truth proves the fit to the photos, small random weights prove the rest."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,12 @@ from helpers.stand_in_generator import Deformation, StandInGenerator
 from zeroshop_steps.geometry.images import list_images, read_mask, write_mask
 from zeroshop_steps.geometry.ply_surface import read_ply
 from zeroshop_steps.geometry.registered_views import read_views
+from zeroshop_steps.methods import SURFACES
 from zeroshop_steps.networks.trellis.conditioning import frame_object
 from zeroshop_steps.networks.trellis.flexible_surface import ColoredSurface
+from zeroshop_steps.networks.trellis.generator import Generator, read_settings
 from zeroshop_steps.networks.trellis.memory import predict_memory
-from zeroshop_steps.networks.trellis.settings import TrellisSettings
+from zeroshop_steps.networks.trellis.settings import SamplerSettings, TrellisSettings
 from zeroshop_steps.runtime.cli import stage_main
 from zeroshop_steps.runtime.errors import StepError
 from zeroshop_steps.runtime.files import read_json
@@ -131,6 +134,37 @@ def test_random_weights_run_to_the_end_and_give_the_same_bytes(carton, coarse, w
     assert mesh.colors.shape == mesh.vertices.shape and len(mesh.faces) == record["faces"] > 500
     assert len(record["generations"]) == 1 and record["generated"] and record["predicted_peak_gb"] > 0
     assert (tmp_path / "once/raw_mesh.ply").read_bytes() == (tmp_path / "again/raw_mesh.ply").read_bytes()
+
+
+def test_one_network_at_a_time_has_memory_and_damage_is_told_before_the_first_runs(tmp_path, monkeypatch):
+    folder = tmp_path / "networks"
+    write_networks(folder)
+    settings = replace(read_settings(folder), sampler=SamplerSettings(steps=1))
+    alive, most = [], []
+    read = Generator._read
+
+    def watched(self, name):
+        most.append([other for other, network in alive if any(not tensor.is_meta for tensor in network.parameters())])
+        network = read(self, name)
+        alive.append((name, network))
+        return network
+
+    generator = Generator(folder, settings, torch.device("cpu"))
+    monkeypatch.setattr(Generator, "_read", watched)
+    conditions = [torch.zeros(5, settings.structure_flow.condition_width)]
+    samples = generator.sample(conditions, [3, 4])
+    assert [name for name, _ in alive] == ["structure_flow", "structure_decoder", "latent_flow"] and most == [[], [], []]
+    alone = generator.sample(conditions, [4])
+    assert torch.equal(alone[4].latents, samples[4].latents), "a seed gives the same whichever others come with it"
+    assert len(generator.decode(samples[3]).vertices) and most[-1] == []
+    (folder / "mesh_decoder.safetensors").write_bytes(b"short")
+    with pytest.raises(StepError, match="mesh_decoder.safetensors is no whole checkpoint"):
+        Generator(folder, settings, torch.device("cpu"))
+
+
+def test_the_published_networks_fit_a_card_of_12_gb():
+    needed = predict_memory(TrellisSettings()).peak_bytes
+    assert needed < 0.9 * 10.5e9 and needed < 1e6 * SURFACES["trellis"].mem_mb < 1.5 * needed
 
 
 def test_weights_that_are_absent_are_asked_for_with_their_licence(carton, tmp_path, monkeypatch, capsys):

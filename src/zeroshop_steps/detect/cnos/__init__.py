@@ -6,6 +6,7 @@ sam-vit-huge or FastSAM-x.pt, below resources/weights; `contour` needs no weight
 """
 
 import argparse
+from typing import Any
 
 import numpy as np
 import torch
@@ -32,7 +33,7 @@ NEAREST_VIEWS = 5  # whose mean cosine is the score of an object
 LEAST_SCORE = 0.01  # less likely detections are not written
 MOST_IOU = 0.25  # of the boxes of two detections of one object; with more, the less confident one is dropped
 
-METHOD = {
+METHOD: dict[str, Any] = {
     "rank": 1,
     "models": {"describer": ("dinov2-large", ("config.json", "model.safetensors"))},
     "choices": {"proposals": {"sam": ("sam-vit-huge/model.safetensors", "sam-vit-huge/config.json"), "fastsam": ("FastSAM-x.pt",)}},

@@ -8,10 +8,12 @@ import torch
 from torch import Tensor
 
 from zeroshop_steps.networks.foundationpose.settings import CROP_PX, FoundationPoseSettings
-from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
+from zeroshop_steps.runtime.errors import StepError, is_out_of_memory, warn
 
 CHANNELS = FoundationPoseSettings().image_channels
-PROVIDERS = {"cpu": ["CPUExecutionProvider"], "cuda": ["CUDAExecutionProvider", "CPUExecutionProvider"]}
+CUDA = "CUDAExecutionProvider"
+PROVIDERS = {"cpu": ["CPUExecutionProvider"], "cuda": [CUDA, "CPUExecutionProvider"]}
+ON_PROCESSOR = "runs on the processor, where an instance takes about eleven minutes of CPU time"
 WARNINGS = 3  # the severity from which onnxruntime speaks: errors
 
 
@@ -34,11 +36,15 @@ class OnnxPairs:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads, options.log_severity_level = torch.get_num_threads(), WARNINGS
         usable = [name for name in PROVIDERS[device.type] if name in onnxruntime.get_available_providers()]
+        if device.type == "cuda" and CUDA not in usable:
+            warn(f"{path.name} {ON_PROCESSOR}: install onnxruntime-gpu in place of onnxruntime (make gpu)")
         try:
             self._session = onnxruntime.InferenceSession(path, options, providers=usable)
         except Exception as error:  # its errors have no common class of their own
             reason = str(error).strip().splitlines()[0]
             raise StepError(f"{path} cannot be read as an ONNX network ({reason}); delete it and fetch it again") from None
+        if CUDA in usable and CUDA not in self._session.get_providers():
+            warn(f"{path.name} {ON_PROCESSOR}: onnxruntime-gpu is there, but finds no CUDA and cuDNN of its version")
         inputs, self._outputs = self._session.get_inputs(), [one.name for one in self._session.get_outputs()]
         fits = [one.type == "tensor(float)" and list(one.shape[1:]) == [CHANNELS, CROP_PX, CROP_PX] for one in inputs]
         if fits != [True, True] or len(self._outputs) != outputs:

@@ -1,6 +1,8 @@
 """From pictures of an object to a coloured mesh of it: the networks one after the other."""
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +40,14 @@ PARTS: dict[str, type] = {
     "sampler": SamplerSettings,
 }
 
-NETWORKS = ("structure_flow", "structure_decoder", "latent_flow", "mesh_decoder")
-"""Each in a file of its name, .safetensors."""
+KINDS: dict[str, type[nn.Module]] = {
+    "structure_flow": StructureFlow,
+    "structure_decoder": StructureDecoder,
+    "latent_flow": LatentFlow,
+    "mesh_decoder": MeshDecoder,
+}
+NETWORKS = tuple(KINDS)
+"""In the order of their use, each in a file of its name, .safetensors."""
 
 
 def read_settings(folder: Path) -> TrellisSettings:
@@ -67,65 +75,104 @@ def encode_pictures(folder: Path, pictures: Sequence[np.ndarray], device: torch.
         return [encoder(picture) for picture in pictures]
 
 
+@dataclass(frozen=True)
+class Sample:
+    """What the flows made of one seed: surface voxels, and (N, channels) latents of them; none where nothing came out."""
+
+    voxels: Voxels
+    latents: Tensor
+
+
 class Generator:
-    """The networks with their weights on a device, in single precision.
+    """The networks, in single precision; each is on the device only while it is used, since together they would take twice the memory.
 
     Args:
         folder: structure_flow.safetensors, structure_decoder, latent_flow and mesh_decoder.
         settings: sizes.
         device: where to calculate.
+
+    Raises:
+        StepError: weights that are damaged or do not fit.
     """
 
     def __init__(self, folder: Path, settings: TrellisSettings, device: torch.device) -> None:
-        self.settings, self.device = settings, device
-        with torch.device("meta"):
-            networks = StructureFlow, StructureDecoder, LatentFlow, MeshDecoder
-            made = [network(getattr(settings, name)) for network, name in zip(networks, NETWORKS, strict=True)]
-        with run_network(device, "Trellis"):
-            self.structure_flow, self.structure_decoder, self.latent_flow, self.mesh_decoder = (
-                self._load(network, folder / f"{name}.safetensors") for network, name in zip(made, NETWORKS, strict=True)
-            )
+        self.folder, self.settings, self.device = folder, settings, device
+        for name in NETWORKS:  # before hours are spent on the first ones
+            self._read(name)
         self.mean = torch.tensor(settings.latent_mean, device=device)
         self.std = torch.tensor(settings.latent_std, device=device)
+        self._decoder: nn.Module | None = None
 
-    def _load(self, network: nn.Module, path: Path) -> nn.Module:
-        load_strictly(network, path)
-        return network.requires_grad_(False).eval().to(self.device, torch.float32)
+    def _read(self, name: str) -> nn.Module:
+        """A network with its weights mapped from their file."""
+        with torch.device("meta"):
+            network: nn.Module = KINDS[name](getattr(self.settings, name))
+        load_strictly(network, self.folder / f"{name}.safetensors")
+        return network.requires_grad_(False).eval()
 
-    def generate(self, conditions: Sequence[Tensor], seed: int) -> ColoredSurface:
-        """A mesh in the cube from -1/2 to 1/2, z up; it has no faces where nothing came out.
+    @contextlib.contextmanager
+    def _network(self, name: str) -> Iterator[nn.Module]:
+        """A network on the device, which has its memory again afterwards."""
+        network = self._read(name).to(self.device, torch.float32)
+        try:
+            yield network
+        finally:
+            network.to("meta")
+            if self.device.type == "cuda":
+                torch.cuda.empty_cache()
+
+    def sample(self, conditions: Sequence[Tensor], seeds: Iterable[int]) -> dict[int, Sample | None]:
+        """What the flows make of each seed; None where that is nothing.
 
         Args:
             conditions: of `encode_pictures`, one for each picture.
-            seed: of the noise, which is drawn on the processor, so that it is the same on every device.
+            seeds: of the noise, which is drawn on the processor, so that it is the same on every device.
 
         Raises:
             StepError: memory ran out.
         """
-        random = torch.Generator().manual_seed(seed)
+        random = {seed: torch.Generator().manual_seed(seed) for seed in seeds}
         with run_network(self.device, "Trellis"):
-            voxels = self._sample_structure(conditions, random)
-            if len(voxels.coordinates) == 0:
-                return ColoredSurface(np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty((0, 3)))
-            latents = self._sample_latents(conditions, voxels, random)
-            features, fine = self.mesh_decoder(latents, voxels)
+            with self._network("structure_flow") as flow:
+                states = {seed: self._sample_structure(flow, conditions, own) for seed, own in random.items()}
+            with self._network("structure_decoder") as decoder:
+                side = (self.settings.structure_flow.resolution,) * 3
+                voxels = {seed: find_surface_voxels(decoder(state.T.unflatten(1, side)[None])) for seed, state in states.items()}
+            with self._network("latent_flow") as flow:
+                return {
+                    seed: Sample(found, self._sample_latents(flow, conditions, found, random[seed])) if len(found.coordinates) else None
+                    for seed, found in voxels.items()
+                }
+
+    def decode(self, sample: Sample | None) -> ColoredSurface:
+        """A mesh in the cube from -1/2 to 1/2, z up; it has no faces where nothing came out.
+
+        Raises:
+            StepError: memory ran out.
+        """
+        if sample is None:
+            return ColoredSurface(np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty((0, 3)))
+        with run_network(self.device, "Trellis"):
+            if self._decoder is None:
+                self._decoder = self._read("mesh_decoder").to(self.device, torch.float32)
+            features, fine = self._decoder(sample.latents, sample.voxels)
             places, values = fine.coordinates.cpu().numpy(), features.float().cpu().numpy()
         return extract_surface(CubeFeatures.split(self.settings.mesh_decoder.resolution * FINER, places, values))
 
-    def _sample_structure(self, conditions: Sequence[Tensor], random: torch.Generator) -> Voxels:
+    def _sample_structure(self, network: nn.Module, conditions: Sequence[Tensor], random: torch.Generator) -> Tensor:
         flow = self.settings.structure_flow
         side = (flow.resolution,) * 3
         noise = torch.randn(1, flow.channels, *side, generator=random)[0].flatten(1).T.to(self.device)
         with ProgressReport("structure (steps)", self.settings.sampler.steps) as report:
-            state = follow_flow(self.structure_flow, noise, conditions, self.settings.sampler, report.advance)
-        return find_surface_voxels(self.structure_decoder(state.T.unflatten(1, side)[None]))
+            return follow_flow(network, noise, conditions, self.settings.sampler, report.advance)
 
-    def _sample_latents(self, conditions: Sequence[Tensor], voxels: Voxels, random: torch.Generator) -> Tensor:
+    def _sample_latents(self, network: nn.Module, conditions: Sequence[Tensor], voxels: Voxels, random: torch.Generator) -> Tensor:
         noise = torch.randn(len(voxels.coordinates), self.settings.latent_flow.channels, generator=random).to(self.device)
         pooling = Pooling.of(voxels)
 
         def velocity(state: Tensor, time: Tensor, condition: Tensor) -> Tensor:
-            return self.latent_flow(state, voxels, pooling, time, condition)
+            moved: Tensor = network(state, voxels, pooling, time, condition)
+            return moved
 
         with ProgressReport("latents (steps)", self.settings.sampler.steps) as report:
             state = follow_flow(velocity, noise, conditions, self.settings.sampler, report.advance)

@@ -16,18 +16,28 @@ DECODED_WIDTHS = 4.0
 voxels: 3.4, the extraction of the mesh included."""
 
 
+BLOCK_WIDTHS = 24.0
+"""Values alive at once for each token of a flow, as a multiple of its width: keys, queries, values, the hidden layer and its input."""
+
+
 def predict_memory(settings: TrellisSettings) -> MemoryNeeds:
-    """What a run takes at its peak, which is in the mesh decoder."""
+    """What a run takes at its peak, with one network on the device at a time."""
     with torch.device("meta"):
-        networks = (
-            StructureFlow(settings.structure_flow),
-            StructureDecoder(settings.structure_decoder),
-            LatentFlow(settings.latent_flow),
-            MeshDecoder(settings.mesh_decoder),
-        )
-    parameters = sum(parameter.numel() for network in networks for parameter in network.parameters())
+        networks = {
+            "structure_flow": StructureFlow(settings.structure_flow),
+            "structure_decoder": StructureDecoder(settings.structure_decoder),
+            "latent_flow": LatentFlow(settings.latent_flow),
+            "mesh_decoder": MeshDecoder(settings.mesh_decoder),
+        }
     voxels = SURFACE_SHARE * settings.mesh_decoder.resolution**3
-    values = 64 * voxels * DECODED_WIDTHS * (settings.mesh_decoder.width // 4)
-    peak = BASE_BYTES + int(VALUE_BYTES * (parameters + values))
+    values = {
+        "structure_flow": settings.structure_flow.resolution**3 * settings.structure_flow.width * BLOCK_WIDTHS,
+        "structure_decoder": 64 * settings.structure_flow.resolution**3 * settings.structure_decoder.channels[-1] * DECODED_WIDTHS,
+        "latent_flow": voxels * settings.latent_flow.width * BLOCK_WIDTHS,
+        "mesh_decoder": 64 * voxels * DECODED_WIDTHS * (settings.mesh_decoder.width // 4),
+    }
+    counts = {name: sum(parameter.numel() for parameter in network.parameters()) for name, network in networks.items()}
+    largest = max(networks, key=lambda name: counts[name] + values[name])
+    peak = BASE_BYTES + int(VALUE_BYTES * (counts[largest] + values[largest]))
     instead = "run less beside it, use --device cpu on a machine with more memory, or the surface methods 2dgs or svraster"
-    return MemoryNeeds(peak, f"Trellis with {parameters / 1e9:.2f} billion parameters", instead)
+    return MemoryNeeds(peak, f"Trellis, whose largest part is its {largest.replace('_', ' ')},", instead)

@@ -88,3 +88,8 @@ class Vggt(nn.Module):
         """(S, 9) encodings, (S, H, W) depth and (S, H, W) confidence, from `tokens` of images of `size_px` (H, W)."""
         depth, confidence = self.depth_head(layers, size_px, chunk, after_chunk).unbind(1)
         return self.camera_head(layers[-1][:, 0]), depth.exp(), 1 + confidence.exp()
+
+
+def list_matrices(network: Vggt) -> list[nn.Module]:
+    """The linear layers of the aggregator: what autocast calculates in half the precision whichever they are held in."""
+    return [part for part in network.aggregator.modules() if isinstance(part, nn.Linear | nn.Conv2d)]

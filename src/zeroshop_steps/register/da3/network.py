@@ -58,11 +58,11 @@ class Da3Network:
             return VggtOutput(encodings, depth, confidence)
 
 
-def predict_peak_bytes(settings: Da3Settings, weights_bytes: int, frames: int, size_px: tuple[int, int], chunk: int) -> int:
+def predict_peak_bytes(settings: Da3Settings, weights_bytes: int, frames: int, size_px: tuple[int, int], chunk: int, half: bool) -> int:
     """The most memory that a run takes; the arguments are those of `register.vggt.memory.predict_peak_bytes`."""
     pixels = size_px[0] * size_px[1]
     tokens = frames * (pixels // settings.patch_px**2 + 1)
     kept = tokens * len(settings.layers) * 2 * settings.width
-    attention = kept + tokens * settings.width * TOKEN_WIDTHS
+    attention = kept + tokens * settings.width * TOKEN_WIDTHS[half]
     dense = kept + min(chunk, frames) * pixels * settings.dense_features * DENSE_MAPS + 2 * frames * pixels
     return int(BASE_BYTES + weights_bytes + VALUE_BYTES * (max(attention, dense) + 3 * frames * pixels))

@@ -48,8 +48,8 @@ def solve(args: argparse.Namespace, published: Collection[str]) -> None:
     settings = read_settings(weights, find_size(weights))
     size_px, _ = fit_size(image_set.size_px, settings.image_px, settings.patch_px, upright=True)
 
-    def predict(count: int, chunk: int) -> int:
-        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, chunk)
+    def predict(count: int, chunk: int, half: bool) -> int:
+        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, chunk, half)
 
     network, figures = load_network("Depth Anything 3", partial(Da3Network, weights, settings), predict, image_set, size_px, args)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR

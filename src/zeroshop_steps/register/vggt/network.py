@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import torch
 
-from zeroshop_steps.networks.vggt.model import Vggt
+from zeroshop_steps.networks.vggt.model import Vggt, list_matrices
 from zeroshop_steps.networks.vggt.settings import VggtSettings
 from zeroshop_steps.networks.weights import WEIGHTS_FOLDER, load_strictly, resolve_weights
 from zeroshop_steps.runtime.errors import StepError, is_out_of_memory
@@ -67,6 +67,9 @@ class VggtNetwork:
         with torch.device("meta"):
             self.module = Vggt(settings)
         load_strictly(self.module, weights)
+        if precision == torch.bfloat16:  # in which autocast calculates with them anyway
+            for part in list_matrices(self.module):
+                part.to(precision)
         with memory_errors():
             self.module.to(device).requires_grad_(False).eval()
         self.device, self.precision, self.chunk = device, precision, chunk

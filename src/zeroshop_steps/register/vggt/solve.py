@@ -81,8 +81,8 @@ def solve(args: argparse.Namespace, published: Collection[str]) -> None:
     points = options.tracked_points if options.refine == "tracks" else 0
     size_px = (width + 2 * left, height)
 
-    def predict(count: int, chunk: int) -> int:
-        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, points, chunk)
+    def predict(count: int, chunk: int, half: bool) -> int:
+        return predict_peak_bytes(settings, weights.stat().st_size, count, size_px, points, chunk, half)
 
     network, figures = load_network("VGGT", partial(VggtNetwork, weights, settings), predict, image_set, size_px, args)
     pycolmap.logging.minloglevel = pycolmap.logging.ERROR

@@ -26,7 +26,7 @@ METHOD: dict[str, Any] = {
         ),
         "encoder": ("dinov2-with-registers-large", ("config.json", "model.safetensors")),
     },
-    "mem_mb": 16000,
+    "mem_mb": 10000,
     "runtime_min": 720,
 }
 

@@ -75,7 +75,8 @@ def reconstruct(args: argparse.Namespace, files: Mapping[str, tuple[str, ...]]) 
         check_memory(needs, device)
         conditions = encode_pictures(encoder, pictures, device)
         generator = Generator(networks, settings, device)
-        return lambda seed: generator.generate(conditions, seed)
+        samples = generator.sample(conditions, seeds)
+        return lambda seed: generator.decode(samples[seed])
 
     if args.cameras is None:
         mesh, facts = _from_photos_alone(args, start, seeds, settings.image_px)
