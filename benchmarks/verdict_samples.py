@@ -9,6 +9,7 @@ import random
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,14 @@ from zeroshop_steps.networks.salient_object import SalientObjectNetwork
 from zeroshop_steps.register.colmap import ColmapOptions, match_images
 from zeroshop_steps.register.features.sift import SiftOptions, fit_to_count
 from zeroshop_steps.register.final_checks import FinalChecks
+from zeroshop_steps.register.final_refinement import Improver
 from zeroshop_steps.register.mapping.mapper import make_mapping_options, map_incrementally
-from zeroshop_steps.register.pipeline import StructureOptions, refine_and_repair
+from zeroshop_steps.register.pipeline import StructureOptions, improve, refine_and_repair
 from zeroshop_steps.register.scene.database import delete_pair
 from zeroshop_steps.register.scene.image_set import ImageSet, read_image_set
-from zeroshop_steps.register.scene.record import Stopwatch
+from zeroshop_steps.register.scene.record import Record, Stopwatch
 from zeroshop_steps.register.scene.undistortion import undistort
+from zeroshop_steps.register.verification.consistency import check_consistency
 from zeroshop_steps.register.verification.duplicate_structure import MayMatch
 from zeroshop_steps.register.verification.predicted_masks import find_object_maps, mask_images
 from zeroshop_steps.runtime.files import read_json
@@ -71,6 +74,10 @@ def sample(capture: Path, network: SalientObjectNetwork, scratch: Path) -> Itera
             if model is None:
                 continue
             hypothesis = refine_and_repair(model, image_set, database, folder, structure)
+            if not hypothesis.report.is_doubtful:
+                check = partial(check_consistency, image_set=image_set, database=database, limits=structure.limits, doubt_masks=False)
+                improver = Improver(image_set, check, hypothesis.registered)
+                hypothesis, _ = improve(improver, hypothesis, structure.object_only, Record(), Stopwatch())
             if hypothesis.registered < FEWEST:
                 continue
             pinhole_model = undistort(hypothesis.model, image_set, folder / "out")

@@ -164,13 +164,11 @@ def reconstruct(
     if not hypothesis.report.is_doubtful:
         check = partial(check_consistency, image_set=image_set, database=database, limits=options.limits, doubt_masks=options.doubt_masks)
         improver = Improver(image_set, check, needed if by_object else count)
-        hypothesis, record = _improve(improver, hypothesis, by_object, record, stopwatch)
+        hypothesis, record = improve(improver, hypothesis, by_object, record, stopwatch)
     return _write(hypothesis, image_set, out, options, record, stopwatch, may_match, by_object, all_matches or database)
 
 
-def _improve(
-    improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record, stopwatch: Stopwatch
-) -> tuple[Hypothesis, Record]:
+def improve(improver: Improver, hypothesis: Hypothesis, by_object: bool, record: Record, stopwatch: Stopwatch) -> tuple[Hypothesis, Record]:
     """The model refined by pictures, and by silhouettes where points hold it loosely."""
     left_out = hypothesis.left_out
     hypothesis, found = improver.refine_keypoints(hypothesis)

@@ -1,9 +1,9 @@
 """One verdict on cameras: how likely they are wrong, by all that was found.
 
 Cameras are wrong if their centres are off by more than 1 % of the object's diameter in the mean, or one by more than 5 %. The
-probability is a logistic regression on the strengths of the findings, fitted on models whose truth is known (benchmarks/fit_verdict.py).
-No weight is below 0: what more speaks against cameras never makes them likelier. So checks are asked in the order of their cost, until
-one convinces.
+probability is a logistic regression on powers of the findings' strengths. Its weights can be fitted on models whose truth is known
+(benchmarks/fit_verdict.py); those that are stored let each measure convince alone at strength 1. No weight is below 0: what more speaks
+against cameras never makes them likelier. So checks are asked in the order of their cost, until one convinces.
 """
 
 import json
