@@ -86,7 +86,7 @@ rule thesis:
         runtime=per_attempt(5),
     params:
         results=results_of_thesis,
-        recorded=os.path.relpath(ROOT / "docs"),
+        recorded=os.path.relpath(PROJECT / "docs"),
         there=thesis_there,
     message:
         "Putting the thesis's figures beside ours: open {output.page} in a browser"
