@@ -131,7 +131,7 @@ def test_weights_that_are_missing_or_of_another_version_are_named(dataset, weigh
     monkeypatch.chdir(tmp_path)
     published = ("--weights", "resources/weights/sam-6d-pem-base.pth")
     assert estimate(dataset, weights, *published) == 1
-    assert "by hand from https://drive.google.com" in capsys.readouterr().err
+    assert "from https://drive.google.com" in capsys.readouterr().err
     weights.with_suffix(".json").unlink()
     assert estimate(dataset, weights) == 1
     assert "does not fit Sam6dPem" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from zeroshop_steps.runtime.settings import check_config, name_error, read_confi
 
 PROJECT = Path(workflow.snakefile).parents[2]
 # Paths that the config names count from the clone; where the workflow came with the package, from the working directory.
-ROOT = PROJECT if (PROJECT / "pyproject.toml").is_file() else Path.cwd()
+ROOT = Path.cwd() if PROJECT.parts[-2:] == ("zeroshop_steps", "project") else PROJECT
 
 # Where results lie: of an object, of its pictures in a scene, of their cameras by a registration, of a cell; and of a whole dataset.
 RESULTS = config["results"]

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TextIO
 
 
 class PartialResults:
@@ -21,10 +21,7 @@ class PartialResults:
         self.path = out.with_name(f".{out.name}.partial")
         self._first = json.dumps({key: _stamp(value) for key, value in sorted(belongs_to.items())})
         self.done = self._read()
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        kept = [self._first, *(json.dumps(item) for item in self.done.items())]
-        self.path.write_text("".join(f"{line}\n" for line in kept))
-        self._file = self.path.open("a")
+        self._file: TextIO | None = None
 
     def _read(self) -> dict[str, Any]:
         """The whole lines of a file that belongs here; a last line that was cut short counts as missing."""
@@ -43,6 +40,11 @@ class PartialResults:
 
     def keep(self, key: str, value: Any) -> None:
         """Add a result, which JSON can hold."""
+        if self._file is None:  # only now: a step that ends before its first result leaves nothing
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            kept = [self._first, *(json.dumps(item) for item in self.done.items())]
+            self.path.write_text("".join(f"{line}\n" for line in kept))
+            self._file = self.path.open("a")
         self.done[key] = value
         self._file.write(json.dumps([key, value]) + "\n")
         self._file.flush()
@@ -51,7 +53,8 @@ class PartialResults:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
         if kind is None:
             self.path.unlink(missing_ok=True)
 
