@@ -60,3 +60,5 @@ def test_a_failure_raises_with_its_reason(photos, tmp_path, monkeypatch):
         zeroshop.reconstruct(photos, into=tmp_path)
     with pytest.raises(zeroshop.StepError, match="it is in metres"):
         zeroshop.reconstruct(photos, height_m=96, into=tmp_path)
+    with pytest.raises(zeroshop.StepError, match="0 captures are given"):
+        zeroshop.reconstruct(into=tmp_path)

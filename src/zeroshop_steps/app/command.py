@@ -59,10 +59,12 @@ def _run_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--into", type=click.Path(path_type=Path), default=Path(), metavar="FOLDER", help="Folder that gets results/.",
                      show_default="the current one"),
         click.option("--cores", type=int, metavar="N", default=os.cpu_count() or 2, help="Processor cores to use.", show_default="all"),
-        click.option("--method", default=METHODS[0], show_default=True, help=f"Surface method: {' or '.join(METHODS)}."),
     ):  # fmt: skip
         command = option(command)
     return command
+
+
+_of_mesh = click.option("--method", default=METHODS[0], show_default=True, help=f"Surface method: {' or '.join(METHODS)}.")
 
 
 @zeroshop.command()
@@ -80,6 +82,7 @@ def _run_options(command: Callable[..., Any]) -> Callable[..., Any]:
               show_default="20, and more where a film needs them; 60 photos")  # fmt: skip
 @click.option("--open", "opens", is_flag=True, help="Open the report in a browser at the end.")
 @_run_options
+@_of_mesh
 def mesh(board: str | None, opens: bool, cores: int, **asked: Any) -> int:
     """Make the mesh of an object from its photos or films.
 
@@ -116,6 +119,7 @@ def check(source: Path) -> int:
 @click.argument("kind")
 @click.argument("name")
 @_run_options
+@_of_mesh
 def export(kind: str, name: str, method: str, cores: int, into: Path) -> int:
     """Export a mesh that was made: urdf, mjcf, usd, usdz, body, foundationpose, nerfstudio or colmap."""
     from zeroshop_steps.app.reconstruction import find_outcome
@@ -127,6 +131,7 @@ def export(kind: str, name: str, method: str, cores: int, into: Path) -> int:
 @zeroshop.command()
 @click.argument("name")
 @_run_options
+@_of_mesh
 def grasp(name: str, method: str, cores: int, into: Path) -> int:
     """Find grasps of a mesh that was made, with a picture of them."""
     from zeroshop_steps.app.reconstruction import find_outcome
@@ -139,7 +144,7 @@ def grasp(name: str, method: str, cores: int, into: Path) -> int:
 @zeroshop.command()
 @click.option("--open", "opens", is_flag=True, help="Open it in a browser.")
 @_run_options
-def report(opens: bool, method: str, cores: int, into: Path) -> int:
+def report(opens: bool, cores: int, into: Path) -> int:
     """Make the report of all objects so far."""
     return 0 if _make_report(into.resolve(), cores, opens) else 1
 

@@ -60,7 +60,7 @@ class Request:
 
     def check(self) -> None:
         """Raise StepError for what cannot be done."""
-        if len(self.sources) > MOST_PASSES or len({require_source(path) for path in self.sources}) < len(self.sources):
+        if not 1 <= len(self.sources) <= MOST_PASSES or len({require_source(path) for path in self.sources}) < len(self.sources):
             raise StepError(f"{len(self.sources)} captures are given; expected up to {MOST_PASSES} different ones of one object")
         if self.masks and len(self.sources) > 1:
             raise StepError("--masks goes with one capture only; leave it out, masks of several passes are found")

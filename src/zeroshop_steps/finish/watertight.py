@@ -182,13 +182,11 @@ def _occupancy(grid: Grid, surface: MeasuredSurface, votes: Votes, plane: Ground
     data = np.clip((empty - 1.0 - SOLID_WEIGHT * solid) / FULL_VOTES, -1.0, 1.0).astype(np.float32)
     undecided = (empty <= 1) & (solid == 0)
     data[undecided] = -FILL
-    if not bounded:
+    if guess is not None or not bounded:
         asked = np.argwhere(undecided & allowed)
-        beyond = asked[~_lies_in_convex_hull(grid.centres(asked), surface.mesh, plane)]
-        data[tuple(beyond.T)] = FILL
-    if guess is not None:
-        asked = np.argwhere(undecided & allowed)
-        data[tuple(asked.T)] = np.where(guess.contains(grid.centres(asked)), -GUESS_VOTE, GUESS_VOTE)
+        places, vote = grid.centres(asked), FILL if guess is None else GUESS_VOTE
+        inside = _lies_in_convex_hull(places, surface.mesh, plane) if guess is None else guess.contains(places)
+        data[tuple(asked.T)] = np.where(inside, -vote, vote)
     index = np.argwhere(allowed)
     centres = grid.centres(index)
     if plane is not None:

@@ -252,7 +252,7 @@ def refine_and_repair(
     report = check_consistency(model, image_set, database, options.limits, options.doubt_masks)
     dropped: list[str] = []
     for _ in range(options.max_dropped):
-        if not report.is_doubtful or not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
+        if not report.culprits or model.num_reg_images() - len(report.culprits) < options.min_images:
             break
         names = list(report.culprits)
         if set(names) <= set(again):

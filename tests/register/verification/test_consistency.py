@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 
 from zeroshop_steps.register.mapping.reregistration import measure_reprojection_errors_px
-from zeroshop_steps.register.scene.record import Inconsistent
+from zeroshop_steps.register.scene.record import Fault, Finding, Inconsistent
 from zeroshop_steps.register.silhouettes.coherence import SilhouetteCoherence
 from zeroshop_steps.register.verification.consistency import ConsistencyLimits, ConsistencyReport, find_contradictions, find_unsure
 from zeroshop_steps.register.verification.epipolar_support import EpipolarSupport
@@ -102,3 +102,10 @@ def test_an_image_that_few_points_hold_and_many_matches_contradict_is_unsure(poi
     supporting = np.full((4, 4), 300)
     supporting[3], supporting[:, 3] = 20, 20
     assert find_unsure(SimpleNamespace(images=images), EpipolarSupport(names, supporting, against)) == unsure
+
+
+def test_a_lens_that_no_lens_is_blames_no_image():
+    evidence = EpipolarSupport(NAMES, np.full((8, 8), 100), np.zeros((8, 8), int))
+    weak = (Finding("error", 0.4, "c fits a little worse", ("c",)),)
+    report = ConsistencyReport(None, evidence, dict.fromkeys(NAMES, 0.3), weak, Fault("its lens would fold the picture", Inconsistent))
+    assert report.is_doubtful and report.culprits == ()

@@ -18,7 +18,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from zeroshop_steps.register.matching.turntable import STATIONARY_PX
 from zeroshop_steps.register.matching.verified_matches import make_verification_options, write_pairs
+from zeroshop_steps.register.scene.image_set import REFERENCE_PX
 
 MODELS = (("RADIAL_FISHEYE", 1, 2), ("OPENCV_FISHEYE", 2, 4))  # with focal lengths and coefficients; the simplest first
 EXACT = 0.001  # of the longer side: a lens that follows the distortion as closely as that is rich enough, as a feature is less exact
@@ -33,7 +35,6 @@ FOCAL_SHARES = tuple(np.geomspace(0.25, 2.0, 13))  # focal lengths that are trie
 MORE_PARAMETERS = 3  # a fisheye has up to four coefficients, SIMPLE_RADIAL one
 PAIRS, MATCHES, LEAST_MATCHES = 8, 300, 50  # of a lens that are looked at, those with the most matches, and so many of each
 MAX_ERROR = 0.004  # of RANSAC; of the longer side, as COLMAP's 4 px of 1000
-STATIONARY = 0.004  # as in `turntable`, of the longer side: matches that move less stand still
 MOST_SIGMA = 4.0  # an outlier counts as an error of so many standard deviations
 LEAST_SIGMA = 0.00025  # of features; of the longer side: no better ones were seen
 LARGEST_TURN = 1.4  # rad: an equidistant lens is followed up to here, as a pinhole sees no farther than 90 degrees
@@ -154,7 +155,7 @@ def _find_usable(lenses: list[WideLens | None], first: np.ndarray, second: np.nd
             middle = np.array([lens.camera.width, lens.camera.height]) / 2
             usable &= np.linalg.norm(seen - middle, axis=1) < lens.reach_px
     if lenses[0] is not None and lenses[0] is lenses[1]:
-        still_px = STATIONARY * max(lenses[0].camera.width, lenses[0].camera.height)
+        still_px = STATIONARY_PX / REFERENCE_PX * max(lenses[0].camera.width, lenses[0].camera.height)
         usable &= np.linalg.norm(places[0] - places[1], axis=1) > still_px
     return usable
 

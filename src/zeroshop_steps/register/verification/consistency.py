@@ -93,8 +93,8 @@ class ConsistencyReport:
 
     @property
     def culprits(self) -> tuple[str, ...]:
-        """The images to blame for a doubtful model, if single ones are."""
-        return self.verdict.findings[0].images if self.is_doubtful and self.verdict.findings else ()
+        """The images to blame where the findings make the model doubtful, if single ones are; a fault blames none."""
+        return self.verdict.findings[0].images if self.verdict.wrong >= MOST_DOUBT else ()
 
     def gather(self) -> Evidence:
         """What the checks found, for the verdict."""
