@@ -212,11 +212,12 @@ def find_contradictions(
     errors = {name: error_px / scales[name] for name, error_px in errors_px.items()}
     name = max(errors, key=errors.__getitem__)
     largest_px = max(limits.error_px, limits.error_ratio * float(np.median(list(errors.values()))))
-    found = f"{name} fits with {errors_px[name]:.2f} px, the others much better"
+    found = f"{name} fits with {errors_px[name]:.2f} px, the median image with {float(np.median(list(errors_px.values()))):.2f} px"
     if not np.isfinite(errors[name]):
         found = f"{name} sees no points of the model, or most of them lie behind it"
     findings.append(Finding("error", min(errors[name] / largest_px, 10.0) if np.isfinite(errors[name]) else 10.0, found, (name,)))
     matches, group = evidence.weakest_cut()
-    found = f"only {matches} matches hold {', '.join(group)} to the other images, {limits.cut_matches} are needed"
+    found = f"{matches} matches hold {', '.join(group)} to the other images, at least {limits.cut_matches} are needed"
+    found = f"only {found}" if matches < limits.cut_matches else found
     findings.append(Finding("cut", limits.cut_matches / max(matches, 1), found, group))
     return tuple(findings)
